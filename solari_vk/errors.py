@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import warnings
 from collections.abc import Callable, Iterable
 from typing import ParamSpec
 
@@ -68,3 +69,8 @@ def checked_keywords(hint: str = "") -> Callable[[Callable[Parameters, None]], C
         return checked
 
     return decorate
+
+
+def warn_of_old_name(what: str, old: str, new: str) -> None:
+    """Warn that `old` has another name now."""
+    warnings.warn(f"{what}: {old} is called {new} now; the old name goes with version 0.4", FutureWarning, stacklevel=3)

@@ -12,12 +12,15 @@ The pictures are bit by bit the same for any number of workers. `OneDevice` does
 dask. docs/guides/clusters.md says how to run workers on Slurm and Kubernetes.
 """
 
+from typing import Any
+
 from solari_vk.cluster.device_session import OneDevice
 from solari_vk.cluster.identity import Identity
 from solari_vk.cluster.journal import render_tasks
 from solari_vk.cluster.reference import ReferencePicture, render_reference
 from solari_vk.cluster.tasks import Meter, RenderTask, Style, View, blocks
 from solari_vk.cluster.worker_pool import WorkerPool
+from solari_vk.errors import warn_of_old_name
 
 __all__ = [
     "Identity",
@@ -31,4 +34,13 @@ __all__ = [
     "blocks",
     "render_reference",
     "render_tasks",
-]  # fmt: skip
+]
+_RENAMED = {"Crew": "WorkerPool", "Shot": "RenderTask", "render_shots": "render_tasks"}
+
+
+def __getattr__(name: str) -> Any:
+    """What had another name before version 0.3."""
+    if name not in _RENAMED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warn_of_old_name(__name__, name, _RENAMED[name])
+    return globals()[_RENAMED[name]]

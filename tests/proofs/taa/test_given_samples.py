@@ -117,8 +117,8 @@ def test_rules_hold(device, measure):
 
 HISTORY = "passes/taa/history.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    EVEN: (measure_even_light, Bug(SAMPLES, "interpolate", "NearestSample found = correct(at, around); found.radiance *= 0.9; "
-                                   "return found;")),
+    EVEN: (measure_even_light, Bug(SAMPLES, "interpolate", "NearestSample found = correct(at, around); "
+                                   "found.radiance *= 0.9; return found;")),
     AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
     UPSCALED: (measure_areas, Bug(SAMPLES, "among_samples",
                                   "return position * render_scale() - 0.5 + this_frame.sample_offset;")),
