@@ -57,7 +57,7 @@ def cost(device, frames=21):
 
 @pytest.mark.slow
 def test_cost(device):
-    """The bar of the design, which is missed: measured 0.31 to 0.32, on other days 0.23 to 0.30 (docs/denoising.md)."""
+    """The bar of the design, which is missed: measured 0.23 to 0.32."""
     if device.properties.kind != "cpu":
         pytest.skip("processor time tells nothing of a GPU's frame")
     assert cost(device) < 0.25

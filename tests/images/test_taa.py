@@ -91,7 +91,7 @@ def upscaled_errors(device, reference):
 
 def test_upscaled_pictures(device, reference):
     """Measured with other seeds, in an older build: 0.0149 and 0.0144, 3.8 and 3.6 times the error of all pixels;
-    bilinear 2.7. Today's figures, without the noise of the reference, are in docs/denoising.md."""
+    bilinear 2.7. Today's figures, without the noise of the reference, are in docs/explained/denoising.md."""
     error, bilinear, native = upscaled_errors(device, reference)
     assert is_upscaled_well(error, native)
     assert error < 0.01 * bilinear
