@@ -7,14 +7,18 @@ Usage: python tools/show_frame.py [FILE.glb | builtin:NAME] [--reference] [--siz
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import os
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Row
 
+ROOT = Path(__file__).resolve().parents[1]
 WIDTH = 120
 
 
@@ -83,4 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    python = ROOT / ".venv/bin/python"  # of tools/test, where the package's dependencies are
+    if importlib.util.find_spec("vulkan") is None and python.is_file():
+        os.execv(python, [str(python), *sys.argv])
+    sys.path.insert(0, str(ROOT))
     sys.exit(main())

@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
 def _choose_mode(options: argparse.Namespace) -> None:
     """Replace --mode auto by the mode that has the given options and outputs, else by the best picture's.
 
-    Where OIDN works, the denoised reference is nearest to the truth after the same time (docs/denoising.md).
+    Where OIDN works, the denoised reference is nearest to the truth after the same time (docs/explained/denoising.md).
     """
     from solari_vk.output import movie
     from solari_vk.reference import PathTracer

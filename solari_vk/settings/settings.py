@@ -22,9 +22,9 @@ _frame, _taa, _paths, _denoise, _restir, _reuse, _cache = (
 class Settings(SeparatePasses):
     """The constants of the realtime passes. Assigning one checks it and takes effect with the next frame.
 
-    Defaults are those of Solari in Bevy 0.19 unless the meaning names Solari's value; `preset("solari")` sets all of
-    Solari's. Constants of materials, which the path tracer shares, are not settings. Raises SolariError for values
-    out of range.
+    Defaults are those of Solari in Bevy 0.19 unless the meaning names Solari's value; `preset("solari")` takes Solari's
+    values. Constants of materials, which the path tracer shares, are not settings. Raises SolariError for values out of
+    range.
     """
 
     # ---- what is computed
