@@ -12,10 +12,15 @@ from solari_vk.conformance.rules import FAULT, RED, Check, Outcome
 from solari_vk.conformance.worker import Worker
 
 CHECKS = [Check(group, case) for group, cases in GROUPS.items() for case in cases]
+# Each has a cheaper case beside it.
+SLOW = ("large_tlas-1000000", "embree-mesh of a million", "probes-rebuilt", "probes-refitted", "probes-compacted")
 _measured: dict[Check, list[Outcome]] = {}
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=[f"{check.group}-{check.case}" for check in CHECKS])
+@pytest.mark.parametrize("check", [
+    pytest.param(check, id=f"{check.group}-{check.case}", marks=[pytest.mark.slow] if check.case in SLOW else [])
+    for check in CHECKS
+])  # fmt: skip
 def test_check(worker_of: Callable[[str], Worker], check: Check) -> None:
     """Measure one check, unless it is known that the driver doesn't survive it."""
     worker = worker_of(check.group)
