@@ -4,7 +4,7 @@
 
 layout(local_size_x = 1) in;
 
-layout(constant_id = round_index_id) const uint wave_index = 0u;
+layout(constant_id = wave_index_id) const uint wave_index = 0u;
 layout(constant_id = sample_index_id) const uint sample_index = 0u;
 
 void main() {

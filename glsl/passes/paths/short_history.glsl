@@ -4,7 +4,7 @@
 
 #include "passes/denoise/api.glsl"
 
-layout(constant_id = young_samples_id) const uint short_history_samples = 1u;  // paths of a young pixel
+layout(constant_id = short_history_samples_id) const uint short_history_samples = 1u;  // paths of a young pixel
 
 const float SHORT_HISTORY = 8.0;  // frames of history from which one path is enough
 
