@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import stats
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
 from solari_vk.bound.lights.light_list import EQUAL_SHARE
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
+ROOT = Path(__file__).parent / "glsl"
 COUNT = 400_000
 SIDE = 12
 
@@ -29,8 +34,7 @@ def ceiling():
     return mesh, sv.Texture(pixels, magnification="nearest")
 
 
-@pytest.fixture(scope="module")
-def world():
+def make_world():
     mesh, texture = ceiling()
     soup = sv.Mesh(np.random.default_rng(1).normal(size=(21, 3)))
     shear = np.array([[2, 0.5, 0, 0.3], [0, 1, 0, 2], [0, 0.7, 3, 0.1]])
@@ -100,28 +104,38 @@ def check_densities(shaders, world):
         assert np.quantile(np.abs(ratio - 1), 0.99) < 1e-2, "grazing rays lose digits"
 
 
-def test_lights_and_triangles_are_chosen_by_their_light(shaders, world):
-    check_choice(shaders, world)
+@pytest.fixture(scope="module")
+def shaders(device):
+    with ShaderRunner(device, ROOT) as runner:
+        yield runner
 
 
-def test_the_density_at_a_hit_is_that_of_the_sample(shaders, world):
-    check_densities(shaders, world)
+def test_lights_and_triangles_are_chosen_by_their_light(shaders):
+    check_choice(shaders, make_world())
 
 
-CHOICE, SURFACE = "scene/lights/choice.glsl", "scene/surface.glsl"
-BUGS = {
-    "aliases ignored": (check_choice, CHOICE, "? row : choice.alias", "? row : row"),
-    "aliases taken half as often": (check_choice, CHOICE, "rand_u(rng) <", "rand_u(rng) / 2u <"),
-    "probability of the part alone": (check_choice, CHOICE, "light.choice.probability * part_probability(light, part)",
-                                      "part_probability(light, part)"),
-    "parts all alike": (check_choice, CHOICE, "return uvec2(light.parts) == uvec2(0u);", "return true;"),
-    "hits of any triangle": (check_densities, SURFACE, "instance.light_index], hit.triangle)",
-                             "instance.light_index], 0u)"),
-    "hits per triangle, not area": (check_densities, SURFACE, "hit.triangle) / point.area", "hit.triangle)"),
-}  # fmt: skip
+def test_the_density_at_a_hit_is_that_of_the_sample(shaders):
+    check_densities(shaders, make_world())
 
 
-@pytest.mark.parametrize("name", BUGS)
-def test_bug_is_noticed(expect_failure, world, name):
-    check, *patch = BUGS[name]
-    expect_failure(tuple(patch), check, world)
+def check(proof):
+    """A check of a device by a check of this file."""
+
+    def run(device):
+        with ShaderRunner(device, ROOT) as shaders:
+            proof(shaders, make_world())
+
+    return run
+
+
+CHOICE = "scene/lights/choice.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    "aliases": (check(check_choice), Bug(CHOICE, "choose", "return row;")),
+    "probabilities": (check(check_choice), Bug(
+        CHOICE, "choice_probability", "return part_probability(light, part);")),
+    "equal parts": (check(check_choice), Bug(CHOICE, "has_equal_parts", "return true;")),
+    "densities at hits": (check(check_densities), Bug("scene/surface.glsl", "resolve_hit_full", """
+        ResolvedRayHitFull surface = correct(hit, mesh, ray_direction, cone_width);
+        surface.light_area_pdf *= 1.01;
+        return surface;""")),
+}, quick=("aliases",))  # fmt: skip

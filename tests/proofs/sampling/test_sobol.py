@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from math import comb
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support.seeded_bugs import Bug, bug_tests
 
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.measure.statistics import chi_squared_p, sidak
 
 BITS = 32
-FILE = "common/sobol.glsl"
 ALPHA = 1e-4  # of each test; the seeds are fixed
 
 
@@ -129,28 +131,27 @@ def test_sobol(shaders, check):
     check(shaders)
 
 
-MUTANTS = {
-    "a step of the matrix forgotten": (check_second_dimension, "    index ^= (index & 0xCCCCCCCCu) >> 2u;\n", ""),
-    "the matrix's mirror image": (check_second_dimension, "return bitfieldReverse(index);", "return index;"),
-    "an even factor's sign": (check_nested, "bits ^= bits * 0x3D20ADEAu;", "bits ^= bits * 0x3D20ADEBu;"),
-    "flips by the seed alone": (check_nested, "    bits ^= bits * 0x3D20ADEAu;\n    bits += seed;\n"
-                                "    bits *= seed >> 16u | 1u;\n    bits ^= bits * 0x05526C56u;\n"
-                                "    bits ^= bits * 0x53A22864u;\n", "    bits ^= seed;\n"),
-    "scrambled from the wrong end": (check_intervals, "bitfieldReverse(bits);\n    bits ^=", "bits;\n    bits ^="),
-    "both dimensions alike": (check_intervals, "owen_scramble(sobol_second_dimension(shuffled)",
-                              "owen_scramble(bitfieldReverse(shuffled)"),
-    "dimensions of different indices": (check_intervals, "sobol_second_dimension(shuffled)",
-                                        "sobol_second_dimension(index * 7u)"),
-    "first dimension not scrambled": (check_pairs, "owen_scramble(bitfieldReverse(shuffled), pcg(seed ^ 0x68BC21EBu))",
-                                      "bitfieldReverse(shuffled)"),
-    "one scrambling for both dimensions": (check_pairs, "pcg(seed ^ 0x02E5BE93u)", "pcg(seed ^ 0x68BC21EBu)"),
-    "half of the square": (check_uniform, "vec2(unit_float(x),", "vec2(unit_float(x >> 1u),"),
-    "one order for all seeds": (check_independent, "owen_scramble(index, pcg(seed))", "index"),
-    "pairs of seeds alike": (check_independent, "owen_scramble(index, pcg(seed))", "owen_scramble(index, seed / 2u)"),
-}  # fmt: skip
+SOBOL = "common/sobol.glsl"
 
 
-@pytest.mark.parametrize("name", MUTANTS)
-def test_mutant_is_noticed(expect_failure, name):
-    check, old, new = MUTANTS[name]
-    expect_failure((FILE, old, new), check)
+def check(proof):
+    """A check of a device by a check of this file."""
+
+    def run(device):
+        with ShaderRunner(device, Path(__file__).parent / "glsl") as shaders:
+            proof(shaders)
+
+    return run
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    "second dimension": (check(check_second_dimension), Bug(SOBOL, "sobol_second_dimension", "return index;")),
+    "nested": (check(check_nested), Bug(SOBOL, "owen_scramble", "return bits ^ seed;")),
+    "intervals": (check(check_intervals), Bug(
+        SOBOL, "owen_scramble", "return bitfieldReverse(correct(bitfieldReverse(bits), seed));")),
+    "uniform": (check(check_uniform), Bug(SOBOL, "sobol_point", "return correct(index, seed) * vec2(0.5, 1.0);")),
+    "pairs": (check(check_pairs), Bug(SOBOL, "sobol_point", """
+        uint y = owen_scramble(sobol_second_dimension(index), pcg(seed ^ 0x02E5BE93u));
+        return vec2(unit_float(bitfieldReverse(index)), unit_float(y));""")),
+    "independent": (check(check_independent), Bug(SOBOL, "sobol_point", "return correct(index, seed / 2u);")),
+}, quick=("second dimension",))  # fmt: skip
