@@ -85,7 +85,7 @@ def test_random_numbers_are_independent(device):
 def check_even_frames(device):
     """Frames show panes evenly over pixels and over time: with less error than the binomial noise of random numbers.
     Two panes have independent thresholds."""
-    shown = (*GBUFFER, "guides/", "display/", "taa/")
+    shown = (*GBUFFER, "guides/", "solari019/compose", "display/", "taa/")
     for alphas, over_time in (((0.3,), 0.5), ((0.6,), 0.5), ((0.3, 0.6), 0.8)):
         share = math.prod(1 - alpha for alpha in alphas)
         scene = before_a_lamp(*(pane(alpha, 2.0 + index) for index, alpha in enumerate(alphas)))
@@ -240,7 +240,7 @@ def lamp_among_panes():
 def check_specks(device):
     """Pixels of a still pane tend to the mean of the pane and what is behind it, with 64 frames' binomial noise: of a
     black pane before a lamp, and of a thin one that shines, of which the pixels around often show nothing."""
-    passes = (*GBUFFER, "guides/", "display/", "taa/")
+    passes = (*GBUFFER, "guides/", "solari019/compose", "display/", "taa/")
     thin = sv.Scene(sv.Instance(quad(5.0), sv.Material(base_color=0.0)), pane(0.06))
     thin.instances[1].material.update(emissive=2.0)
     for scene, share in ((before_a_lamp(pane(0.6)), 0.4), (thin, 0.06)):
@@ -258,7 +258,7 @@ def test_frames_have_no_specks(device):
 
 def check_gone(device):
     """A thin pane that is moved away leaves nothing behind, though most pixels around showed none of it before."""
-    passes = (*GBUFFER, "guides/", "display/", "taa/")
+    passes = (*GBUFFER, "guides/", "solari019/compose", "display/", "taa/")
     scene = before_a_lamp(pane(0.2))
     with make_renderer(device, scene, SIZE, passes=passes, antialiasing=True, **SPLIT) as renderer:
         for _ in range(64):

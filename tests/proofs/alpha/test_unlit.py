@@ -47,7 +47,7 @@ def rendered(device, scene, **settings):
 
 def shown(device, scene):
     """Surfaces and visible emission alone."""
-    return rendered(device, scene, passes=(*GBUFFER, "display/", "taa/"), **OFF)
+    return rendered(device, scene, passes=(*GBUFFER, "solari019/compose", "display/", "taa/"), **OFF)
 
 
 def denoised(device, scene):

@@ -12,6 +12,7 @@ from test_display import room
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.passes.debug_views import views_of
+from solari_vk.passes.lighting import debug_view_pass
 from solari_vk.scene.builtin import place
 
 SIZE = 40, 24
@@ -73,7 +74,7 @@ def test_views_of_reservoirs_are_the_buffers(frames):
 def test_the_debug_view_writes_only_the_display(frames):
     renderer = frames("cache_cells")
     rows = {row.name: row for row in renderer._frame.describe()}
-    row = rows[f"display/debug_view_{renderer.settings.lighting}"]
+    row = rows[debug_view_pass(renderer.settings.lighting)]
     assert row.writes == ("display",)
     assert "world_cache_checksums" in row.reads
 

@@ -85,7 +85,7 @@ def measure_background(device: Device) -> Iterator[Measurement]:
     scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.3, 0.2, -1), vertical_fov=2.0))
     scene.environment = environment = sv.Environment(image, intensity=2.0, rotation=turned(1.0))
     largest = _HALF_STEP * 2.0 * float(image.max())
-    with make_renderer(device, scene, (32, 32), passes=(*GBUFFER, "display/"), **OFF) as renderer:
+    with make_renderer(device, scene, (32, 32), passes=(*GBUFFER, "solari019/compose"), **OFF) as renderer:
         seen = renderer.render(scene.camera)["emission"][..., :3]
     _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
     expected = environments.radiance(environment, rays.reshape(-1, 3)).reshape(seen.shape)

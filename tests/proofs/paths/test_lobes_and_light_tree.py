@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import light_tree_checks
 import lobe_checks
 import pytest
@@ -24,14 +26,16 @@ from support.seeded_bugs import Bug, bug_tests
 
 from solari_vk.conformance.shader_runner import ShaderRunner
 
+ROOT = Path(__file__).parent / "glsl"
+
 
 def measure_lobes(device):
-    with ShaderRunner(device) as shaders:
+    with ShaderRunner(device, ROOT) as shaders:
         yield from lobe_checks.measure_lobes(device, shaders)
 
 
 def measure_tree(device):
-    with ShaderRunner(device) as shaders:
+    with ShaderRunner(device, ROOT) as shaders:
         yield from light_tree_checks.measure_tree(shaders)
 
 
