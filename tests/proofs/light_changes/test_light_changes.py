@@ -104,7 +104,7 @@ def history_under_flicker(device, what):
             else:
                 lamp.transform = place(at=(FLICKER[what] * (frame % 2), 0, 0)) @ at
             found = renderer.render()
-    median = np.median(frames_in_history(found))
+        median = np.median(frames_in_history(found))
     print(what, median)
     return median
 

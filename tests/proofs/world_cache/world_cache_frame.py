@@ -12,7 +12,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import CameraUniforms
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table, world_cache
-from solari_vk.passes.solari019 import stages as solari019
+from solari_vk.passes.solari019.stages import cache, light_tiles
 from solari_vk.settings import uniform_values
 
 SHADERS = Path(__file__).parent / "glsl"
@@ -34,9 +34,9 @@ class CacheFrame:
         size = (8, 8)
         constants = {"brdf_lambert": self.settings.lambert, "first_ray": first_ray}
         stages = [
-            solari019.light_tiles(self.settings),
+            light_tiles(self.settings),
             world_cache.paths_stage(size, self.settings) if self.settings.lighting == "paths" else
-            solari019.cache(self.settings),
+            cache(self.settings),
             Stage("ask", buffers={"answers": QUERY_COUNT, "ray_counts": 6},
                   passes=[Pass("world_cache_test/ask", threads=QUERY_COUNT, constants=constants)]),
         ]  # fmt: skip
