@@ -1,4 +1,4 @@
-"""Fixtures for tests of the path tracer: path tracers that close themselves, and pictures with measured variances."""
+"""Fixtures for proofs: path tracers that close themselves, pictures with measured variances, and shaders."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 from support.pictures import take_picture
 
 import solari_vk as sv
+from solari_vk.conformance.shader_runner import ShaderRunner
 
 
 @pytest.fixture
@@ -28,3 +29,10 @@ def tracer(device):
 def picture(device):
     """picture(scene, size, samples, runs=8, camera=None, **settings of PathTracer) -> Picture; see take_picture."""
     return functools.partial(take_picture, device)
+
+
+@pytest.fixture(scope="module")
+def shaders(device, request):
+    """A runner of the shaders beside a proof, in the folder glsl, which include the renderer's library."""
+    with ShaderRunner(device, request.path.parent / "glsl") as runner:
+        yield runner

@@ -5,6 +5,7 @@ A bug is anchored to a name, not to a line of text, so that only a rename of tha
 
 from __future__ import annotations
 
+import inspect
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 
 from solari_vk.conformance.rules import Rule
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders import compiler
 from support.measured import hold
 
@@ -56,7 +58,7 @@ class Bug:
         end = _end_of_block(source, head.end())
         body = re.sub(r"\bcorrect\(", f"{name}_without_bug(", self.text)
         original = re.sub(rf"\b{name}(?=\()", f"{name}_without_bug", source[head.start() : end], count=1)
-        return f"{source[:head.start()]}{original}\n{head.group()} {body} }}{source[end:]}"
+        return f"{source[: head.start()]}{original}\n{head.group()} {body} }}{source[end:]}"
 
 
 def _end_of_block(source: str, at: int) -> int:
@@ -83,6 +85,17 @@ def seeded(*bugs: Bug) -> Iterator[None]:
             yield
         finally:
             compiler.overlays.remove(folder)
+
+
+def with_shaders(proof: Callable[..., Any], *arguments: Any) -> Callable[[Any], Any]:
+    """A check of a device: `proof(shaders, *arguments)` with the shaders beside the proof, in glsl/, compiled anew."""
+
+    def check(device: Any) -> Any:
+        with ShaderRunner(device, Path(inspect.getfile(proof)).parent / "glsl") as shaders:
+            measured = proof(shaders, *arguments)
+            return None if measured is None else list(measured)
+
+    return check
 
 
 def expect_noticed(bug: Bug, rule: Rule | str, check: Callable[..., Any], *arguments: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from support import brdf_runs
 from support.measured import hold
-from support.seeded_bugs import Bug, bug_tests
+from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -195,16 +194,6 @@ def test_draws(shaders):
 
 def test_reciprocity(shaders):
     hold(measure_lobe_reciprocity(shaders, 100_000))
-
-
-def with_shaders(measure, *arguments):
-    """A check of a device by a measurement that runs shaders of this folder."""
-
-    def check(device):
-        with ShaderRunner(device, Path(__file__).parent / "glsl") as shaders:
-            return list(measure(shaders, *arguments))
-
-    return check
 
 
 GLASS = "scene/lobes/glass.glsl"

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 from scipy import stats
-from support.seeded_bugs import Bug, bug_tests
+from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
 from solari_vk.bound.lights.light_list import EQUAL_SHARE
-from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
-ROOT = Path(__file__).parent / "glsl"
 COUNT = 400_000
 SIDE = 12
 
@@ -79,7 +74,8 @@ def part_shares(world, orders):
         yield np.ones(1)
 
 
-def check_choice(shaders, world):
+def check_choice(shaders):
+    world = make_world()
     drawn, powers, orders = draw(shaders, world)
     lit = powers > 0
     chances = (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE * lit / lit.sum()
@@ -93,8 +89,8 @@ def check_choice(shaders, world):
     assert stats.chisquare(observed[expected > 0], COUNT * expected[expected > 0]).pvalue > 1e-3
 
 
-def check_densities(shaders, world):
-    drawn = draw(shaders, world)[0]
+def check_densities(shaders):
+    drawn = draw(shaders, make_world())[0]
     hit = drawn["hit_pdf"] >= 0
     for light in range(4):
         mine = hit & (drawn["light_index"] == light)
@@ -104,37 +100,21 @@ def check_densities(shaders, world):
         assert np.quantile(np.abs(ratio - 1), 0.99) < 1e-2, "grazing rays lose digits"
 
 
-@pytest.fixture(scope="module")
-def shaders(device):
-    with ShaderRunner(device, ROOT) as runner:
-        yield runner
-
-
 def test_lights_and_triangles_are_chosen_by_their_light(shaders):
-    check_choice(shaders, make_world())
+    check_choice(shaders)
 
 
 def test_the_density_at_a_hit_is_that_of_the_sample(shaders):
-    check_densities(shaders, make_world())
-
-
-def check(proof):
-    """A check of a device by a check of this file."""
-
-    def run(device):
-        with ShaderRunner(device, ROOT) as shaders:
-            proof(shaders, make_world())
-
-    return run
+    check_densities(shaders)
 
 
 CHOICE = "scene/lights/choice.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "aliases": (check(check_choice), Bug(CHOICE, "choose", "return row;")),
-    "probabilities": (check(check_choice), Bug(
+    "aliases": (with_shaders(check_choice), Bug(CHOICE, "choose", "return row;")),
+    "probabilities": (with_shaders(check_choice), Bug(
         CHOICE, "choice_probability", "return part_probability(light, part);")),
-    "equal parts": (check(check_choice), Bug(CHOICE, "has_equal_parts", "return true;")),
-    "densities at hits": (check(check_densities), Bug("scene/surface.glsl", "resolve_hit_full", """
+    "equal parts": (with_shaders(check_choice), Bug(CHOICE, "has_equal_parts", "return true;")),
+    "densities at hits": (with_shaders(check_densities), Bug("scene/surface.glsl", "resolve_hit_full", """
         ResolvedRayHitFull surface = correct(hit, mesh, ray_direction, cone_width);
         surface.light_area_pdf *= 1.01;
         return surface;""")),

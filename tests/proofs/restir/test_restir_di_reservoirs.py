@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 from support.encodings import pcg_hash, pcg_step
-from support.seeded_bugs import Bug, bug_tests
-
-from solari_vk.conformance.shader_runner import ShaderRunner
+from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 NEITHER = 0xFFFFFFFF
 SIZE = (13, 9)  # neither side divides by 4
@@ -145,12 +142,6 @@ def check_permutation(shaders):
     assert len(np.unique(moved, axis=0)) == 16, "the blocks lie elsewhere in other frames"
 
 
-@pytest.fixture(scope="module")
-def shaders(device):
-    with ShaderRunner(device, Path(__file__).parent / "glsl") as runner:
-        yield runner
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_merge(shaders, name):
     check_merge(shaders, name)
@@ -161,24 +152,15 @@ def test_choice(shaders, check):
     check(shaders)
 
 
-def checking(check, *arguments):
-    """The check of a device whose shaders are compiled anew."""
-
-    def run_check(device):
-        with ShaderRunner(device, Path(__file__).parent / "glsl") as runner:
-            check(runner, *arguments)
-
-    return run_check
-
-
 SHARE = functools.partial(Bug, "passes/solari019/restir_di/reservoir.glsl", "merge_share")
 test_a_seeded_bug_is_noticed = bug_tests({
-    "merge: weights ignore targets": (checking(check_merge, "zeros"), SHARE("return correct(confidences, vec2(1.0));")),
-    "choices: confidence ignored": (checking(check_choices), SHARE("return correct(vec2(1.0), targets);")),
-    "streams: latest preferred": (checking(check_streams), Bug(
+    "merge: weights ignore targets": (with_shaders(check_merge, "zeros"), SHARE(
+        "return correct(confidences, vec2(1.0));")),
+    "choices: confidence ignored": (with_shaders(check_choices), SHARE("return correct(vec2(1.0), targets);")),
+    "streams: latest preferred": (with_shaders(check_streams), Bug(
         "common/random.glsl", "choose_weighted", "weight_sum += weight; "
         "return rand_f(rng) * rand_f(rng) * weight_sum < weight;")),
-    "permutation: no shift back": (checking(check_permutation), Bug(
+    "permutation: no shift back": (with_shaders(check_permutation), Bug(
         "passes/reuse.glsl", "permute_pixel", "ivec2 shift = ivec2(random & 3u, random >> 2u & 3u); "
-        "ivec2 partner = (pixel + shift) ^ 3; return is_inside_picture(partner) ? partner : pixel;")),
+        "ivec2 partner = (pixel + shift) ^ 3; return is_inside(partner, camera.size) ? partner : pixel;")),
 }, quick=("merge: weights ignore targets",))  # fmt: skip

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from math import comb
-from pathlib import Path
 
 import numpy as np
 import pytest
-from support.seeded_bugs import Bug, bug_tests
+from support.seeded_bugs import Bug, bug_tests, with_shaders
 
-from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.measure.statistics import chi_squared_p, sidak
 
 BITS = 32
@@ -134,24 +132,15 @@ def test_sobol(shaders, check):
 SOBOL = "common/sobol.glsl"
 
 
-def check(proof):
-    """A check of a device by a check of this file."""
-
-    def run(device):
-        with ShaderRunner(device, Path(__file__).parent / "glsl") as shaders:
-            proof(shaders)
-
-    return run
-
-
 test_a_seeded_bug_is_noticed = bug_tests({
-    "second dimension": (check(check_second_dimension), Bug(SOBOL, "sobol_second_dimension", "return index;")),
-    "nested": (check(check_nested), Bug(SOBOL, "owen_scramble", "return bits ^ seed;")),
-    "intervals": (check(check_intervals), Bug(
+    "second dimension": (with_shaders(check_second_dimension), Bug(SOBOL, "sobol_second_dimension", "return index;")),
+    "nested": (with_shaders(check_nested), Bug(SOBOL, "owen_scramble", "return bits ^ seed;")),
+    "intervals": (with_shaders(check_intervals), Bug(
         SOBOL, "owen_scramble", "return bitfieldReverse(correct(bitfieldReverse(bits), seed));")),
-    "uniform": (check(check_uniform), Bug(SOBOL, "sobol_point", "return correct(index, seed) * vec2(0.5, 1.0);")),
-    "pairs": (check(check_pairs), Bug(SOBOL, "sobol_point", """
+    "uniform": (with_shaders(check_uniform), Bug(
+        SOBOL, "sobol_point", "return correct(index, seed) * vec2(0.5, 1.0);")),
+    "pairs": (with_shaders(check_pairs), Bug(SOBOL, "sobol_point", """
         uint y = owen_scramble(sobol_second_dimension(index), pcg(seed ^ 0x02E5BE93u));
         return vec2(unit_float(bitfieldReverse(index)), unit_float(y));""")),
-    "independent": (check(check_independent), Bug(SOBOL, "sobol_point", "return correct(index, seed / 2u);")),
+    "independent": (with_shaders(check_independent), Bug(SOBOL, "sobol_point", "return correct(index, seed / 2u);")),
 }, quick=("second dimension",))  # fmt: skip
