@@ -21,7 +21,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "disks": (with_shaders(distributions.test_disk), Bug(
         RANDOM, "sample_disk", "return correct(vec2(u.x * u.x, u.y));")),
     "hemispheres": (with_shaders(distributions.test_hemispheres), Bug(
-        RANDOM, "sample_cosine_hemisphere", "return sample_uniform_hemisphere(u);")),
+        RANDOM, "sample_uniform_hemisphere", "return sample_cosine_hemisphere(u);")),
     "barycentrics": (with_shaders(distributions.test_barycentrics), Bug(
         RANDOM, "sample_triangle_barycentrics", "return correct(vec2(u.x * u.x, u.y));")),
     "cones": (with_shaders(distributions.test_cone, 0.01, (0, 0, 1)), Bug(
