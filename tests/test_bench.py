@@ -22,7 +22,8 @@ from solari_vk.settings import Settings
 from solari_vk.tracer import RayTracer
 
 
-def test_page_has_all_figures(device, capsys, tmp_path):
+def test_page_has_all_figures(device, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("sys.argv", ["solari-vk", "bench", "rays"])
     report = Report(device, tmp_path / "page.md", "Speed", ["What it is."])
     report.figure("a speed", 1234.5678, "rays/s", "aim 2")
     report.figure("a size", 1234567.0, "bytes")

@@ -220,3 +220,13 @@ def test_no_machine_is_named():
             assert path == Path(__file__) or not MACHINE_PATH.search(line), f"a path of one machine: {place}"
             hosts = {host.lower() for host in URL.findall(line) if not OF_NO_MACHINE.search(host)}
             assert hosts <= PUBLIC_HOSTS, f"a host that isn't in PUBLIC_HOSTS: {place}"
+
+
+def test_the_denoiser_has_one_door():
+    """Other shaders know the functions of its api.glsl, and not how its buffers are packed."""
+    inside = GLSL / "passes" / "denoise"
+    used = {(path.name, name) for path in SHADERS if inside not in path.parents
+            for name in re.findall(r'"passes/denoise/(\w+)\.glsl"', path.read_text())}  # fmt: skip
+    assert {name for _, name in used} == {"api"}
+    assert not [path for path in SHADERS if inside not in path.parents and re.search(r"\bdenoise_(?!settings)\w+\.at\b",
+                                                                                     path.read_text())]  # fmt: skip

@@ -88,12 +88,11 @@ class Report:
         return "\n".join(lines + (["", *remarks] if remarks else []))
 
     def markdown(self) -> str:
-        """The report as a Markdown page with a table for each group, without the documents of the rules."""
+        """The report as a Markdown page with a table for each group."""
         legend = [" ".join(text.split()) for text in _LEGEND.split("\n\n")]
         lines = head("Conformance report", legend, self.header)
         for group, members in self._groups().items():
-            found_rows = [(row.rule.name, *self._cells(row)[2:]) for row in members]
-            lines += ["", f"## {group}", "", *markdown_table(("rule", *_COLUMNS[2:]), found_rows)]
+            lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
         remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}
         for title, statuses in remarks.items():
             if found := self._remarks(statuses):

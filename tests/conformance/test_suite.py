@@ -110,7 +110,7 @@ def test_report_tells_the_worst_case():
     assert "2 of it" in text
     assert "&lt;feature&gt;" in page
     assert "another \\| rule" in markdown
-    assert all(part in markdown for part in ("- device: a name", "why"))
+    assert all(part in markdown for part in ("- device: a name", "a document, a section", "why"))
 
 
 def test_command_runs_a_group_and_writes_its_reports(device, tmp_path):

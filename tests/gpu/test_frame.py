@@ -90,6 +90,20 @@ def test_a_buffer_within_another(device, root, shaders):
         np.testing.assert_array_equal(frame["b"], 100 + np.arange(16))
 
 
+def test_a_buffer_within_that_of_the_previous_frame(device, root, shaders):
+    declared = START + "layout(set = 1, scalar) buffer PreviousABlock { uint at[]; } previous_a;\n"
+    shaders.write("swap", declared + "void main() { " + INDEX + "a.at[i] = previous_a.at[i] + 1u; }\n")
+    shaders.write("fill_b", START + "void main() { " + INDEX + "b.at[i] = 100u; }\n")
+    stage = Stage("x", buffers={"a": History(64), "b": Within("previous_a", 64)},
+                  passes=[Pass("swap", threads=64), Pass("fill_b", threads=64)])  # fmt: skip
+    with Frame(device, [stage], glsl_root=root) as frame:
+        for expected_a in (1, 2, 3):
+            frame.submit()
+            assert (frame["a"] == expected_a).all()
+            assert (frame["b"] == 100).all()
+            assert [row.barrier for row in frame.describe()] == ["", "WAR previous_a (swap)"]
+
+
 def chain(size: int = COUNT) -> Stage:
     """Each pass reads what the previous one wrote, in reverse order, so that a missing barrier gives wrong results."""
     passes = [Pass(name, threads=size) for name in ("fill_a", "a_to_b", "b_to_c")]

@@ -118,7 +118,8 @@ def test_bindless_textures_grow_while_frames_run(device, shaders):
 
 
 def test_bindless_array_must_be_the_only_one(device, shaders):
-    more = "layout(set = 0) uniform sampler2D more[];\nvoid main() { values.at[1] = textureLod(more[0], vec2(0), 0.0);"
+    more = "layout(set = 0) uniform sampler2D more[];\n"
+    more += "void main() { values.at[1] = textureLod(more[uint(values.at[0].x)], vec2(0), 0.0);"
     found = module(shaders, "look", BINDLESS.replace("void main() {", more))
     with pytest.raises(SolariError, match=r"(textures|more): an array without a length must be .* the only one"):
         Interface(device, [found])

@@ -21,7 +21,8 @@ MANY_REFLECTIONS = Bug(*FRESNEL, "float once = correct(eta, cosine); return 2.0 
 # Mitsuba leaves out light that microfacets scatter more than once, and takes a microfacet's visibility from one side as
 # independent of that from the other.
 SINGLE_SCATTERING = Bug(
-    "scene/lobes/glass.glsl", "prepare_glass", "Glass glass = correct(material, cosine); glass.compensation = 1.0; "
+    "scene/lobes/glass.glsl", "prepare_glass",
+    "Glass glass = correct(material, cosine); glass.compensation = vec3(1.0); "
     "return glass;")
 INDEPENDENT_SHADOWS = Bug(
     "scene/lobes/glass.glsl", "evaluate_glass",

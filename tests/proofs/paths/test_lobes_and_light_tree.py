@@ -57,7 +57,7 @@ def writing(change):
 
 PATH, TREE = "passes/paths/path.glsl", "scene/lights/tree.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return Lobes(next.weight, "
+    METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return LobeRadiance(next.weight, "
                                  "vec3(0.0)); } return correct(vertex, next);")),
     MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_MIRRORS", "0u")),
     CHAIN: (measure_mirror_chain, Bug("passes/paths/path_state.glsl", "load_path_state",
