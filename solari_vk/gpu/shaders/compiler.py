@@ -170,6 +170,11 @@ def compile_shader(
     spirv = _module(sources, path, header, features)
     if not ray_pipelines or not ray_generation.uses_ray_queries(spirv):
         return spirv
+    return _ray_generation_module(sources, path, header, features)
+
+
+def _ray_generation_module(sources: Sources, path: str, header: str, features: bool) -> bytes:
+    """The module of a compute shader that traces rays by pipelines. Raises as compile_shader."""
     if not path.endswith(".comp") or ray_generation.TRACE not in sources.closure(path):
         raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
     try:
@@ -271,7 +276,7 @@ def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[s
         spirv = compile_shader(path, root=sources, features=features)
         yield f"{name}.spv", (_key(sources, path, "", _defines(sources, path, features, False)), spirv)
         if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):
-            spirv = compile_shader(path, root=sources, features=features, ray_pipelines=True)
+            spirv = _ray_generation_module(sources, path, "", features)
             yield f"{name}.rgen.spv", (_key(sources, path, "", _defines(sources, path, features, True)), spirv)
 
 
