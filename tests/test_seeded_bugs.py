@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.seeded_bugs import KNOWN, ROOTS, Bug, seeded
+from support.seeded_bugs import GLSL, KNOWN, Bug, seeded
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_shader
@@ -40,18 +40,17 @@ def bugs(monkeypatch):
 def test_every_bug_fits_its_shader(bugs):
     wrong = []
     for bug in bugs:
-        sources = [root / bug.file for root in ROOTS if (root / bug.file).is_file()]
         try:
-            bug.apply(sources[0].read_text(encoding="utf-8"))
-        except (ValueError, IndexError) as error:
+            bug.apply((GLSL / bug.file).read_text(encoding="utf-8"))
+        except (ValueError, FileNotFoundError) as error:
             wrong.append(f"{bug.file}: {bug.name}: {error}")
     assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.slow
 def test_every_bug_compiles(bugs):
-    sources = Sources(ROOTS[:1])
-    entries = [path.relative_to(ROOTS[0]).as_posix() for path in ROOTS[0].rglob("*") if path.suffix[1:] in STAGES]
+    sources = Sources([GLSL])
+    entries = [path.relative_to(GLSL).as_posix() for path in GLSL.rglob("*") if path.suffix[1:] in STAGES]
     users = {entry: sources.closure(entry) for entry in entries}
     wrong = []
     for bug in bugs:

@@ -21,14 +21,14 @@ from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders import compiler
 from support.measured import hold
 
-ROOTS = [Path(__file__).resolve().parents[2] / "glsl", Path(__file__).resolve().parents[1] / "glsl"]
+GLSL = Path(__file__).resolve().parents[2] / "glsl"
 KNOWN: list[Bug] = []
 """Every bug of the modules imported so far; tests/test_seeded_bugs.py checks that each fits its shader."""
 
 
 @dataclass(frozen=True)
 class Bug:
-    """A wrong function or constant of a shader file below a GLSL root.
+    """A wrong function or constant of a shader file of glsl/.
 
     name: of a function, `name(type` where it is overloaded, or of a constant (`const` or `#define`).
     text: a function's new body, in which `correct(...)` calls the function as it was; a constant's new value.
@@ -76,7 +76,7 @@ def seeded(*bugs: Bug) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for bug in bugs:
-            roots = (folder, *compiler.overlays, *ROOTS)  # so that contexts nest, also in one file
+            roots = (folder, *compiler.overlays, GLSL)  # so that contexts nest, also in one file
             source = next(path for root in roots if (path := root / bug.file).is_file())
             (folder / bug.file).parent.mkdir(parents=True, exist_ok=True)
             (folder / bug.file).write_text(bug.apply(source.read_text(encoding="utf-8")), encoding="utf-8")

@@ -4,12 +4,12 @@ rays leave its surfaces."""
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import test_raster_and_rays as gbuffer_checks
 from gbuffer_worlds import material_zoo
+from support.assets import asset
 from support.measured import hold
 from support.oracles import closed_forms, gbuffer
 from support.realtime import GBUFFER, get_jitter, make_renderer
@@ -25,7 +25,6 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, matte, place
 
 SIZE = (96, 64)
-HELMET = Path(__file__).resolve().parents[2].parent / "shared/assets/FlightHelmet/FlightHelmet.gltf"
 
 
 def renderer_of(device, scene, size=SIZE, **settings):
@@ -48,9 +47,7 @@ def test_raster_equals_rays(device, name):
 
 
 def test_raster_equals_rays_on_a_scanned_helmet(device):
-    if not HELMET.is_file():
-        pytest.skip("FlightHelmet isn't there")
-    scene = sv.load_gltf(HELMET)
+    scene = sv.load_gltf(asset("FlightHelmet/FlightHelmet.gltf"))
     scene.add(sv.Camera.look_at((0.3, 0.4, 0.9), (0, 0.33, 0), near=0.01))
     hold(gbuffer_checks.measure_raster(device, scene))
 
