@@ -1,5 +1,4 @@
 // Draws a debug view of the frame with lighting=split.
 #version 460
-#define LIGHTING_SPLIT
 #include "passes/solari019/debug_views.glsl"
 #include "passes/display/debug_view.glsl"
