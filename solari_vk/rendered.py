@@ -227,6 +227,11 @@ class PictureRenderer(SceneUser, ABC):
         """
         return self._frame.memory
 
+    @property
+    def stages(self) -> list[Stage]:
+        """The frame's stages, in order."""
+        return self._frame.stages
+
     def describe(self) -> list[Row]:
         """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""
         return self._frame.describe()

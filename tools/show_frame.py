@@ -26,8 +26,8 @@ def describe_passes(rows: Sequence[Row]) -> list[str]:
     """The lines for `Frame.describe()`: a stage's name, then its passes with barriers and resources."""
     lines, stage = [], None
     for row in rows:
-        if row.name.partition("/")[0] != stage:
-            stage = row.name.partition("/")[0]
+        if row.stage != stage:
+            stage = row.stage
             lines.append(f"stage {stage}")
         if row.barrier:
             lines += _wrapped("  barrier: ", row.barrier)

@@ -16,7 +16,10 @@ NAMES = ("brdf_table", "brdf_averages", "sheen_table", "glass_table", "anisotrop
 def stage() -> Stage:
     """The tables over cosine and roughness, that of glass also over the index of refraction, that of anisotropic metal
     over the direction and strength of anisotropy, and the averages of the first one over the cosine. Shaders define the
-    sizes."""
+    sizes.
+
+    Outputs: `*_table`, `brdf_averages`.
+    """
     size, glass, slices, anisotropy = (
         int(reflect(compile_shader(shader), shader).constants[name].default)
         for shader, name in (

@@ -17,7 +17,11 @@ LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd n
 
 
 def history_stage(size: tuple[int, int]) -> Stage:
-    """Finds the history of each pixel of this frame. It comes before the paths: their number depends on it."""
+    """Finds the history of each pixel of this frame. It comes before the paths: their number depends on it.
+
+    Inputs: `gbuffer_surface`, `guides_*`, `previous_instances`.
+    Outputs: `denoise_guides`, `denoise_diffuse`, `denoise_specular`, `denoise_alternate`.
+    """
     pixels = size[0] * size[1]
     return Stage(
         "history",
@@ -34,6 +38,8 @@ def stage(size: tuple[int, int]) -> Stage:
 
     Filters work where the histories of the previous frame were, which only `denoise/temporal` reads. Other stages ask
     glsl/passes/denoise/api.glsl for the result.
+    Inputs: `paths_diffuse`, `paths_specular`, `guides_*_albedo`, and the history: `denoise_*`.
+    Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
     """
     pixels = size[0] * size[1]
     cells = (-(-size[0] // CELL), -(-size[1] // CELL))

@@ -11,7 +11,7 @@ PARTS = ("emission", "diffuse_radiance", "specular_radiance", "sample_radiance")
 def show_stage(size: tuple[int, int], debug_view: str = "") -> Stage:
     """`display`, 8-bit sRGB: `radiance` after exposure and tone mapping, or what the pass `debug_view` draws.
 
-    Without such a pass the stage needs nothing but `radiance`.
+    Inputs: `radiance`, and for debug views what they show: `*`. Outputs: `display`.
     """
     passes = ["display/show"] + [debug_view] * bool(debug_view)
     return Stage("show", images={"display": size}, passes=[Pass(name, threads=size) for name in passes])

@@ -29,6 +29,8 @@ def stage(
     """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`.
 
     features: the scene's, which say whether materials need more than the first image has.
+    Outputs: `gbuffer`, `gbuffer_surface`, `gbuffer_lobes`, `depth`, `motion_vectors`; for the next frame
+    `visible_instances`.
     """
     buffers: dict[str, int | History] = {PREVIOUS_INSTANCES: instance_capacity}
     images: dict[str, tuple[int, int] | History | IfUsed] = {
@@ -56,7 +58,10 @@ def stage(
 
 def last_stage(instance_capacity: int) -> Stage:
     """Stores the transforms of this frame for the motion vectors of the next. It is the last stage, because all others
-    need those of the previous frame."""
+    need those of the previous frame.
+
+    Outputs: `previous_instances`.
+    """
     return Stage("remember", passes=[Pass("gbuffer/remember_instances", threads=instance_capacity)])
 
 

@@ -24,7 +24,10 @@ IMAGES = ("diffuse_albedo", "specular_albedo", "normal_roughness", "depth", "mot
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The images, computed from the G-buffer, and from rays where a pixel shows a mirror."""
+    """The images, computed from the G-buffer, and from rays where a pixel shows a mirror.
+
+    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_instances`, `*_table`. Outputs: `guides_*`.
+    """
     return Stage(
         "guides",
         images={f"guides_{name}": size for name in IMAGES},

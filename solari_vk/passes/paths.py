@@ -15,7 +15,12 @@ ROUNDS = 3  # dispatches that go on with the paths that are left after their fir
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters."""
+    """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
+
+    Inputs: `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
+    `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
+    Outputs: `paths_diffuse`, `paths_specular`, and new cells, `world_cache_*`.
+    """
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
     samples = 1 if settings.restir else settings.paths_short_history_samples
     traced = brdf | {"paths_reuse": settings.restir, "short_history_samples": samples}
@@ -45,7 +50,11 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
     """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, their sum, and that without the
-    denoiser, `raw_radiance`. Some results take the memory of paths that waited, since all paths are traced."""
+    denoiser, `raw_radiance`. Some results take the memory of paths that waited, since all paths are traced.
+
+    Inputs: `paths_diffuse`, `paths_specular`, `denoise_pong`, `denoise_guides`, `gbuffer*`, `depth`, `guides_*_albedo`,
+    `brdf_table`, `sheen_table`. Outputs: `*_radiance`, `emission`, `error`.
+    """
     pixels = size[0] * size[1]
     return Stage(
         "compose",

@@ -52,7 +52,10 @@ class Settings:
 
 
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
-    """The means of all pixels, and a dispatch over some rows, from the uniform first_row on."""
+    """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
+
+    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
+    """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     return Stage(
@@ -63,7 +66,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
 
 
 def aov_stage(size: tuple[int, int], rows: int) -> Stage:
-    """The surface at the center of every pixel."""
+    """The surface at the center of every pixel. Outputs: `aov_*`."""
     pixels = size[0] * size[1]
     return Stage(
         "aov",

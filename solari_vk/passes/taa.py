@@ -19,7 +19,11 @@ def jitter_count(settings: Settings) -> int:
 
 
 def stage(size: Size) -> Stage:
-    """Makes `radiance` of this size from `sample_radiance`. With antialiasing=off it copies or interpolates it."""
+    """Makes `radiance` of this size from `sample_radiance`. With antialiasing=off it copies or interpolates it.
+
+    Inputs: `sample_radiance`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`. Outputs: `radiance`;
+    for the next frame `taa_history`.
+    """
     pixels = size[0] * size[1]
     return Stage(
         "taa",

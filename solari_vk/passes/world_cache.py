@@ -42,6 +42,7 @@ def stage(cells: int, samples: Sequence[Pass]) -> Stage:
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
     queries that happen to be first.
+    Inputs: `*_table`, `brdf_averages`; for the separate passes `light_tile*`. Outputs: `world_cache_*`.
     """
     return Stage(
         "world_cache",

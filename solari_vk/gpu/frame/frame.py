@@ -40,8 +40,10 @@ SLOTS = 2
 
 @dataclass(frozen=True)
 class Row:
-    """A step in `Frame.describe`: the resources it accesses, the reasons for the barrier before it, its GPU time."""
+    """A step in `Frame.describe`: the stage it is of, the resources it accesses, the reasons for the barrier before it,
+    its GPU time."""
 
+    stage: str
     name: str
     reads: tuple[str, ...]
     writes: tuple[str, ...]
@@ -72,7 +74,7 @@ class Frame:
         self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
-        self._stages: list[Stage] = list(stages)
+        self.stages: list[Stage] = list(stages)
         self._external: dict[str, Any] = dict(external or {})
         self._resources = Resources(device)
         self._builder = ProgramBuilder(device, glsl_root)
@@ -96,7 +98,7 @@ class Frame:
         CompilationError, the frame is as before.
         """
         self.check_open()
-        stages = self._stages if stages is None else list(stages)
+        stages = self.stages if stages is None else list(stages)
         external = self._external if external is None else dict(external)
         features = self.features if features is None else frozenset(features)
         program = self._builder.build(stages, self._program, features)
@@ -114,7 +116,7 @@ class Frame:
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
         self._resources.destroy_all_but(resources)
-        self._stages, self._external, self._resources = stages, external, resources
+        self.stages, self._external, self._resources = stages, external, resources
         self.features = features
         self._note_structures()
         kinds = program.interface.bindings.values()
@@ -242,9 +244,10 @@ class Frame:
         within another one has that one's name here."""
         timings = self.timings if self.frame_count else {}
         rows = []
-        for step, barrier in zip(self._accesses, self._barriers, strict=True):
+        stages = [stage.name for stage in self.stages for _ in stage.passes]
+        for stage, step, barrier in zip(stages, self._accesses, self._barriers, strict=True):
             why = ", ".join(str(hazard) for hazard in barrier.hazards) or "every pass" if barrier else ""
-            rows.append(Row(step.name, tuple(step.reads), tuple(step.writes), why, timings.get(step.name)))
+            rows.append(Row(stage, step.name, tuple(step.reads), tuple(step.writes), why, timings.get(step.name)))
         return rows
 
     # ---- lifetime -----------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
 
 def light_tiles(settings: Settings) -> Stage:
     """Light samples drawn ahead for all passes that choose among them: all tiles, one after the other, their samples,
-    and these resolved and packed."""
+    and these resolved and packed. Outputs: `light_tile_samples`, `light_tiles`."""
     count = settings.light_tile_count * settings.light_tile_samples
     constants = {"samples_each": settings.light_tile_samples}
     return Stage(
@@ -45,7 +45,11 @@ def cache(settings: Settings) -> Stage:
 
 def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
     """The light that surfaces reflect straight from lights: the reservoirs after each half, and the radiance by the
-    diffuse and the specular lobe."""
+    diffuse and the specular lobe.
+
+    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `light_tile*`, `*_table`, `brdf_averages`.
+    Outputs: `di_diffuse`, `di_specular`; for debug views `di_reservoirs`, `di_outcomes`.
+    """
     pixels = size[0] * size[1]
     initial = "visible_initial_and_temporal" if settings.di_initial_visibility else "initial_and_temporal"
     names = ("di_reservoirs", "di_temporal_reservoirs", "di_outcomes", "di_diffuse", "di_specular")
@@ -60,7 +64,11 @@ def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def restir_gi(size: tuple[int, int], settings: Settings) -> Stage:
-    """Indirect light of diffuse surfaces: the reservoirs before and after spatial reuse, and the radiance."""
+    """Indirect light of diffuse surfaces: the reservoirs before and after spatial reuse, and the radiance.
+
+    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `world_cache_*`, `*_table`, `brdf_averages`.
+    Outputs: `gi_diffuse`, `gi_reservoirs`, and new cells, `world_cache_*`.
+    """
     brdf = brdf_constants(settings)
     return Stage(
         "restir_gi",
@@ -74,7 +82,11 @@ def restir_gi(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def specular_gi(size: tuple[int, int], settings: Settings) -> Stage:
-    """Mirror and glossy reflections: the radiance specular_gi, light by the specular lobe that DI doesn't shade."""
+    """Mirror and glossy reflections: the radiance specular_gi, light by the specular lobe that DI doesn't shade.
+
+    Inputs: `gbuffer*`, `depth`, `gi_reservoirs`, `world_cache_*`, `*_table`, `brdf_averages`.
+    Outputs: `specular_gi`, and new cells, `world_cache_*`.
+    """
     return Stage(
         "specular_gi",
         buffers={"specular_gi": size[0] * size[1]},
@@ -83,7 +95,11 @@ def specular_gi(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def compose(size: tuple[int, int]) -> Stage:
-    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, and their sum."""
+    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, and their sum.
+
+    Inputs: `gbuffer`, `depth`, `di_diffuse`, `di_specular`, `gi_diffuse`, `specular_gi`.
+    Outputs: `*_radiance`, `emission`.
+    """
     return Stage(
         "compose",
         buffers=dict.fromkeys(display.PARTS, size[0] * size[1]) | {"ray_counts": display.RAY_COUNTERS},

@@ -1,0 +1,162 @@
+#!/usr/bin/env python3
+"""Prints the page docs/explained/buffers.md: each buffer and image of a frame, the files that declare it, and who
+writes and reads it, in all frames of the package.
+
+Usage: python tools/buffers.py > docs/explained/buffers.md
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from solari_vk.gpu.frame.stages import History, Within
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.device import Device
+    from solari_vk.gpu.frame.frame import Row
+    from solari_vk.gpu.frame.stages import Stage
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZE = 64, 64
+NOT_NAMED = {"ray_counts", "raster_depth"}  # counters in all passes that trace rays; an attachment
+HEAD = """\
+# Buffers and images
+
+Made by `python tools/buffers.py` from the stages and the shaders. Each buffer or image of a frame is declared twice:
+its size in a stage, in Python, and its type in a shader. Barriers follow from who writes and reads it. A history
+has the name `previous_NAME` too. Passes are named by their folders in `glsl/passes`.
+"""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a stage is made: the file below the top folder, and the function's docstring."""
+
+    file: str
+    docstring: str
+
+
+@dataclass
+class Traffic:
+    """Where a buffer or an image is declared, and the passes that write and read it, by their stages."""
+
+    source: Source
+    writers: dict[str, set[str]] = field(default_factory=dict)
+    readers: dict[str, set[str]] = field(default_factory=dict)
+
+
+def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
+    """The stages and the steps of all frames: each lighting, with and without reuse, either G-buffer, the path tracer.
+    The tables of the BRDF, which a frame of their own makes, come before each."""
+    import solari_vk as sv
+    from solari_vk.passes import brdf_table, pathtracer
+
+    scene = sv.builtin("cornell_box")
+    scene.instances[0].material.transmission = 0.5  # features of scenes: lobes
+    choices = {"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"lighting": "split"}
+    with sv.Frame(device, [brdf_table.stage()]) as tables:
+        for choice in choices:
+            with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:
+                yield [*tables.stages, *renderer.stages], [*tables.describe(), *renderer.describe()]
+        with sv.PathTracer(device, scene, SIZE) as tracer:
+            stages = [*tracer.stages, pathtracer.aov_stage(SIZE, SIZE[1])]
+        external = {name: tables.resource(name) for name in brdf_table.NAMES}
+        with sv.SceneFrame(device, scene, stages, external=external) as frame:
+            yield [*tables.stages, *stages], [*tables.describe(), *frame.describe()]
+
+
+def sources() -> dict[str, list[Source]]:
+    """The functions that make a stage, by the stage's name."""
+    found: dict[str, list[Source]] = {}
+    for path in sorted((ROOT / "solari_vk/passes").rglob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef):
+                for call in ast.walk(function):
+                    if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Stage":
+                        source = Source(path.relative_to(ROOT).as_posix(), ast.get_docstring(function) or "")
+                        found.setdefault(ast.literal_eval(call.args[0]), []).append(source)
+    return found
+
+
+def source_of(stage: Stage, of_name: dict[str, list[Source]]) -> Source:
+    """Where a stage is made. The stages of one name are told apart by the folder of their passes."""
+    folder = "solari019/"
+    separate = any(item.name.startswith(folder) for item in stage.passes)
+    found = of_name[stage.name]
+    return max(found, key=lambda source: (folder in source.file) == separate)
+
+
+def traffic(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Traffic]:
+    """Who writes and reads each resource of a frame. From the stage on that declares a buffer within another one's
+    memory, the memory has the name of that buffer."""
+    of_name, found, names = sources(), {}, {}
+    for stage in stages:
+        declared = {**stage.buffers, **stage.images}
+        for name, size in declared.items():
+            found[name] = Traffic(source_of(stage, of_name))
+            if isinstance(size, History):
+                found[f"previous_{name}"] = Traffic(found[name].source)
+        names |= {size.host: name for name, size in declared.items() if isinstance(size, Within)}
+        for row in rows:
+            if row.stage == stage.name:
+                for kind, accessed in (("writers", row.writes), ("readers", row.reads)):
+                    for name in {names.get(name, name) for name in accessed} & found.keys():
+                        getattr(found[name], kind).setdefault(stage.name, set()).add(row.name.partition(" ")[0])
+    return found
+
+
+def inputs_and_outputs(stages: Sequence[Stage], rows: Sequence[Row]) -> Iterator[tuple[Source, set[str], set[str]]]:
+    """Of each stage what it reads of other stages, and what it writes for others, the host, or its next frame."""
+    found, of_name = traffic(stages, rows), sources()
+
+    def own(name: str, stage: Stage) -> bool:
+        return bool({name, name.removeprefix("previous_")} & {*stage.buffers, *stage.images})
+
+    def leaves(name: str, stage: str) -> bool:
+        readers = {**found[name].readers, **getattr(found.get(f"previous_{name}"), "readers", {})}
+        own_readers, own_writers = readers.pop(stage, set()), found[name].writers[stage]
+        return bool(readers) or not own_readers or (own_readers == own_writers and len(own_writers) == 1)
+
+    for stage in stages:
+        read = {name for name, each in found.items() if stage.name in each.readers and not own(name, stage)}
+        left = {name for name, each in found.items() if stage.name in each.writers and leaves(name, stage.name)}
+        yield source_of(stage, of_name), read - NOT_NAMED, left - NOT_NAMED
+
+
+def shader_of(name: str) -> str:
+    """The shaders that declare a resource, as links."""
+    declaration = re.compile(rf"^(?:layout\(set = \d\b.*|}}) {name};", re.MULTILINE)
+    files = (path for path in sorted((ROOT / "glsl").rglob("*")) if path.is_file())
+    found = [path.relative_to(ROOT).as_posix() for path in files if declaration.search(path.read_text("utf-8"))]
+    return ", ".join(f"`{file}`" for file in found)
+
+
+def page(frames: Sequence[tuple[Sequence[Stage], Sequence[Row]]]) -> str:
+    """The page as Markdown: a table for each file of stages. Passes are named by their folders."""
+    tables: dict[str, dict[str, tuple[set[str], set[str]]]] = {}
+    for stages, rows in frames:
+        for name, each in traffic(stages, rows).items():
+            if not name.startswith("previous_"):
+                known = tables.setdefault(each.source.file, {}).setdefault(name, (set(), set()))
+                for folders, accesses in zip(known, (each.writers, each.readers), strict=True):
+                    folders |= {step.partition("/")[0] for steps in accesses.values() for step in steps}
+    lines = [HEAD]
+    for file, resources in sorted(tables.items()):
+        lines += [f"## `{file}`", "", "| name | declared in | written by | read by |", "| --- | --- | --- | --- |"]
+        for name, (writers, readers) in sorted(resources.items()):
+            cells = (f"`{name}`", shader_of(name), ", ".join(sorted(writers)), ", ".join(sorted(readers)))
+            lines.append(f"| {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    import solari_vk
+
+    with solari_vk.Device() as made:
+        print(page(list(frames(made))), end="")
