@@ -11,19 +11,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from solari_vk.budget import charge
 from solari_vk.errors import SolariError
 
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 
 
 def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
-    """The first `length` bytes of a file; pipes, devices and folders are refused, because they may never end."""
+    """The first `length` bytes of a file, charged to the budget of what is loaded. Pipes, devices and folders are
+    refused, because they may never end."""
     try:
         # Non-blocking, because opening a pipe without a writer would block.
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode):
                 raise SolariError(f"{who}: not a readable file: give the path of a regular file")
-            return file.read(-1 if length is None else length)
+            size = found.st_size if length is None else min(found.st_size, length)
+            charge(size, who, "the file")
+            return file.read(size)
     except FileNotFoundError:
         raise SolariError(f"{who}: there is no such file: check the path") from None
     except (OSError, ValueError) as error:

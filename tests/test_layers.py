@@ -25,21 +25,22 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 WINGS = {"scene", "bound"}
 LIBRARY = {
-    "color", "disk_cache", "errors", "files", "settings", "output", "passes", "rt", "frame", "first_hits", "rendered",
-    "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
+    "budget", "color", "disk_cache", "errors", "files", "settings", "output", "passes", "rt", "frame", "first_hits",
+    "rendered", "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
     "errors": set(),
     "settings": {"errors", "gpu.shaders"},
     "output": {"color", "errors", "files", "gpu.shaders", "scene"},
-    "files": {"errors"},
+    "budget": {"errors"},
+    "files": {"budget", "errors"},
     "disk_cache": {"errors", "files"},
     "gpu.device": {"disk_cache", "errors"},
     "gpu.shaders": {"disk_cache", "errors"},
     "gpu.frame": {"errors", "gpu.device", "gpu.shaders"},
     "gpu.acceleration": {"errors", "gpu.device"},
-    "scene": {"color", "errors", "files"},
+    "scene": {"budget", "color", "errors", "files"},
     "bound": {"color", "errors", "scene", *GPU},
     "passes": {"errors", "settings", "gpu.device", "gpu.shaders", "gpu.frame"},
     "rt": {"errors", *GPU},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from solari_vk.budget import load_budget
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.meshes.mesh_files import UP_AXES, load_mesh_file
@@ -15,15 +16,27 @@ FORMATS = (".gltf", ".glb", *UP_AXES)
 
 def load(
     path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None,
-    up: str | None = None, unit: float | None = None, strict: bool = False,
+    up: str | None = None, unit: float | None = None, strict: bool = False, memory: int | None = None,
+    seconds: float | None = None,
 ) -> Scene:  # fmt: skip
     """Load a .gltf, .glb, .obj, .ply or .stl file.
 
     scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
     "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
-    scene, y up. A missing or damaged image is left out and reported; with `strict` it is an error. Raises SolariError
-    for options of another kind of file, for unknown formats, and for damaged files.
+    scene, y up. A missing or damaged image is left out and reported; with `strict` it is an error.
+
+    memory, seconds: what loading may take, in bytes and seconds, by default 2 GiB and ten minutes, or what the
+    environment variables SOLARI_VK_LOAD_MEMORY ("8GiB") and SOLARI_VK_LOAD_SECONDS say. Raises SolariError beyond, for
+    options of another kind of file, for unknown formats, and for damaged files.
     """
+    with load_budget(memory, seconds):
+        return _load(path, scene, variant, up, unit, strict)
+
+
+def _load(
+    path: str | os.PathLike[str], scene: int | str | None, variant: str | None, up: str | None, unit: float | None,
+    strict: bool,
+) -> Scene:  # fmt: skip
     suffix = Path(path).suffix.lower()
     if suffix in UP_AXES:
         if scene is not None or variant is not None:

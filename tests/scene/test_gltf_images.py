@@ -83,13 +83,3 @@ def test_another_image_replaces_one_that_needs_a_missing_library(writer, monkeyp
     scene = writer.load()
     assert scene.instances[0].material.emissive_texture.image.pixels[0, 0].tolist() == [20, 40, 220, 255]
     assert "pip install 'solari-vk[formats]'" in scene.warnings[0]
-
-
-def test_images_above_the_total_are_left_out(writer, monkeypatch):
-    monkeypatch.setattr("solari_vk.scene.images.image_files.LARGEST_TOTAL_PIXEL_COUNT", 20)
-    for shade in (1, 2):
-        image = stored(writer, encoded(np.full((3, 5, 3), shade)))
-        material_with(writer, "emissiveTexture", writer.add("textures", source=image))
-    scene = writer.load()
-    assert [instance.material.emissive_texture is None for instance in scene] == [False, True]
-    assert "above 0 Mi pixels in all" in scene.warnings[0]

@@ -69,6 +69,7 @@ class Accessors:
         self._check_kind(entry, user, kinds)
         if array is None:
             raw = self._decode(index, entry)
+            entry.charge(4 * raw.size, "its data", working=4 * raw.size)
             if entry.flag("normalized", False) and raw.dtype.kind in "iu":
                 # The most negative integer has no positive partner: the format clamps it to -1.
                 array = np.maximum(raw / np.float32(np.iinfo(raw.dtype).max), np.float32(-1)).astype(np.float32)

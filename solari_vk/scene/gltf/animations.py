@@ -19,6 +19,7 @@ from solari_vk.scene.gltf.values import Entry, shown
 
 _POINTER = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
+_BYTES_PER_CHANNEL = 4096
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -98,6 +99,7 @@ class Animations:
             if which >= len(samplers):
                 raise channel.error(f"refers to sampler {shown(which)}, but there are only {len(samplers)} of them")
             node, path = target
+            channel.charge(_BYTES_PER_CHANNEL, "its channels")
             found.append((node, path, *self._keys(samplers[which], path)))
         return entry, found
 
@@ -142,4 +144,5 @@ class Animations:
                 f"has {len(values)} values for {len(times)} keys of {path}, but {per_key} of {width} numbers a key are "
                 "needed; export the file again"
             )
+        sampler.charge(40 * len(times) + 24 * values.size, "its keys")  # of each channel that uses them
         return times, values.reshape(*parts, width), interpolation

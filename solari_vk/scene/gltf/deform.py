@@ -25,6 +25,7 @@ def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Access
         if not any(name in target for target in targets) or name not in vertices:
             continue
         count = len(vertices[name])
+        _charge(targets, count)
         added = np.zeros((count, len(targets), 3), np.float32)
         for number, target in enumerate(targets):
             index = target.index(name)
@@ -38,8 +39,15 @@ def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Access
             added[:, number] = values
         found[field] = added
     if found and "targets" not in found:
+        _charge(targets, len(vertices["POSITION"]))
         found["targets"] = np.zeros((len(vertices["POSITION"]), len(targets), 3), np.float32)
     return found
+
+
+def _charge(targets: Sequence[Entry], count: int) -> None:
+    """Charge what all targets add to one attribute of `count` vertices: three floats, and a copy while it is made."""
+    size = 12 * count * len(targets)
+    targets[0].charge(2 * size, f"{len(targets)} targets of {count:,} vertices", working=size)
 
 
 def read_joints(count: int, attributes: Entry, accessors: Accessors) -> Vertices:

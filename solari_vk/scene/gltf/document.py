@@ -13,6 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk import budget
 from solari_vk.errors import SolariError
 from solari_vk.files import read_regular
 from solari_vk.scene.gltf import files, meshopt
@@ -20,6 +21,7 @@ from solari_vk.scene.gltf.values import Entry, clean, shown
 
 Bytes = NDArray[np.uint8]
 LARGEST_JSON = 256 * 2**20
+_BYTES_PER_VALUE = 150  # of JSON, as Python objects
 _GLB_MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
@@ -90,6 +92,8 @@ class Document:
             raise self.error(
                 f"the JSON has {len(text)} bytes, but at most {LARGEST_JSON} are read: put data in a .bin file"
             )
+        values = sum(map(text.count, (b",", b"{", b"[")))
+        budget.charge(_BYTES_PER_VALUE * values, self.file, "its JSON", working=4 * len(text))
         try:
             return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
         except RecursionError:
@@ -142,6 +146,7 @@ class Document:
                 f"makes the geometry {self._decoded_bytes >> 20} MiB large although the file's buffers have only "
                 f"{self.held_bytes >> 20} MiB: its accessors overlap or have no data, so it is damaged or hostile"
             )
+        user.charge(size, "its data")
 
     def view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
         """The bytes of a buffer view and its stride, None if its elements are packed."""

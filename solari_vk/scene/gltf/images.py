@@ -6,6 +6,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from solari_vk.budget import BudgetError
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
@@ -25,7 +26,6 @@ class Images:
         self._document = document
         self._report = report
         self._strict = strict
-        self._pixel_count = 0
         self._made: dict[Source, TextureImage | None] = {}
         self._read: dict[int, TextureImage | None] = {}
 
@@ -49,6 +49,8 @@ class Images:
                 source = sources[number] = self._source(entry)
                 if source not in self._made and source not in opened:
                     opened[source] = self._open(entry, source)
+            except BudgetError:
+                raise
             except SolariError as error:
                 self._remark(error)
 
@@ -86,9 +88,4 @@ class Images:
         view = source[1]
         resource = self._document.view(view, entry)[0] if isinstance(view, int) else self._document.resource(entry)
         image = image_files.open_image(resource.tobytes(), who)
-        self._pixel_count += image.width * image.height
-        if self._pixel_count > image_files.LARGEST_TOTAL_PIXEL_COUNT:
-            self._pixel_count -= image.width * image.height
-            limit = image_files.LARGEST_TOTAL_PIXEL_COUNT >> 20
-            raise SolariError(f"{who} brings the file's images above {limit} Mi pixels in all: scale them down")
         return image, who, os.path.basename(entry.name) or file or entry.place

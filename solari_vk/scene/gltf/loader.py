@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.budget import load_budget
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
@@ -31,6 +32,7 @@ from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
+_BYTES_PER_INSTANCE = 4096
 
 Part = tuple[str, Mesh, Material, dict[str, Material]]
 
@@ -47,9 +49,13 @@ def load_gltf(
     `Scene.animations` has the clips; until one of them is played, the nodes are as the file has them. Suns get the
     angular size of the real one, because glTF has no field for it. `Scene.warnings` names what the file contains and
     the renderer can't show. Files outside the glTF's own folder are never read. Raises SolariError when the file is
-    missing, damaged or hostile, or requires an extension that is not supported.
+    missing, damaged or hostile, needs more than `load` allows, or requires an extension that is not supported.
     """
-    document = Document(path)
+    with load_budget():
+        return _load(Document(path), scene, variant, strict)
+
+
+def _load(document: Document, scene: int | str | None, variant: str | None, strict: bool) -> Scene:
     try:
         loaded = _Loader(document, strict).load(scene)
         if variant is not None:
@@ -111,6 +117,7 @@ class _Loader:
                 allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
                 if count > allowed:
                     raise node.entry.error(f"brings the scene above {allowed} instances of primitives; split the file")
+        self._document.root.charge(_BYTES_PER_INSTANCE * count, f"{count:,} instances")
 
     def _check_required(self) -> None:
         for name in self._document.root.texts("extensionsRequired"):

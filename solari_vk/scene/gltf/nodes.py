@@ -16,6 +16,7 @@ from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.matrices import compose, quaternion_rotation
 
 Matrix = NDArray[np.float64]
+_BYTES_PER_JOINT = 1024  # of a node with a skin
 _IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
 
 
@@ -154,6 +155,7 @@ def skin_of(
             document.item("node", joint, skin)
         report.add("skins whose joints are not in the scene are left out", skin.place)
         return None
+    node.entry.charge(_BYTES_PER_JOINT * len(joints), "its skin")
     inverse = skin.index("inverseBindMatrices")
     if inverse is None:
         return joints, np.tile(np.eye(4), (len(joints), 1, 1))

@@ -47,6 +47,7 @@ class Pose:
                 fields["joint_matrices"] = (rest @ joints_from_mesh)[:, :3]
         animated = self._animations.weights_of(self._node, deformation.target_count)
         if deformation.targets is not None and (any(self._weights) or animated):
+            self._node.entry.charge(64 * deformation.target_count, "its weights")
             fields["morph_weights"] = np.zeros(deformation.target_count)
             given = self._weights[: deformation.target_count]
             fields["morph_weights"][: len(given)] = given

@@ -19,6 +19,7 @@ from solari_vk.scene.meshes.tangents import generate_tangents
 from solari_vk.scene.model import Mesh
 
 _MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
+_WORKING_BYTES = 300  # a triangle, for its area and tangents
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
 
 
@@ -85,6 +86,8 @@ class Primitives:
         if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
             raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
 
+        size = sum(values.nbytes for values in vertices.values()) + triangles.nbytes
+        primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * len(triangles))
         distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         triangles = triangles[distinct]
         used, triangles = _compact(triangles, len(positions))

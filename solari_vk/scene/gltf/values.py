@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from solari_vk import budget
 from solari_vk.errors import SolariError
 
 LARGEST_INTEGER = 2**53  # the largest that JSON represents exactly in all programs
@@ -40,6 +41,10 @@ class Entry:
     def error(self, text: str) -> SolariError:
         """The exception for a fault of this object."""
         return SolariError(f"{self.file}: {self.place} {text}")
+
+    def charge(self, size: int, what: str, *, working: int = 0) -> None:
+        """Charge bytes that are about to be allocated for this object; see `budget.charge`."""
+        budget.charge(size, f"{self.file}: {self.place}", what, working=working)
 
     def wrong(self, key: str, wanted: str) -> SolariError:
         """The exception for a field with a value the format does not allow."""

@@ -9,20 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.budget import charge
 from solari_vk.errors import SolariError
 from solari_vk.scene.images import ktx2
 
 Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
 LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
-LARGEST_TOTAL_PIXEL_COUNT = 2**30  # of one model: 4 GiB as RGBA
+_BYTES_PER_PIXEL = 8  # RGBA, and what decodes it
+_BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 
 
 def open_image(data: bytes | memoryview, who: str) -> Any:
-    """Open an image and check its header; `decode` reads the pixels. `who` names the image in errors."""
+    """Open an image, check its header and charge its pixels; `decode` reads them. `who` names the image in errors."""
     image = ktx2.Ktx2Image(bytes(data), who) if data[:12] == ktx2.IDENTIFIER else _open_by_pillow(data, who)
     if max(image.width, image.height) > LARGEST_SIDE or image.width * image.height > LARGEST_PIXEL_COUNT:
         raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
+    charge(_BYTES_PER_PIXEL * image.width * image.height, who, f"the image of {image.width} x {image.height} pixels")
     return image
 
 
@@ -51,9 +54,9 @@ def decode(image: Any, who: str) -> Pixels:
             return image.decode(who)
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
             # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
-            gray = np.asarray(image).astype(np.uint32)
+            gray = np.asarray(image)
             pixels = np.full((*gray.shape, 4), 255, np.uint8)
-            pixels[..., :3] = ((gray * 255 + 32_767) // 65_535)[..., None]
+            pixels[..., :3] = np.take(_BYTE_OF_16_BITS, gray, mode="clip")[..., None]
             return pixels
         return np.asarray(image if image.mode == "RGBA" else image.convert("RGBA"))
     except SolariError:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import re
 import warnings
-from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.budget import charge, load_budget
 from solari_vk.errors import SolariError
+from solari_vk.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.images import exr, image_files
@@ -25,6 +25,7 @@ _EXPOSURE = re.compile(rb"(?m)^EXPOSURE= *([0-9]+[.]?[0-9]*(?:[eE][+-]?[0-9]+)?)
 CALLER = 7  # stack frames from `read_radiance` to the code that makes an Environment
 SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
 _LONGEST_HEADER = 2**16
+_BYTES_PER_PIXEL = 48
 _LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
 
 
@@ -40,9 +41,8 @@ def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
     if reader is None:
         raise SolariError(f"{source}: an environment is a file of {', '.join(readers)}, not '{source.suffix}'")
     try:
-        image = reader(source)
-    except OSError as error:
-        raise SolariError(f"{source}: can't be read: {error.strerror or error}") from None
+        with load_budget():
+            image = reader(source)
     except MemoryError:
         raise SolariError(f"{source} is too large for this machine's memory: scale it down") from None
     height, width = image.shape[:2]
@@ -63,6 +63,7 @@ def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def _check_size(width: int, height: int, source: Path) -> None:
+    """Check and charge the size of a picture: its colors, and what the environment computes from them."""
     if not 1 <= min(width, height) <= max(width, height) <= image_files.LARGEST_SIDE or (
         width * height > image_files.LARGEST_PIXEL_COUNT
     ):
@@ -70,39 +71,44 @@ def _check_size(width: int, height: int, source: Path) -> None:
             f"{source} has {width} x {height} pixels; from 1 to {image_files.LARGEST_SIDE} a side and "
             f"{image_files.LARGEST_PIXEL_COUNT >> 20} Mi in all are read: scale it down"
         )
+    charge(_BYTES_PER_PIXEL * width * height, str(source), f"the picture of {width} x {height} pixels")
 
 
 def _read_8_bits(source: Path) -> FloatArray:
-    pixels = image_files.decode(image_files.open_image(source.read_bytes(), str(source)), str(source))
+    opened = image_files.open_image(read_regular(source, str(source)), str(source))
+    _check_size(opened.width, opened.height, source)
+    pixels = image_files.decode(opened, str(source))
     linear: FloatArray = LINEAR_OF_SRGB[pixels[..., :3]]
     return linear
 
 
 def _read_exr(source: Path) -> FloatArray:
+    import Imath
     import OpenEXR
 
-    if not source.is_file():
-        raise SolariError(f"{source}: there is no such file")
+    data = read_regular(source, str(source))
     try:
         (left, top), (right, bottom) = OpenEXR.File(str(source), header_only=True).header()["dataWindow"]
         _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
-        if not exr.is_whole(source.read_bytes()):
+        if not exr.is_whole(data):
             raise ValueError("it is cut off")
-        with redirect_stdout(io.StringIO()):  # the library prints that it can't read pixels, and then has no channels
-            channels = OpenEXR.File(str(source), separate_channels=True).channels()
-    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        picture = OpenEXR.InputFile(str(source))
+        channels = picture.header()["channels"]
+        names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+        if not all(name in channels for name in names):
+            raise SolariError(f"{source} has no channels R, G and B, nor Y, but {', '.join(sorted(channels)[:8])}")
+        kind = Imath.PixelType(Imath.PixelType.FLOAT)
+        size = bottom - top + 1, right - left + 1
+        return np.stack([np.frombuffer(picture.channel(name, kind), np.float32).reshape(size) for name in names], -1)
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
         raise SolariError(f"{source} is a damaged EXR picture ({str(error)[:100]}): save it again") from None
-    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
-    if not all(name in channels for name in names):
-        raise SolariError(f"{source} has no channels R, G and B, nor Y, but {', '.join(sorted(channels)[:8])}")
-    return np.stack([np.asarray(channels[name].pixels, np.float32) for name in names], axis=-1)
 
 
 # ---- Radiance: Ward, "Real Pixels", Graphics Gems II (1991) ------------------------------------------
 
 
 def _read_hdr(source: Path) -> FloatArray:
-    data = source.read_bytes()
+    data = read_regular(source, str(source))
     found = _HEADER.match(data[:_LONGEST_HEADER])
     if found is None:
         raise SolariError(f"{source} is not a Radiance picture: its header is missing")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.budget import charge
 from solari_vk.errors import SolariError
 from solari_vk.files import read_regular
 from solari_vk.scene import checks
@@ -24,6 +25,10 @@ from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
 UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 """The formats, and the axis that points up in most of their files. No format says so."""
+
+
+_BYTES_PER_BYTE = 12  # of a file, while it is read
+_BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
 
 
 def load_mesh_file(
@@ -47,6 +52,7 @@ def load_mesh_file(
     reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
     log = library("trimesh.util", str(path)).log
     data = read_regular(path, str(path))
+    charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
 
     def silence(_: object) -> bool:
         return False
@@ -95,6 +101,8 @@ def _add(
         return
     if triangles.min() < 0 or triangles.max() >= len(positions):
         raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")
+    working = _WORKING_BYTES * len(triangles)
+    charge(_BYTES_PER_TRIANGLE * len(triangles), f"{path}: '{name}'", f"{len(triangles):,} triangles", working=working)
     positions = positions @ turn.T
     if not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
         raise SolariError(

@@ -14,12 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.budget import BudgetError, charge
 from solari_vk.errors import SolariError
 from solari_vk.files import read_regular
 from solari_vk.scene.images import image_files
 from solari_vk.scene.model import Material, TextureImage
 
 LARGEST_FILE = 2**26
+_BYTES_PER_MATERIAL = 2**14
 _KNOWN = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr"}
 _HARMLESS = {"ka", "illum", "sharpness"}  # for rasterizers without shadows
 _OPTION = re.compile(r"-([a-z]+)((?:\s+(?:on|off|[-+.\d][-+.\de]*|[rgbmlz]))*)\s+", re.IGNORECASE)  # and its values
@@ -38,7 +40,6 @@ class MtlFiles:
         self.fields: dict[str, dict[str, str]] = {}
         """The fields of each material by its name, as they stand in the files."""
         self._materials: dict[str, Material] = {}
-        self._pixel_count = 0
         self._folder = folder
         self._images: dict[str, TextureImage | None] = {}
 
@@ -46,6 +47,8 @@ class MtlFiles:
         """Read a file's materials. The result is the file without all but their names, for the reader of the .obj."""
         try:
             text = self._read(name).decode("utf-8", "replace")
+        except BudgetError:
+            raise
         except SolariError as error:
             self.failures.append(f"materials are replaced by a gray one: {error}")
             return b""
@@ -64,6 +67,7 @@ class MtlFiles:
     def material(self, name: str) -> Material | None:
         """The material of a name, whose images are read now; None for an unknown one."""
         if name not in self._materials and name in self.fields:
+            charge(_BYTES_PER_MATERIAL, str(self._folder), "the materials")
             self._materials[name] = self._make(name, self.fields[name])
         return self._materials.get(name)
 
@@ -103,13 +107,10 @@ class MtlFiles:
             try:
                 who = f"the image '{name}'"
                 image = image_files.open_image(self._read(name), who)
-                count = self._pixel_count + image.width * image.height
-                if count > image_files.LARGEST_TOTAL_PIXEL_COUNT:
-                    limit = image_files.LARGEST_TOTAL_PIXEL_COUNT >> 20
-                    raise SolariError(f"{who} brings the images above {limit} Mi pixels in all: scale them down")
-                self._pixel_count = count
                 pixels = image_files.decode(image, who)
                 self._images[name] = TextureImage(pixels, os.path.basename(name))
+            except BudgetError:
+                raise
             except SolariError as error:
                 self.failures.append(f"textures are left out: {error}")
         return self._images[name]

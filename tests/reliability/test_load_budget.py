@@ -1,0 +1,223 @@
+"""Small files that want much memory are refused before they get it, and what is charged is what loading takes."""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from support.gltf_writer import TRIANGLE, GltfWriter
+
+import solari_vk as sv
+from solari_vk.budget import parse_size
+
+MIB = 2**20
+SPARE = 48 * MIB  # libraries that are imported, and what the allocator keeps
+LOAD = """
+import resource, sys, warnings
+import numpy, PIL.Image, OpenEXR, trimesh.exchange.load
+import solari_vk as sv
+from solari_vk.budget import load_budget
+path, limit = sys.argv[1], int(sys.argv[2])
+peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
+warnings.simplefilter("ignore")
+before = peak()
+with load_budget(limit) as budget:
+    try:
+        sv.Environment(path) if path.endswith((".hdr", ".exr")) else sv.load(path)
+        said = ""
+    except sv.SolariError as error:
+        said = str(error)
+print(budget.peak, peak() - before, said, sep="\\n")
+"""
+
+
+def load(path, limit):
+    """What loading a file in a process of its own charges, the memory that it takes, and its error."""
+    command = [sys.executable, "-c", LOAD, str(path), str(limit)]
+    charged, taken, said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\n", 2)
+    return int(charged), int(taken), said.strip()
+
+
+def png(width, height):
+    """A black picture, as small as it gets."""
+    rows, packer = bytes(width + 1), zlib.compressobj(9)
+    data = b"".join(packer.compress(rows) for _ in range(height)) + packer.flush()
+    chunks = [(b"IHDR", struct.pack(">2I5B", width, height, 8, 0, 0, 0, 0)), (b"IDAT", data), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
+    )
+
+
+def gltf(folder):
+    return GltfWriter(folder / "bomb.glb")
+
+
+def morphs(folder, n):
+    """Targets that all are one accessor without data."""
+    made = gltf(folder)
+    empty = made.add("accessors", componentType=5126, count=1024 * n, type="VEC3")
+    positions = made.accessor(np.random.default_rng(0).normal(size=(1024 * n, 3)))
+    made.mesh({"POSITION": positions}, targets=[{"POSITION": empty}] * 16)
+    return made
+
+
+def images(folder, n):
+    made = gltf(folder)
+    for number in range(8):
+        view = made.view(png(256 * n, 64 + number))
+        texture = made.add("textures", source=made.add("images", bufferView=view, mimeType="image/png"))
+        material = made.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": texture}})
+        made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=material)
+    return made
+
+
+def animations(folder, n):
+    """Channels that all have the same keys."""
+    made = gltf(folder)
+    made.mesh()
+    times, values = made.accessor(np.arange(1024.0)), made.accessor(np.zeros((1024, 3)))
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    sampler = {"input": times, "output": values}
+    made.add("animations", samplers=[sampler], channels=[channel] * (16 * n))
+    return made
+
+
+def primitives(folder, n):
+    """Primitives of the same vertices and different indices."""
+    made = gltf(folder)
+    positions = made.accessor(np.random.default_rng(0).normal(size=(3 * 4096, 3)))
+    indices = [made.accessor(np.roll(np.arange(3 * 4096), turn), "u4") for turn in range(4)]
+    shared = {"POSITION": positions}
+    parts = [{"attributes": shared, "indices": index, "mode": mode} for index in indices for mode in (4, 5, 6)]
+    made.json["meshes"] = [{"primitives": parts}] * n
+    return made
+
+
+def skins(folder, n):
+    """Many nodes with one skin of many joints."""
+    made = gltf(folder)
+    mesh = made.mesh({"JOINTS_0": made.accessor([[0, 0, 0, 0]] * 3, "u2"), "WEIGHTS_0": [[1, 0, 0, 0]] * 3})
+    joints = [made.node() for _ in range(1024)]
+    made.add("skins", joints=joints)
+    made.scene(*joints, *(made.node(mesh=mesh, skin=0) for _ in range(16 * n)))
+    return made
+
+
+def instances(folder, n):
+    made = gltf(folder)
+    mesh = made.mesh()
+    made.scene(*(made.node(mesh=mesh) for _ in range(512 * n)))
+    return made
+
+
+def text(folder, n):
+    path = folder / "bomb.gltf"
+    path.write_text('{"asset": {"version": "2.0"}, "extras": [' + ",".join(["[{}]"] * (8192 * n)) + "]}")
+    return path
+
+
+def materials(folder, n):
+    path = folder / "bomb.obj"
+    names = range(128 * n)
+    (folder / "bomb.mtl").write_text("".join(f"newmtl m{name}\nKd 1 0 0\n" for name in names))
+    faces = "".join(f"usemtl m{name}\nf 1 2 3\n" for name in names)
+    path.write_text("mtllib bomb.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n" + faces)
+    return path
+
+
+def mesh_text(folder, n):
+    path = folder / "bomb.obj"
+    corners = np.random.default_rng(0).integers(1, 999, (8192 * n, 3))
+    vertices = [f"v {i} {i % 7} {i % 5}" for i in range(999)]
+    path.write_text("\n".join([*vertices, *(f"f {a} {b} {c}" for a, b, c in corners)]))
+    return path
+
+
+def radiance(folder, n):
+    """Runs of one color."""
+    path, width, height = folder / "bomb.hdr", 512 * n, 256
+    runs = [bytes((128 + min(width - start, 127), 9)) for start in range(0, width, 127)]
+    row = bytes((2, 2, width >> 8, width & 255)) + b"".join(4 * runs)
+    path.write_bytes(b"#?RADIANCE\n\n-Y %d +X %d\n" % (height, width) + row * height)
+    return path
+
+
+def exr(folder, n):
+    """Many channels of which three are used."""
+    import OpenEXR
+
+    path = folder / "bomb.exr"
+    pixels = np.ones((128, 256 * n), np.float16)
+    names = [f"layer.{number}" for number in range(60)] + ["R", "G", "B"]
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {name: pixels.copy() for name in names}).write(str(path))
+    return path
+
+
+BOMBS = morphs, images, animations, primitives, skins, instances, text, materials, mesh_text, radiance, exr
+
+
+def file_of(bomb, folder, n):
+    made = bomb(folder, n)
+    if isinstance(made, GltfWriter):
+        made.save(made.path)
+        return made.path
+    return made
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_loading_takes_what_is_charged(tmp_path, bomb):
+    charged, taken, said = load(file_of(bomb, tmp_path, 16), 4 * 2**30)
+    assert said == ""
+    assert taken <= charged + SPARE, f"{taken / MIB:.0f} MiB, charged {charged / MIB:.0f}"
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_more_than_the_budget_is_refused_before_it_is_taken(tmp_path, bomb):
+    path = file_of(bomb, tmp_path, 16)
+    charged, taken, said = load(path, 4 * MIB)
+    assert charged <= 4 * MIB
+    assert taken <= 4 * MIB + SPARE
+    assert re.search(rf"{re.escape(str(tmp_path))}.* 4 MiB.*SOLARI_VK_LOAD_MEMORY", said)
+
+
+def test_a_file_larger_than_the_budget_is_not_read(tmp_path):
+    """A .glb that says 3 GiB, and is as large without having data."""
+    path = tmp_path / "bomb.glb"
+    with open(path, "wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, 3 * 2**30))
+        file.truncate(3 * 2**30)
+    charged, taken, said = load(path, 2**30)
+    assert (charged, taken < SPARE) == (12, True)
+    assert "the file would take 3,072 MiB" in said
+
+
+def test_time_ends_loading(tmp_path):
+    with pytest.raises(sv.SolariError, match=r"longer than it may.*SOLARI_VK_LOAD_SECONDS"):
+        sv.load(file_of(instances, tmp_path, 1), seconds=1e-6)
+
+
+@pytest.mark.parametrize("value", ["12 KiB", "0.00001GB"])
+def test_the_environment_sets_the_budget(tmp_path, monkeypatch, value):
+    path = GltfWriter(tmp_path / "few.glb")
+    path.mesh({"POSITION": [*TRIANGLE, *np.random.default_rng(0).normal(size=(999, 3))]})
+    monkeypatch.setenv("SOLARI_VK_LOAD_MEMORY", value)
+    with pytest.raises(sv.SolariError, match="SOLARI_VK_LOAD_MEMORY"):
+        path.load()
+    assert parse_size("1.5 MiB", "") == 3 * 2**19
+    monkeypatch.setenv("SOLARI_VK_LOAD_MEMORY", "much")
+    with pytest.raises(sv.SolariError, match="give a size such as 4GiB, not 'much'"):
+        path.load()
+
+
+@pytest.mark.parametrize("name", ["pipe.glb", "pipe.obj", "pipe.hdr", "pipe.exr", "pipe.png"])
+def test_pipes_are_refused_at_once(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(sv.SolariError, match="not a readable file: give the path of a regular file"):
+        (sv.load if name.endswith(("glb", "obj")) else sv.Environment)(tmp_path / name)
