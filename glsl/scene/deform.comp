@@ -9,7 +9,7 @@
 
 layout(local_size_x = 64) in;
 
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer PosedMeshes { PosedMesh at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer PosedMeshes { PosedMesh at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Joints { Joint at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer ActiveTargets { ActiveTarget at[]; };
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from weakref import WeakSet
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import raw
@@ -20,6 +21,13 @@ from solari_vk.gpu.device.physical import (
     feature_chain,
 )
 from solari_vk.gpu.device.rays import AUTO, RAYS
+
+
+_FORKED = (
+    "belongs to the process that this one was forked from, and can't be used here: start processes by spawn "
+    "(multiprocessing.get_context('spawn')), and open a Device in each"
+)
+_open_devices: WeakSet[LogicalDevice] = WeakSet()
 
 
 class LogicalDevice:
@@ -37,6 +45,7 @@ class LogicalDevice:
         self.validation = validation
         self.lost = False
         self.closed = False
+        self.forked = False
         self._instance = Instance(validation)
         try:
             wanted = os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select
@@ -83,19 +92,30 @@ class LogicalDevice:
         queues = raw.ffi.new("VkQueue*")
         self.vk.vkGetDeviceQueue(self.handle, self.queue_family, 0, queues)
         self.queue: raw.CData = queues[0]
+        _open_devices.add(self)
 
     def _on_error(self, result: int) -> None:
         if result == raw.VK_ERROR_DEVICE_LOST:
             self.lost = True
 
     def _refuse(self, name: bytes) -> raw.CData:
-        raise DeviceError(f"{name.decode()} on {self.name}, which was closed")
+        raise DeviceError(f"{name.decode()}: {self.name} {self.closed_how}")
 
     def _destroy(self) -> None:
         """Destroy the VkDevice and its instance; later calls of their functions raise DeviceError."""
         self.vk.vkDestroyDevice(self.handle, raw.NULL)
         self._instance.close()
         self.vk = self.instance_vk = raw.Functions(self._refuse)
+
+    def leave_to_parent(self) -> None:
+        """Refuse all use in a forked process, where the driver's threads, and so the device's work, don't go on."""
+        self.closed = self.forked = True
+        self.vk = self.instance_vk = raw.Functions(self._refuse)
+
+    @property
+    def closed_how(self) -> str:
+        """Why a closed device can't be used, for errors."""
+        return _FORKED if self.forked else "was closed"
 
     def create(self, type_name: str, create_info: raw.CData, name: str) -> raw.CData:
         """A new handle of a type such as "VkSemaphore", with its debug name; the caller destroys it."""
@@ -145,3 +165,12 @@ class LogicalDevice:
 @lru_cache(256)
 def _label(name: str) -> raw.CData:
     return raw.struct("VkDebugUtilsLabelEXT", pLabelName=name)
+
+
+def _leave_devices_to_parent() -> None:
+    for device in list(_open_devices):
+        device.leave_to_parent()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_devices_to_parent)

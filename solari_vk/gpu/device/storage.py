@@ -74,7 +74,7 @@ class Storage:
     def check_range(self, offset: int, size: int, action: str) -> None:
         """Raise SolariError unless the buffer exists and the bytes lie inside it."""
         if self.device.closed:
-            raise DeviceError(f"{action} of buffer {self.name}, whose device was closed")
+            raise DeviceError(f"{action} of buffer {self.name}: {self.device.name} {self.device.closed_how}")
         if self.handle is None:
             raise SolariError(f"{action} of buffer {self.name}, which was destroyed")
         if offset < 0 or size < 0 or offset + size > self.size:

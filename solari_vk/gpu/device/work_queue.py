@@ -263,8 +263,10 @@ class WorkQueue(LogicalDevice):
 
     def retire(self, destroy: Callable[[], None]) -> None:
         """Call `destroy` when all work submitted so far, or due with the next submission, is done."""
+        if self.forked:
+            return  # it is the parent's to destroy
         if self.closed:
-            raise DeviceError(f"{self.name} was closed")
+            raise DeviceError(f"{self.name} {self.closed_how}")
         self._retired.append((self.submitted + bool(self._with_next or self._before_next), destroy))
         self.collect()
 
