@@ -231,6 +231,7 @@ class Poses(RuleBasedStateMachine):
         self.binder.destroy()
 
 
+@pytest.mark.usefixtures("bound")  # which fails if anything is left
 @pytest.mark.parametrize("examples", [40, pytest.param(200, marks=pytest.mark.slow)])
 def test_random_edits(device, examples):
     run_state_machine_as_test(lambda: Poses(device), settings=settings(max_examples=examples, stateful_step_count=40))
@@ -258,8 +259,9 @@ def test_lights_follow_poses(bound):
 def test_meshes_with_colors_alone(bound):
     """A posed mesh shares its colors with the mesh, and has no other attributes."""
     mesh, rest = tube(3)
-    bare = sv.Mesh(mesh.positions, mesh.triangles, colors=np.full((len(mesh.positions), 3), 0.5),
-                   deformation=mesh.deformation)  # fmt: skip
+    bare = sv.Mesh(
+        mesh.positions, mesh.triangles, colors=np.full((len(mesh.positions), 3), 0.5), deformation=mesh.deformation
+    )
     instance = sv.Instance(bare, joint_matrices=bent(rest, 0.3))
     binder = bound(instance)
     binder.update()
@@ -279,11 +281,12 @@ def test_meshes_with_colors_alone(bound):
         ({"joints": [[0]], "joint_weights": [[-1]]}, "negative, but those of vertex 0"),
         ({"joints": [[0]], "joint_weights": [[np.nan]]}, "joint_weights must be finite"),
         ({"joints": [[1 << 20]], "joint_weights": [[1]]}, "joints must be less than"),
-        ({"joints": [[0]]}, "together"), ({}, "targets or both"),
+        ({"joints": [[0]]}, "together"),
+        ({}, "targets or both"),
         ({"targets": np.zeros((2, 3, 3)), "target_normals": np.zeros((1, 3, 3))}, "the shape of targets"),
         ({"targets": np.full((1, 1, 3), 1e30)}, "must lie within"),
     ],
-)  # fmt: skip
+)
 def test_wrong_deformations(fields, message):
     with pytest.raises(SolariError, match=message):
         Deformation(**fields)

@@ -62,8 +62,9 @@ def quad_geometry(device: Device, made: Callable[[Any], Any], *corner: float, **
 def test_compaction_gives_memory_back(device, made, monkeypatch):
     """That rays hit the same: the conformance suite."""
     geometry = quad_geometry(device, made, 0.0, 0.0, 0.0)
-    tight, plain = (made(Blas(device, [geometry], name=name, allow_compaction=name == "tight"))
-                    for name in ("tight", "plain"))  # fmt: skip
+    tight, plain = (
+        made(Blas(device, [geometry], name=name, allow_compaction=name == "tight")) for name in ("tight", "plain")
+    )
     # Lavapipe 25.0 reports the storage size as the compacted size, so the test makes the two differ.
     needed, wasteful = tight.size, tight.size + 100_000
     tight.create(wasteful)
@@ -134,8 +135,9 @@ def test_refitted_worlds_are_refitted_in_place(device, made, monkeypatch):
     monkeypatch.setattr(device.vk, "vkCmdBuildAccelerationStructuresKHR", note)
     with World(device, {"quad": [Triangles(quad(0, 0, 0).reshape(2, 3, 3))]}, [Placed("quad")], REFITTED):
         top, bottom = (
-            raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, raw.VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR
-        )  # fmt: skip
+            raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+            raw.VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+        )
         assert builds == [(bottom, 0, False), (top, 0, False), (bottom, 1, True), (top, 1, True)]
     device.wait_idle()
 

@@ -86,8 +86,6 @@ def test_header_comes_before_the_code_and_makes_a_variant(shaders):
         compile_shader("passes/user.comp", root=shaders.root)
 
 
-
-
 def test_a_generated_header_is_what_its_module_says_and_counts_for_the_cache(shaders, made):
     shaders.write("user", GENERATED)
     first = compile_shader("passes/user.comp", root=shaders.root)

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from shader_folder import leaves_nothing
 
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
@@ -307,16 +308,13 @@ def test_broken_shader_leaves_the_frame_as_it_was(device, root, shaders):
     with Frame(device, [chain()], glsl_root=root) as frame:
         frame.uniforms["uniforms.frame"] = 3
         frame.submit()
-        device.wait_idle()
-        objects = device.live_objects
-        shaders.write("a_to_b", START + "void main() { b.at[0] = nonsense; }\n")
-        with pytest.raises(CompilationError, match=r"a_to_b\.comp:5: .*nonsense"):
-            frame.rebuild()
-        shaders.write("a_to_b", START + PASSES["a_to_b"].replace("b.at[i]", "layout_conflict"))
-        with pytest.raises(SolariError):
-            frame.rebuild([chain(), Stage("more", buffers={"a": 5})])
-        device.wait_idle()
-        assert device.live_objects == objects
+        with leaves_nothing(device):
+            shaders.write("a_to_b", START + "void main() { b.at[0] = nonsense; }\n")
+            with pytest.raises(CompilationError, match=r"a_to_b\.comp:5: .*nonsense"):
+                frame.rebuild()
+            shaders.write("a_to_b", START + PASSES["a_to_b"].replace("b.at[i]", "layout_conflict"))
+            with pytest.raises(SolariError):
+                frame.rebuild([chain(), Stage("more", buffers={"a": 5})])
         frame.submit()
         np.testing.assert_array_equal(frame["c"], expected(3))
         shaders.write("a_to_b", START + PASSES["a_to_b"].replace("* 2u", "* 4u"))
@@ -376,10 +374,9 @@ def test_nothing_grows(device, root):
         device.wait_idle()
 
     one_life()
-    objects, used = device.live_objects, device.memory.bytes_used
-    for _ in range(2):
+    used = device.memory.bytes_used
+    with leaves_nothing(device):
         one_life()
-    assert device.live_objects == objects
     assert device.memory.bytes_used == used
 
 
@@ -417,12 +414,8 @@ def with_a(item: Pass) -> Stage:
 )  # fmt: skip
 def test_mistakes_are_told_plainly(device, root, stage, message):
     assert device.pipeline_cache.handle  # made for the first pipelines, and kept
-    device.wait_idle()
-    objects = device.live_objects
-    with pytest.raises(SolariError, match=message):
+    with leaves_nothing(device), pytest.raises(SolariError, match=message):
         Frame(device, [stage], glsl_root=root)
-    device.wait_idle()
-    assert device.live_objects == objects
 
 
 def test_unknown_names_and_passes_without_a_size(device, root):

@@ -67,7 +67,8 @@ def test_numbers_follow_from_names(shaders):
     assert places == {"lone": (0, 0), "values": (1, 0), "extra": (0, 1), "textures": (0, 2)}
     linked = reflect(Interface.linked(SimpleNamespace(bindings=merged), second))
     assert {name: found.binding for name, found in linked.bindings.items()} == {
-        name: merged[name].binding for name in second.bindings}  # fmt: skip
+        name: merged[name].binding for name in second.bindings
+    }
 
 
 def test_constants_get_ids_by_name(shaders):

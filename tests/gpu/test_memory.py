@@ -66,7 +66,7 @@ class Allocations(RuleBasedStateMachine):
     @precondition(lambda self: self.live)
     @rule(start=st.integers(0, 50), step=st.integers(1, 5), count=st.integers(1, 60))
     def free(self, start: int, step: int, count: int) -> None:
-        for allocation in self.live[start :: step][:count]:
+        for allocation in self.live[start::step][:count]:
             self.live.remove(allocation)
             self.memory.free(allocation)
         self.check()
@@ -215,8 +215,9 @@ def fit(buffer: int, offset: int, size: int, value: int) -> tuple[int, int, int,
     return buffer, offset, min(size, 5000 - offset), value
 
 
-COPIES = st.lists(st.builds(fit, st.integers(0, 2), st.integers(0, 4999), st.integers(0, 3000), st.integers(0, 255)),
-                  max_size=12)  # fmt: skip
+COPIES = st.lists(
+    st.builds(fit, st.integers(0, 2), st.integers(0, 4999), st.integers(0, 3000), st.integers(0, 255)), max_size=12
+)
 ACTIONS = st.lists(st.tuples(st.sampled_from(["upload", "batch", "fill", "busy batch"]), COPIES), max_size=12)
 
 

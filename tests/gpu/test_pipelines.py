@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shader_folder import ShaderFolder
+from shader_folder import ShaderFolder, leaves_nothing
 
 from solari_vk import disk_cache
 from solari_vk.errors import DeviceError
@@ -55,30 +55,25 @@ def watch(device: Device, monkeypatch: pytest.MonkeyPatch, call: Callable[..., i
     monkeypatch.setattr(device.vk, "vkCreateComputePipelines", lambda *arguments: call(real, *arguments))
 
 
-def test_pipelines_are_created_at_the_same_time(own_device, stage, shaders, monkeypatch):
+def test_shaders_are_compiled_and_pipelines_created_at_the_same_time(own_device, stage, shaders, monkeypatch):
+    """The barriers break unless all shaders, and then all pipelines, are being made at one time."""
     monkeypatch.setattr(os, "cpu_count", lambda: COUNT + 1)
-    together, threads = threading.Barrier(COUNT + 1), set()
+    compiling, creating = threading.Barrier(COUNT), threading.Barrier(COUNT + 1)
+    compile_source, threads = shaderc.compile_source, set()
+
+    def compile_together(*arguments: Any, **options: Any) -> bytes:
+        compiling.wait(timeout=20)
+        return compile_source(*arguments, **options)
 
     def create(real: Callable[..., int], *arguments: Any) -> int:
-        together.wait(timeout=20)  # breaks unless all pipelines are being created now
+        creating.wait(timeout=20)
         threads.add(threading.get_ident())
         return real(*arguments)
 
+    monkeypatch.setattr(shaderc, "compile_source", compile_together)
     watch(own_device, monkeypatch, create)
     assert results(own_device, stage, shaders) == EXPECTED
     assert len(threads) == COUNT + 1
-
-
-def test_shaders_are_compiled_at_the_same_time(own_device, stage, shaders, monkeypatch):
-    monkeypatch.setattr(os, "cpu_count", lambda: COUNT)
-    together, compile_source = threading.Barrier(COUNT), shaderc.compile_source
-
-    def compile_together(*arguments: Any, **options: Any) -> bytes:
-        together.wait(timeout=20)
-        return compile_source(*arguments, **options)
-
-    monkeypatch.setattr(shaderc, "compile_source", compile_together)
-    assert results(own_device, stage, shaders) == EXPECTED
 
 
 def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch):
@@ -122,13 +117,10 @@ def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders,
 
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # so that they are created in the order of the passes
     results(own_device, stage, shaders)
-    own_device.wait_idle()
-    objects = own_device.live_objects
     watch(own_device, monkeypatch, create)
-    with pytest.raises(DeviceError, match=r"^pass write_2: .*VK_ERROR_OUT_OF_DEVICE_MEMORY"):
+    error = r"^pass write_2: .*VK_ERROR_OUT_OF_DEVICE_MEMORY"
+    with leaves_nothing(own_device), pytest.raises(DeviceError, match=error):
         Frame(own_device, [stage], glsl_root=shaders.root)
-    own_device.wait_idle()
-    assert own_device.live_objects == objects
 
 
 def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage, shaders, monkeypatch):
@@ -150,16 +142,14 @@ def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage
         return result
 
     results(own_device, stage, shaders)
-    own_device.wait_idle()
-    objects, real_wait = own_device.live_objects, pipelines.wait
+    real_wait = pipelines.wait
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     monkeypatch.setattr(pipelines, "wait", wait)
     watch(own_device, monkeypatch, create)
-    with pytest.raises(KeyboardInterrupt):
-        Frame(own_device, [stage], glsl_root=shaders.root)
-    assert len(ended) == len(started)
-    own_device.wait_idle()
-    assert own_device.live_objects == objects
+    with leaves_nothing(own_device):
+        with pytest.raises(KeyboardInterrupt):
+            Frame(own_device, [stage], glsl_root=shaders.root)
+        assert len(ended) == len(started)
 
 
 # ---- on disk ----------------------------------------------------------------------------------------
@@ -190,16 +180,6 @@ def entries() -> list[Path]:
     return list(folder.glob("*.pipelines"))
 
 
-def test_the_cache_outlives_the_device(any_device, stage, shaders, monkeypatch):
-    assert initial_data(monkeypatch, stage, shaders) == b""
-    (file,) = entries()
-    kept = disk_cache.load(file.name)
-    assert kept is not None
-    assert kept[:4] == (32).to_bytes(4, "little")
-    assert initial_data(monkeypatch, stage, shaders) == kept
-    assert not list(file.parent.glob("*.tmp"))
-
-
 def with_hash(content: bytes) -> bytes:
     return hashlib.sha256(content).digest() + content
 
@@ -209,19 +189,21 @@ def other_device(entry: bytes) -> bytes:
     return with_hash(entry[32:48] + bytes(255 - byte for byte in entry[48:64]) + entry[64:])
 
 
-@pytest.mark.parametrize("damage", [lambda b: b[:50] + bytes([b[50] ^ 1]) + b[51:], other_device])
-def test_a_useless_file_is_replaced(any_device, stage, shaders, monkeypatch, damage):
-    initial_data(monkeypatch, stage, shaders)
+def test_the_cache_outlives_the_device_and_what_is_useless_is_replaced(any_device, stage, shaders, monkeypatch):
+    """A file that is damaged, or of another device, and one that has grown too large."""
+    assert initial_data(monkeypatch, stage, shaders) == b""
     (file,) = entries()
     good = file.read_bytes()
-    file.write_bytes(damage(good))
-    assert initial_data(monkeypatch, stage, shaders) == b""
-    assert file.read_bytes() == good
-    assert initial_data(monkeypatch, stage, shaders) == good[32:]
-
-
-def test_a_file_that_has_grown_too_large_is_begun_anew(any_device, stage, shaders, monkeypatch):
-    initial_data(monkeypatch, stage, shaders)
+    kept = good[32:]
+    assert disk_cache.load(file.name) == kept
+    assert kept[:4] == (32).to_bytes(4, "little")
+    assert initial_data(monkeypatch, stage, shaders) == kept
+    for damaged in (good[:50] + bytes([good[50] ^ 1]) + good[51:], other_device(good)):
+        file.write_bytes(damaged)
+        assert initial_data(monkeypatch, stage, shaders) == b""
+        assert file.read_bytes() == good
+    assert initial_data(monkeypatch, stage, shaders) == kept
+    assert not list(file.parent.glob("*.tmp"))
     monkeypatch.setattr(pipeline_cache, "MAX_BYTES", 1)
     assert initial_data(monkeypatch, stage, shaders) == b""
 

@@ -166,13 +166,16 @@ void main() { if (FLAG) a.at[uint(COUNT)] = uint(SCALE) * ROWS; }
     assert module(shaders, "void main() { a.at[0] = 1u; }\n").local_size() == (8, 1, 1)
 
 
-def test_data_in_shader_records_are_refused(shaders):
-    shaders.write("x.rchit", """#version 460
+RECORD = """#version 460
 #extension GL_EXT_ray_tracing : require
 layout(location = 0) rayPayloadInEXT uint found;
 layout(shaderRecordEXT) buffer RecordBlock { uint value; } record;
 void main() { found = record.value; }
-""")
+"""
+
+
+def test_data_in_shader_records_are_refused(shaders):
+    shaders.write("x.rchit", RECORD)
     with pytest.raises(SolariError, match=r"^x: shaderRecordEXT: records .* hold no data: read a buffer"):
         reflect(compile_shader("x.rchit", root=shaders.root), "x")
 

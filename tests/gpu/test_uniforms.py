@@ -103,7 +103,6 @@ def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
     given.destroy()
 
 
-
 RECORD = np.dtype({
     "names": ["matrix", "count", "place", "far", "address"],
     "formats": [("<f4", (4, 3)), "<u4", ("<f4", (2,)), "<i4", "<u8"],

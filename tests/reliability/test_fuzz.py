@@ -14,7 +14,7 @@ from fuzz_seeds import GLTF, IMAGES, MESHES, OTHERS, RADIANCE
 GROUPS = {"scenes": GLTF, "images": IMAGES, "meshes": MESHES, "environments": RADIANCE, "others": OTHERS}
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("group", GROUPS)
 def test_mutated_files(tmp_path, group, count):
     """count: of mutants of each kind of file."""
