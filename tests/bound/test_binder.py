@@ -148,6 +148,7 @@ def failing(patch, owner, name, calls):
 PARTS = [(Uploads, "buffer"), (Table, "_runs"), (Tlas, "_record")]
 RNGS = st.integers(0, 99).map(np.random.default_rng)
 ANY = st.integers(0, 99)
+CALLS = st.integers(0, 2) | st.integers(0, 12)
 HAS_INSTANCES = precondition(lambda self: self.scene.instances)
 
 
@@ -213,7 +214,7 @@ class Edits(RuleBasedStateMachine):
     def remove_sun(self):
         self.scene.remove(self.scene.lights[0])
 
-    @rule(part=st.sampled_from(PARTS), calls=st.integers(0, 12), count=st.integers(0, 17), rng=RNGS, kept=st.booleans())
+    @rule(part=st.sampled_from(PARTS), calls=CALLS, count=st.integers(0, 17), rng=RNGS, kept=st.booleans())
     def fail_to_update(self, part, calls, count, rng, kept):
         """Tables begin with 16 rows, so that they may have to grow."""
         mesh = make_mesh(rng)
@@ -244,14 +245,15 @@ def test_random_edits_are_mirrored(device, examples):
     run_state_machine_as_test(lambda: Edits(device), settings=settings(max_examples=examples, stateful_step_count=40))
 
 
-def test_what_was_never_uploaded_can_be_removed(rng, scene, binder, monkeypatch):
-    """Also the row after the 16 with which tables begin."""
-    for _ in range(15):
+@pytest.mark.parametrize(("part", "count"), [(PARTS[0], 16), (PARTS[2], 2)])
+def test_what_was_never_uploaded_can_be_removed(rng, scene, binder, monkeypatch, part, count):
+    """The row after the 16 with which tables begin; an instance without which the previous TLAS build fits again."""
+    for _ in range(count - 1):
         scene.add(make_instance(rng))
     assert_mirrors(binder, scene)
     added = scene.add(make_instance(rng))
     with monkeypatch.context() as patch:
-        failing(patch, *PARTS[0], calls=0)
+        failing(patch, *part, calls=0)
         with pytest.raises(SolariError, match="out of memory"):
             binder.update()
     scene.remove(added)
