@@ -6,6 +6,7 @@ import os
 import signal
 
 import pytest
+from hypothesis import HealthCheck, Phase, settings
 
 # Every Device of the suite validates, also those that tests make through the command line in this process.
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
@@ -13,6 +14,14 @@ os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import instance as instance_module
 from solari_vk.gpu.device.device import Device, list_devices
+
+# Random tests find the same failures in every run and on every machine.
+settings.register_profile(
+    "suite", derandomize=True, database=None, deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    phases=set(Phase) - {Phase.explain},  # which takes minutes
+)  # fmt: skip
+settings.load_profile("suite")
 
 _messages = []
 _devices = []

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 from support.characters import bent, tube
 
 import solari_vk as sv
@@ -12,52 +15,49 @@ from solari_vk.errors import SolariError
 from solari_vk.scene.deformation import Deformation
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(20)
+def shape_of(binder, instance):
+    return binder._uses[instance][0]
 
 
-@pytest.fixture
-def bound(device):
-    """A function that binds a scene to the device."""
-    made = []
+def record_of(binder, shape):
+    return binder._geometry.table.records[binder._geometry.rows[shape]]
 
-    def bind(scene):
-        made.append(SceneBinder(device, scene))
-        return made[-1]
 
-    yield bind
-    for binder in made:
-        binder.destroy()
+def read(binder, instance, field, dtype=np.float32, columns=(3,)):
+    """A posed instance's vertices on the device: what the address in its mesh's record points to."""
+    shape = shape_of(binder, instance)
+    address, count = int(record_of(binder, shape)[field]), len(instance.mesh.positions)
+    for buffer in (shape.buffer, *shape.copies.values()):
+        if buffer.address <= address < buffer.address + buffer.size:
+            return buffer.read(dtype, count * int(np.prod(columns)), address - buffer.address).reshape(count, *columns)
+    raise AssertionError("the address is of no buffer")
 
 
 def vertices(binder, instance, user=None):
     """What the device has: positions, previous positions, and records of attributes."""
     binder.update(binder if user is None else user)
-    geometry = binder._geometry
-    shape, _, _ = binder._uses[instance]
-    record = geometry.table.records[geometry.rows[shape]]
-    count, buffer = len(instance.mesh.positions), shape.buffer
-    places = [int(record[name]) - buffer.address for name in ("positions", "previous_positions", "attributes")]
-    now, before = (buffer.read(np.float32, 3 * count, place).reshape(-1, 3) for place in places[:2])
-    return now, before, buffer.read(geometry._attributes, count, places[2])
+    places = (read(binder, instance, field) for field in ("positions", "previous_positions"))
+    return *places, read(binder, instance, "attributes", binder._geometry._attributes, ())
 
 
 def expected(mesh, matrices=None, weights=None):
-    """Positions, normals and tangents in 64 bits, vertex by vertex, as glTF's specification says."""
-    rest = [part[:, :3].astype(np.float64) for part in (mesh.positions, mesh.normals, mesh.tangents)]
+    """Positions, normals and tangents in 64 bits, as glTF's specification says."""
+    positions, normals, tangents = (
+        part[:, :3].astype(np.float64) for part in (mesh.positions, mesh.normals, mesh.tangents)
+    )
     added = mesh.deformation
-    for part, deltas in zip(rest, (added.targets, added.target_normals, added.target_tangents), strict=True):
-        if weights is not None:
-            part += sum(w * d.astype(np.float64) for w, d in zip(np.float32(weights), deltas, strict=True))
+    if weights is not None:
+        deltas = (added.targets, added.target_normals, added.target_tangents)
+        for part, delta in zip((positions, normals, tangents), deltas, strict=True):
+            part += np.tensordot(np.float32(weights).astype(np.float64), delta.astype(np.float64), 1)
     if matrices is not None:
-        matrices = np.float32(matrices).astype(np.float64)
-        for row, (joints, shares) in enumerate(zip(added.joints, added.joint_weights.astype(np.float64), strict=True)):
-            matrix = sum(share * matrices[joint] for joint, share in zip(joints, shares, strict=True))
-            rest[0][row] = matrix[:3, :3] @ rest[0][row] + matrix[:3, 3]
-            rest[1][row] = np.linalg.inv(matrix[:3, :3]).T @ rest[1][row] * np.linalg.det(matrix[:3, :3])
-            rest[2][row] = matrix[:3, :3] @ rest[2][row]
-    return [rest[0], *(part / np.linalg.norm(part, axis=1, keepdims=True) for part in rest[1:])]
+        of_joints = np.float32(matrices).astype(np.float64)[added.joints]
+        matrix = np.einsum("vk,vkij->vij", added.joint_weights.astype(np.float64), of_joints)
+        turn = matrix[:, :3, :3]
+        cofactors = np.linalg.inv(turn).transpose(0, 2, 1) * np.linalg.det(turn)[:, None, None]
+        positions = (turn @ positions[..., None])[..., 0] + matrix[:, :3, 3]
+        normals, tangents = ((by @ part[..., None])[..., 0] for by, part in ((cofactors, normals), (turn, tangents)))
+    return [positions, *(part / np.linalg.norm(part, axis=1, keepdims=True) for part in (normals, tangents))]
 
 
 def compare(found, wanted):
@@ -69,15 +69,15 @@ def compare(found, wanted):
 # ---- vertices ---------------------------------------------------------------------------------------
 
 
-def test_vertices_of_poses(bound, rng):
+def test_vertices_of_poses(bound):
     """Joints that turn, scale and shear; several targets of which some have no weight; both; and neither."""
     mesh, rest = tube(4, targets=5)
     instance = sv.Instance(mesh, transform=[1, 2, 3])
-    binder = bound(sv.Scene(instance))
+    binder = bound(instance)
     sheared = bent(rest, 0.4)
-    sheared[:, :3, :3] += rng.normal(scale=0.1, size=(4, 3, 3))
+    sheared[:, :3, :3] += np.random.default_rng(20).normal(scale=0.1, size=(4, 3, 3))
     weights = np.array([0.5, 0, -0.25, 0, 1.5])
-    for pose in ((bent(rest, 0.3), None), (sheared, None), (None, weights), (sheared, weights), (None, 0 * weights)):
+    for pose in ((bent(rest, 0.3), None), (None, weights), (sheared, weights), (None, 0 * weights)):
         instance.update(joint_matrices=pose[0], morph_weights=pose[1])
         found = vertices(binder, instance)
         compare(found, expected(mesh, *pose))
@@ -85,44 +85,9 @@ def test_vertices_of_poses(bound, rng):
         assert (found[2]["tangent"][:, 3] == 1).all()
         host = instance.posed_mesh()
         compare((host.positions, None, {"normal": host.normals, "tangent": host.tangents}), expected(mesh, *pose))
-        low, high = (binder._geometry.table.records[binder._geometry.rows[binder._uses[instance][0]]][name]
-                     for name in ("bounds_min", "bounds_max"))  # fmt: skip
-        assert (found[0] >= low).all()
-        assert (found[0] <= high).all()
-
-
-def test_instances_of_a_mesh_have_poses_of_their_own(bound):
-    mesh, rest = tube()
-    poses = [bent(rest, angle) for angle in (0.1, -0.5, 1.2)]
-    instances = [sv.Instance(mesh, joint_matrices=pose) for pose in poses]
-    still = sv.Instance(mesh)
-    binder = bound(sv.Scene(still, *instances))
-    for instance, pose in zip(instances, poses, strict=True):
-        compare(vertices(binder, instance), expected(mesh, pose))
-    instances[1].joint_matrices = poses[2]
-    compare(vertices(binder, instances[1]), expected(mesh, poses[2]))
-    compare(vertices(binder, instances[0]), expected(mesh, poses[0]))
-    assert binder._uses[still][0] is mesh
-
-
-def test_previous_positions_are_those_of_the_previous_frame(bound):
-    mesh, rest = tube()
-    one, other = (sv.Instance(mesh, joint_matrices=bent(rest, 0.0)) for _ in range(2))
-    binder = bound(sv.Scene(one, other))
-    before = None
-    for angle in (0.1, 0.2, 0.3):
-        one.joint_matrices = bent(rest, angle)
-        now, previous, _ = vertices(binder, one)
-        assert before is None or (previous == before).all()
-        before = now
-    other.transform = [1, 0, 0]
-    now, previous, _ = vertices(binder, one)
-    assert (now == before).all()
-    assert (previous == now).all(), "another instance moved"
-    one.joint_matrices = bent(rest, 0.5)
-    vertices(binder, one)
-    now, previous, _ = vertices(binder, one)
-    assert (previous == now).all(), "a second frame without edits"
+        record = record_of(binder, shape_of(binder, instance))
+        assert (found[0] >= record["bounds_min"]).all()
+        assert (found[0] <= record["bounds_max"]).all()
 
 
 class User:
@@ -130,147 +95,146 @@ class User:
 
 
 def test_previous_positions_are_those_of_the_same_renderer(bound):
-    """Renderers of one scene that skip frames, come late and leave, and changes that none of them sees."""
+    """Renderers of one scene that skip frames, come late and leave, changes that none of them sees, and others'."""
     mesh, rest = tube()
-    scene = sv.Scene(instance := sv.Instance(mesh, joint_matrices=bent(rest, 0.0)))
-    binder = bound(scene)
+    instance, other = (sv.Instance(mesh, joint_matrices=bent(rest, 0.0)) for _ in range(2))
+    binder = bound(instance, other)
     users = {name: User() for name in "abc"}
     shown = {}
-
-    def read(place):
-        geometry = binder._geometry
-        shape = binder._uses[instance][0]
-        address, size = int(geometry.table.records[geometry.rows[shape]][place]), mesh.positions.nbytes
-        for buffer in (shape.buffer, *shape.copies.values()):
-            if buffer.address <= address < buffer.address + buffer.size:
-                return buffer.read(np.float32, size // 4, address - buffer.address).reshape(-1, 3)
-        raise AssertionError("the address is of no buffer")
-
     for frame, names in enumerate(["a", "ab", "a", "a", "", "ac", "b", "a", "aa", "bc", "ab", "c", "ba"]):
+        other.transform = [frame, 0, 0]
         if frame % 5 != 4:
             instance.joint_matrices = bent(rest, 0.1 * frame)
         binder.update()
         for name in names:
-            binder.update(users[name])
-            now, before = read("positions"), read("previous_positions")
+            now, before, _ = vertices(binder, instance, users[name])
             np.testing.assert_allclose(now, expected(mesh, instance.joint_matrices)[0], atol=1e-6)
             assert (before == shown.get(name, now)).all(), (frame, name)
             shown[name] = now
     users.clear()
     instance.joint_matrices = bent(rest, 2.0)
     binder.update()
-    assert not binder._uses[instance][0].copies, "nobody needs them"
+    assert not shape_of(binder, instance).copies, "nobody needs them"
 
 
 def test_equal_poses_are_at_rest(bound):
     """An array of the same numbers is the same pose, for which the device has nothing to do."""
     mesh, rest = tube(targets=1)
     fields = {"joint_matrices": bent(rest, 0.3), "morph_weights": [0.5]}
-    binder = bound(sv.Scene(instance := sv.Instance(mesh, **fields)))
+    instance = sv.Instance(mesh, **fields)
+    binder = bound(instance)
     binder.update(binder)
     instance.update(**{name: np.array(value) for name, value in fields.items()})
     binder.update(binder)
-    geometry = binder._geometry
-    record = geometry.table.records[geometry.rows[binder._uses[instance][0]]]
+    record = record_of(binder, shape_of(binder, instance))
     assert record["positions"] == record["previous_positions"]
-    assert binder._uses[instance][0].refits == 0
+    assert shape_of(binder, instance).refits == 0
 
 
 def test_edits_of_posed_meshes(bound):
     mesh, rest = tube()
     instance = sv.Instance(mesh, joint_matrices=bent(rest, 0.2))
-    binder = bound(scene := sv.Scene(instance))
+    still = sv.Instance(mesh)
+    binder = bound(instance, still)
     vertices(binder, instance)
+    assert shape_of(binder, still) is mesh
     mesh.positions = mesh.positions * [2, 1, 2]
     compare(vertices(binder, instance), expected(mesh, bent(rest, 0.2)))
     longer, rest = tube(5, rings=20)
-    instance.update(mesh=longer, joint_matrices=bent(rest, 0.1))
-    compare(vertices(binder, instance), expected(longer, bent(rest, 0.1)))
-    instance.joint_matrices = None
+    for edited, field in ((instance, "joint_matrices"), (longer, "deformation")):
+        instance.update(mesh=longer, joint_matrices=bent(rest, 0.1))
+        compare(vertices(binder, instance), expected(longer, bent(rest, 0.1)))
+        setattr(edited, field, None)
+        binder.update()
+        assert shape_of(binder, instance) is longer
+    binder.scene.remove(instance)
+    binder.scene.remove(still)
     binder.update()
-    assert binder._uses[instance][0] is longer
-    instance.joint_matrices = bent(rest, 0.1)
-    compare(vertices(binder, instance), expected(longer, bent(rest, 0.1)))
-    longer.deformation = None
-    binder.update()
-    assert binder._uses[instance][0] is longer
-    scene.remove(instance)
-    binder.update()
-    assert not binder._geometry.rows
-    assert not binder._geometry.posed._sources
+    assert not binder.triangle_orders
 
 
-def check_addresses(binder):
-    """What the records of instances and of posed meshes point to is there."""
-    binder.update()
-    geometry, traced = binder._geometry, binder._traced
-    for instance, (shape, ray_shape, _) in binder._uses.items():
-        record = traced.table.records[traced._indices[binder._instance_rows[instance]]]
-        assert record["blas_address"] == geometry.blases[ray_shape].address
-        for mesh, used in ((instance.mesh, shape), (instance.ray_mesh or instance.mesh, ray_shape)):
-            buffer = geometry._buffers[mesh]
-            triangles = int(geometry.table.records[geometry.rows[used]]["triangles"])
-            assert buffer.address <= triangles < buffer.address + buffer.size
+ANGLES = st.none() | st.floats(-1, 1)
+WEIGHTS = st.none() | st.lists(st.floats(-2, 2), min_size=2, max_size=2)
+NUMBERS = st.integers(0, 30)
+HAS_INSTANCES = precondition(lambda self: self.scene.instances)
 
 
-def test_a_mesh_that_other_instances_begin_to_use(bound):
-    """Its structure for rays is built, or built otherwise for blended surfaces, for instances that stay as they are."""
-    mesh, rest = tube(3)
-    plain = sv.shapes.sphere()
-    scene = sv.Scene(sv.Instance(mesh, joint_matrices=bent(rest, 0.3)), sv.Instance(plain))
-    binder = bound(scene)
-    check_addresses(binder)
-    scene.add(sv.Instance(mesh, transform=[1, 0, 0]))
-    check_addresses(binder)
-    for shared in (plain, mesh):
-        scene.add(sv.Instance(shared, sv.Material(alpha_mode="blend", alpha=0.5), transform=[2, 0, 0]))
-        check_addresses(binder)
-    scene.instances[0].joint_matrices = bent(rest, 0.5)
-    check_addresses(binder)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_random_edits(bound, seed):
+class Poses(RuleBasedStateMachine):
     """Poses, meshes, materials, visibility and members of a scene change; the device has every instance's vertices."""
-    rng = np.random.default_rng(seed)
-    skins, plain = [tube(3), tube(4, targets=2)], sv.shapes.sphere()
-    materials = [sv.Material(emissive=light) for light in (0.0, 2.0)]
-    scene = sv.Scene()
-    binder, users = bound(scene), [User(), User()]
 
-    def pose(instance, mesh, rest):
-        joints = bent(rest, rng.uniform(-1, 1)) if rng.random() < 0.7 else None
-        weights = rng.normal(size=2) if mesh.deformation.target_count and rng.random() < 0.7 else None
-        instance.update(mesh=mesh, ray_mesh=None, joint_matrices=joints, morph_weights=weights)
+    def __init__(self, device):
+        super().__init__()
+        self.skins = [tube(3), tube(4, targets=2)]
+        self.meshes = [sv.shapes.sphere(), *(mesh for mesh, _ in self.skins)]
+        self.materials = [sv.Material(emissive=light) for light in (0.0, 2.0)]
+        self.scene = sv.Scene()
+        self.binder, self.users = SceneBinder(device, self.scene), [User(), User()]
 
-    def edit():
-        kind = rng.integers(9)
-        if kind < 2 or not scene.instances:
-            scene.add(sv.Instance(plain, rng.choice(materials), [rng.normal(), 0, 0]))
-            return
-        one = rng.choice(list(scene.instances))
-        if kind < 5:
-            pose(one, *skins[rng.integers(2)])
-        elif kind == 5:
-            one.update(mesh=plain, ray_mesh=skins[0][0], joint_matrices=None, morph_weights=None)
-        elif kind == 6:
-            one.update(visible=rng.random() < 0.7, material=rng.choice(materials))
-        elif kind == 7:
-            rng.choice(materials).update(alpha_mode=rng.choice(["opaque", "blend"]), alpha=0.5)
-        else:
-            scene.remove(one)
+    def instance(self, number):
+        return self.scene.instances[number % len(self.scene.instances)]
 
-    for _ in range(40):
-        for _ in range(rng.integers(1, 4)):
-            edit()
-        binder.update(rng.choice(users))
-        check_addresses(binder)
-        for instance in scene:
+    @rule(mesh=NUMBERS, material=NUMBERS, x=st.floats(-2, 2))
+    def add(self, mesh, material, x):
+        self.scene.add(sv.Instance(self.meshes[mesh % 3], self.materials[material % 2], [x, 0, 0]))
+
+    @HAS_INSTANCES
+    @rule(number=NUMBERS, skin=NUMBERS, angle=ANGLES, weights=WEIGHTS)
+    def pose(self, number, skin, angle, weights):
+        mesh, rest = self.skins[skin % 2]
+        self.instance(number).update(
+            mesh=mesh, ray_mesh=None, joint_matrices=None if angle is None else bent(rest, angle),
+            morph_weights=weights if mesh.deformation.target_count else None,
+        )  # fmt: skip
+
+    @HAS_INSTANCES
+    @rule(number=NUMBERS)
+    def rays_meet_another_mesh(self, number):
+        plain, skin, _ = self.meshes
+        self.instance(number).update(mesh=plain, ray_mesh=skin, joint_matrices=None, morph_weights=None)
+
+    @HAS_INSTANCES
+    @rule(number=NUMBERS, visible=st.booleans(), material=NUMBERS)
+    def look(self, number, visible, material):
+        self.instance(number).update(visible=visible, material=self.materials[material % 2])
+
+    @rule(material=NUMBERS, alpha_mode=st.sampled_from(["opaque", "blend"]))
+    def edit_material(self, material, alpha_mode):
+        self.materials[material % 2].update(alpha_mode=alpha_mode, alpha=0.5)
+
+    @HAS_INSTANCES
+    @rule(number=NUMBERS)
+    def remove(self, number):
+        self.scene.remove(self.instance(number))
+
+    @rule(user=NUMBERS)
+    def frame(self, user):
+        """What the records of instances and of meshes point to is there, and is right."""
+        binder, user = self.binder, self.users[user % 2]
+        binder.update(user)
+        geometry, traced = binder._geometry, binder._traced
+        records = traced.table.records[: traced.count]
+        blases = {int(record["custom_index_and_mask"]) & 0xFFFFFF: record["blas_address"] for record in records}
+        for row, instance in binder.instances.items():
+            shape, ray_shape, _ = binder._uses[instance]
+            assert blases[row] == geometry.blases[ray_shape].address
+            for mesh, used in ((instance.mesh, shape), (instance.ray_mesh or instance.mesh, ray_shape)):
+                buffer, triangles = geometry._buffers[mesh], int(record_of(binder, used)["triangles"])
+                assert buffer.address <= triangles < buffer.address + buffer.size
             if instance.posed:
-                found, before, _ = vertices(binder, instance, rng.choice(users))
+                found, before, _ = vertices(binder, instance, user)
                 posed = expected(instance.mesh, instance.joint_matrices, instance.morph_weights)[0]
                 np.testing.assert_allclose(found, posed, atol=2e-6)
                 assert np.isfinite(before).all()
+
+    def teardown(self):
+        self.frame(0)
+        self.binder.destroy()
+
+
+@pytest.mark.usefixtures("bound")  # which fails if anything is left
+@pytest.mark.parametrize("examples", [40, pytest.param(200, marks=pytest.mark.slow)])
+def test_random_edits(device, examples):
+    run_state_machine_as_test(lambda: Poses(device), settings=settings(max_examples=examples, stateful_step_count=40))
 
 
 def test_lights_follow_poses(bound):
@@ -279,7 +243,7 @@ def test_lights_follow_poses(bound):
     flat = mesh.positions * np.where(mesh.positions[:, 1:2] < 1, [1, 1e-4, 1], 1)
     skin = sv.Mesh(flat, mesh.triangles, normals=mesh.normals, deformation=mesh.deformation)
     lamp = sv.Instance(skin, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))
-    binder = bound(sv.Scene(lamp, sv.Instance(mesh, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))))
+    binder = bound(lamp, sv.Instance(mesh, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0)))
     binder.update()
     before = binder.lights.powers.copy()
     lamp.joint_matrices = np.diag([2.0, 2.0, 2.0, 1.0]) @ bent(rest, 0.5)
@@ -295,13 +259,13 @@ def test_lights_follow_poses(bound):
 def test_meshes_with_colors_alone(bound):
     """A posed mesh shares its colors with the mesh, and has no other attributes."""
     mesh, rest = tube(3)
-    bare = sv.Mesh(mesh.positions, mesh.triangles, colors=np.full((len(mesh.positions), 3), 0.5),
-                   deformation=mesh.deformation)  # fmt: skip
+    bare = sv.Mesh(
+        mesh.positions, mesh.triangles, colors=np.full((len(mesh.positions), 3), 0.5), deformation=mesh.deformation
+    )
     instance = sv.Instance(bare, joint_matrices=bent(rest, 0.3))
-    binder = bound(sv.Scene(instance))
+    binder = bound(instance)
     binder.update()
-    geometry = binder._geometry
-    posed, base = (geometry.table.records[geometry.rows[shape]] for shape in (binder._uses[instance][0], bare))
+    posed, base = (record_of(binder, shape) for shape in (shape_of(binder, instance), bare))
     assert posed["colors"] == base["colors"] != 0
     assert posed["attributes"] == 0
     assert instance.posed_mesh().colors is not None
@@ -317,11 +281,12 @@ def test_meshes_with_colors_alone(bound):
         ({"joints": [[0]], "joint_weights": [[-1]]}, "negative, but those of vertex 0"),
         ({"joints": [[0]], "joint_weights": [[np.nan]]}, "joint_weights must be finite"),
         ({"joints": [[1 << 20]], "joint_weights": [[1]]}, "joints must be less than"),
-        ({"joints": [[0]]}, "together"), ({}, "targets or both"),
+        ({"joints": [[0]]}, "together"),
+        ({}, "targets or both"),
         ({"targets": np.zeros((2, 3, 3)), "target_normals": np.zeros((1, 3, 3))}, "the shape of targets"),
         ({"targets": np.full((1, 1, 3), 1e30)}, "must lie within"),
     ],
-)  # fmt: skip
+)
 def test_wrong_deformations(fields, message):
     with pytest.raises(SolariError, match=message):
         Deformation(**fields)

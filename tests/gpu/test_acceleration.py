@@ -5,15 +5,13 @@ That rays hit what was built, in all formats and however it was built, is proved
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from solari_vk.conformance.bulk_checks import trace
-from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.conformance.worlds import REFITTED, Placed, Triangles, World, instance_records, translation
+from solari_vk.conformance.worlds import REFITTED, Placed, Triangles, World
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration import blas_builds, structure
 from solari_vk.gpu.acceleration.blas import Blas
@@ -24,8 +22,6 @@ from solari_vk.gpu.acceleration.tlas import Tlas, TlasBuild
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-
-DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @pytest.fixture
@@ -63,46 +59,11 @@ def quad_geometry(device: Device, made: Callable[[Any], Any], *corner: float, **
     return TriangleGeometry(upload(device, made, quad(*corner)).address, 6, 2, **options)
 
 
-def closest_hits(device: Device, blases: Sequence[Blas], origins: np.ndarray) -> np.ndarray:
-    """Closest hits of rays along -z in a Tlas of these structures, which are placed 2 apart in x."""
-    placed = [Placed(str(i), translation(2.0 * i)) for i in range(len(blases))]
-    records = instance_records(placed, {str(i): blas.address for i, blas in enumerate(blases)})
-    buffer, tlas = device.buffer(records.nbytes, "instances"), Tlas(device, len(blases))
-    buffer.upload(records)
-    device.run(lambda cmd: tlas.record_build(cmd, buffer.address, len(blases)))
-    with ShaderRunner(device) as shaders:
-        hits = trace(shaders, tlas, origins, DOWN)
-    tlas.destroy()
-    buffer.destroy()
-    return hits
-
-
-def grid(cells: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and triangles of a wavy square of 2 * cells^2 triangles over [0, 1]^2."""
-    side = np.linspace(0, 1, cells + 1)
-    x, y = (part.ravel() for part in np.meshgrid(side, side))
-    positions = np.stack([x, y, 0.1 * np.sin(9 * x) * np.cos(7 * y)], -1).astype(np.float32)
-    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
-    below = first + cells + 1
-    triangles = np.concatenate([np.stack([first, first + 1, below], -1), np.stack([first + 1, below + 1, below], -1)])
-    return positions, triangles.astype(np.uint32)
-
-
-def grid_geometry(device: Device, made: Any, cells: int) -> TriangleGeometry:
-    positions, triangles = grid(cells)
-    return TriangleGeometry(
-        upload(device, made, positions).address,
-        len(positions),
-        len(triangles),
-        indices=upload(device, made, triangles).address,
-    )
-
-
-def test_compaction_shrinks_and_changes_no_hit(device, made, monkeypatch):
-    geometry = grid_geometry(device, made, 40)
-    loose, tight, plain = (
-        made(Blas(device, [geometry], name=name, allow_compaction=name != "plain"))
-        for name in ("loose", "tight", "plain")
+def test_compaction_gives_memory_back(device, made, monkeypatch):
+    """That rays hit the same: the conformance suite."""
+    geometry = quad_geometry(device, made, 0.0, 0.0, 0.0)
+    tight, plain = (
+        made(Blas(device, [geometry], name=name, allow_compaction=name == "tight")) for name in ("tight", "plain")
     )
     # Lavapipe 25.0 reports the storage size as the compacted size, so the test makes the two differ.
     needed, wasteful = tight.size, tight.size + 100_000
@@ -111,33 +72,22 @@ def test_compaction_shrinks_and_changes_no_hit(device, made, monkeypatch):
 
     def report(handle: Any, pool: Any, first: int, count: int, size: int, target: Any, *rest: int) -> None:
         get_results(handle, pool, first, count, size, target, *rest)
-        sizes = np.frombuffer(raw.ffi.buffer(target), np.uint64)
-        assert sizes.tolist() in ([wasteful], [needed])
-        sizes[:] = needed
+        np.frombuffer(raw.ffi.buffer(target), np.uint64)[:] = needed
 
     monkeypatch.setattr(device.vk, "vkGetQueryPoolResults", report)
-    build_blases(device, [loose], compact=False)
     before = device.memory.bytes_used
     build_blases(device, [tight, plain], compact=True)
-    assert [blas.compacted for blas in (loose, tight, plain)] == [False, True, False]
-    assert loose.size == loose.built_size
+    assert (tight.compacted, plain.compacted) == (True, False)
     assert tight.size == needed
-    assert tight.handle is not None
     device.wait_idle()
     assert device.memory.bytes_used <= before + plain.size - 90_000
-    rng = np.random.default_rng(4)
-    origins = np.concatenate([rng.random((2000, 2)), np.full((2000, 1), 3.0)], 1)
-    hits = [closest_hits(device, [blas], origins) for blas in (loose, tight)]
-    assert np.array_equal(hits[0], hits[1])
-    heights = 0.1 * np.sin(9 * origins[:, 0]) * np.cos(7 * origins[:, 1])
-    assert np.abs(3.0 - hits[1]["t"] - heights).max() < 2e-3
     with pytest.raises(SolariError, match="Blas tight, which was compacted"):
         build_blases(device, [tight])
 
 
 def test_batches_stay_within_the_scratch_budget(device, made, monkeypatch):
     small = [made(Blas(device, [quad_geometry(device, made, 0.0, 0.0, 0.0)])) for _ in range(40)]
-    large = made(Blas(device, [grid_geometry(device, made, 30)]))
+    large = made(Blas(device, [quad_geometry(device, made, 0.0, 0.0, 0.0)]))
     budget = 10 * blas_builds.scratch_size(device, small[0], False)
     large.build_scratch_size = 2 * budget  # lavapipe reports the same scratch size for all
     batches: list[int] = []
@@ -154,9 +104,6 @@ def test_batches_stay_within_the_scratch_budget(device, made, monkeypatch):
     build_blases(device, blases, compact=False)
     build_blases(device, [])
     assert len(batches) == 6
-    hits = closest_hits(device, blases, np.array([[2.0 * i + 0.4, 0.4, 1] for i in range(len(blases))]))
-    assert hits["instance"].tolist() == list(range(len(blases)))
-    assert (hits["t"] > 0).all()
 
 
 def test_scratch_is_aligned(device: Device, made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,8 +135,9 @@ def test_refitted_worlds_are_refitted_in_place(device, made, monkeypatch):
     monkeypatch.setattr(device.vk, "vkCmdBuildAccelerationStructuresKHR", note)
     with World(device, {"quad": [Triangles(quad(0, 0, 0).reshape(2, 3, 3))]}, [Placed("quad")], REFITTED):
         top, bottom = (
-            raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, raw.VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR
-        )  # fmt: skip
+            raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+            raw.VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+        )
         assert builds == [(bottom, 0, False), (top, 0, False), (bottom, 1, True), (top, 1, True)]
     device.wait_idle()
 
@@ -204,22 +152,6 @@ def test_a_build_made_again_counts_when_it_is_submitted(device: Device, made: An
         tlas.check_usable()
         assert tlas.build_count == count
     device.wait_idle()
-
-
-def test_repeated_builds_leave_nothing_behind(device: Device, made: Any) -> None:
-    geometry = quad_geometry(device, made, 0.0, 0.0, 0.0)
-    counts = []
-    for _ in range(6):
-        for _ in range(20):
-            blas, tlas = Blas(device, [geometry]), Tlas(device, 3)
-            build_blases(device, [blas])
-            device.start(lambda cmd, tlas=tlas: tlas.record_build(cmd, 0, 0))
-            blas.destroy()
-            tlas.destroy()
-            tlas.destroy()
-        device.wait_idle()
-        counts.append((device.live_objects, device.memory.bytes_used, device.memory.allocation_count))
-    assert len(set(counts)) == 1
 
 
 def test_mistakes_are_refused_before_vulkan_sees_them(device: Device, made: Any) -> None:
@@ -260,14 +192,11 @@ def test_tlas_mistakes_are_refused(device: Device, made: Any) -> None:
         with pytest.raises(SolariError, match=f"Tlas many of {count:,} instances"):
             Tlas(device, count, name="many")
     tlas = made(Tlas(device, 4, name="four", update_mode=UpdateMode.PREFER_UPDATE))
-    cases: list[tuple[str, tuple[int, int], bool]] = [
-        ("5 instances, but it was made for 4", (64, 5), False),
-        ("-1 instances", (64, -1), False),
-        ("is not a multiple of 16", (8, 1), False),
-        ("is not a multiple of 16", (0, 1), False),
-        ("it was never built", (64, 1), True),
-    ]
-    for message, (address, count), update in cases:
+    for message, address, count, update in (
+        ("5 instances, but it was made for 4", 64, 5, False), ("-1 instances", 64, -1, False),
+        ("is not a multiple of 16", 8, 1, False), ("is not a multiple of 16", 0, 1, False),
+        ("it was never built", 64, 1, True),
+    ):  # fmt: skip
         with pytest.raises(SolariError, match=f"of Tlas four: .*{message}"):
             tlas.record_build(raw.NULL, address, count, update=update)
     device.run(lambda cmd: tlas.record_build(cmd, 0, 0))

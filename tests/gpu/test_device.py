@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +19,11 @@ from solari_vk.gpu.device.recorded import Recorded
 
 def nothing(_: raw.CData) -> None:
     """Commands that do nothing."""
+
+
+def fail(_: raw.CData) -> None:
+    """Commands that can't be recorded."""
+    raise ZeroDivisionError
 
 
 # ---- choice -----------------------------------------------------------------------------------------
@@ -45,35 +49,28 @@ MACHINE = [
 
 @pytest.mark.parametrize(
     ("select", "index"),
-    [
-        (None, 3),
-        (0, 0),
-        ("1", 1),
-        ("4", 4),
-        ("LLVM", 0),
-        ("card", 3),
-        ("00000004-0000-0000-0000-000000000004", 4),
-        ("00000001000000000000000000000001", 1),
-    ],
-)
+    [(None, 3), (0, 0), ("1", 1), ("LLVM", 0), ("card", 3), ("00000004-0000-0000-0000-000000000004", 4),
+     ("00000001000000000000000000000001", 1)],
+)  # fmt: skip
 def test_choice_by_nothing_index_name_and_uuid(select: str | int | None, index: int) -> None:
     assert physical.choose(MACHINE, select).index == index
 
 
-@pytest.mark.parametrize("select", ["2", "old", "nobody", 17, "00000009-0000-0000-0000-000000000009"])
+@pytest.mark.parametrize("select", ["2", "old", 17, "00000009-0000-0000-0000-000000000009"])
 def test_refused_choice_lists_every_device_and_what_it_lacks(select: str | int) -> None:
     with pytest.raises(DeviceError) as caught:
         physical.choose(MACHINE, select)
+    with pytest.raises(DeviceError, match="no Vulkan device: install"):
+        physical.choose([], None)
     text = str(caught.value)
     assert repr(select) in text
     assert "2: Old Card (00000002-0000-0000-0000-000000000002): lacks VK_KHR_ray_query, feature rayQuery" in text
     assert text.count("fits") == 4
 
 
-@pytest.mark.parametrize(("rays", "index"), [("auto", 3), ("query", 3), ("pipeline", 5)])
-def test_choice_by_the_way_to_trace(rays: str, index: int) -> None:
+def test_choice_by_the_way_to_trace() -> None:
     machine = [*MACHINE, fake(5, "Server Card", "discrete gpu", (), ("auto", "pipeline"))]
-    assert physical.choose(machine, None, rays).index == index
+    assert [physical.choose(machine, None, rays).index for rays in ("auto", "query", "pipeline")] == [3, 3, 5]
     with pytest.raises(DeviceError, match=r"fits with rays='pipeline'[^:]*:\n.*llvmpipe .*: lacks no pipeline"):
         physical.choose(MACHINE, None, "pipeline")
 
@@ -127,11 +124,6 @@ def test_an_old_device_is_said_to_lack_only_what_is_known(any_device: None, monk
         assert (old.report().missing, old.report().missing_rays) == (["VK_KHR_acceleration_structure"], {})
 
 
-def test_no_device_at_all_says_what_to_install() -> None:
-    with pytest.raises(DeviceError, match="no Vulkan device: install"):
-        physical.choose([], None)
-
-
 def test_real_devices_by_index_name_and_uuid(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
     for report in list_devices():
         if report.missing:
@@ -162,17 +154,6 @@ def test_missing_features_are_named(any_device: None, monkeypatch: pytest.Monkey
         instance.close()
 
 
-def test_properties_are_filled_in(device: Device) -> None:
-    properties = device.properties
-    assert properties.api_version >= (1, 3)
-    assert properties.limits.maxStorageBufferRange >= 1 << 27
-    assert properties.max_buffer_size >= 1 << 30
-    assert properties.acceleration.minAccelerationStructureScratchOffsetAlignment >= 1
-    assert properties.acceleration.maxInstanceCount >= (1 << 24) - 1
-    assert properties.limits.timestampPeriod > 0
-    assert {"rayQuery", "bufferDeviceAddress", "scalarBlockLayout"} <= device.features
-
-
 # ---- submissions ------------------------------------------------------------------------------------
 
 
@@ -187,19 +168,6 @@ def test_timeline_counts_submissions(own_device: Device) -> None:
         own_device.wait(99)
 
 
-def test_prepared_submission_is_fast_and_counts_on(any_device: None) -> None:
-    with Device(validation=False) as device:
-        submission = device.submission([Recorded(device, nothing, "test").commands])
-        times = []
-        for _ in range(200):
-            begin = time.perf_counter()
-            value = device.submit_prepared(submission)
-            times.append(time.perf_counter() - begin)
-            device.wait(value)
-        assert value == 200
-        assert np.median(times) < 100e-6  # about 5 microseconds, with a margin for busy machines
-
-
 def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: Device) -> None:
     order: list[str] = []
     own_device.before_next_submit(lambda cmd: order.append("a"))
@@ -211,8 +179,16 @@ def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: 
     assert own_device.submitted == 3
     own_device.before_next_submit(lambda cmd: order.append("e"))
     own_device.wait_idle()
-    assert order[-1] == "e"
+    assert order.pop() == "e"
     assert own_device.idle
+    own_device.before_next_submit(lambda cmd: order.append("f"))
+    own_device.before_next_submit(fail)
+    own_device.before_next_submit(lambda cmd: order.append("g"))
+    with pytest.raises(ZeroDivisionError):
+        own_device.run(nothing)
+    del order[4:]
+    own_device.run(lambda cmd: order.append("h"))
+    assert order == ["a", "b", "c", "d", "f", "g", "h"], "what fails leaves the rest due"
 
 
 def value_writer(device: Device, target: Buffer, value: int) -> Recorded:
@@ -255,7 +231,7 @@ def test_what_is_submitted_with_the_next_runs_ahead_of_it_and_once(own_device: D
     assert own_device.live_objects == len(own_device.staging_pool._chunks)
 
 
-@pytest.mark.parametrize("count", [1, 4, 5, 13])
+@pytest.mark.parametrize("count", [1, 5])
 def test_any_number_of_commands_can_run_ahead_in_order(own_device: Device, count: int) -> None:
     """The order is that of the calls, for prepared submissions that were submitted with more or fewer before."""
     source, target = own_device.buffer(64, "source"), own_device.buffer(64, "target")
@@ -288,9 +264,6 @@ def test_one_time_commands_use_command_buffers_again(own_device: Device, monkeyp
         allocated.append(1)
         return allocate(*arguments)
 
-    def fail(_: raw.CData) -> None:
-        raise ZeroDivisionError
-
     monkeypatch.setattr(own_device.vk, "vkAllocateCommandBuffers", count)
     for _ in range(20):
         own_device.run(nothing)
@@ -299,6 +272,8 @@ def test_one_time_commands_use_command_buffers_again(own_device: Device, monkeyp
         with pytest.raises(ZeroDivisionError):
             own_device.run(fail)
     assert len(allocated) == 2
+    own_device.wait_idle()
+    assert own_device.live_objects == 0
 
 
 def test_a_submission_that_fails_leaves_what_goes_with_it_due(own_device: Device) -> None:
@@ -320,32 +295,6 @@ def test_a_submission_that_fails_leaves_what_goes_with_it_due(own_device: Device
     target.destroy()
 
 
-def test_what_fails_before_a_submission_leaves_the_rest_due(own_device: Device) -> None:
-    order: list[str] = []
-
-    def fail(_: raw.CData) -> None:
-        raise RuntimeError("not now")
-
-    for record in (lambda cmd: order.append("a"), fail, lambda cmd: order.append("b")):
-        own_device.before_next_submit(record)
-    with pytest.raises(RuntimeError, match="not now"):
-        own_device.run(nothing)
-    order.clear()
-    own_device.run(lambda cmd: order.append("c"))
-    assert order == ["a", "b", "c"]
-
-
-def test_exception_while_recording_leaves_the_device_usable(own_device: Device) -> None:
-    def fail(_: raw.CData) -> None:
-        raise RuntimeError("in the middle")
-
-    with pytest.raises(RuntimeError, match="in the middle"):
-        own_device.run(fail)
-    assert own_device.submitted == 0
-    own_device.run(nothing)
-    assert own_device.live_objects == 0
-
-
 def test_retired_objects_wait_for_the_work_that_uses_them(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     destroyed: list[str] = []
     value = own_device.start(nothing)
@@ -358,52 +307,21 @@ def test_retired_objects_wait_for_the_work_that_uses_them(own_device: Device, mo
     assert destroyed == ["early"]
 
 
-def test_a_thousand_cycles_leave_nothing_behind(own_device: Device) -> None:
-    counts = []
-    for i in range(1000):
-        buffer = own_device.buffer(1000 + i, "cycle")
-        buffer.fill(i)
-        own_device.start(nothing, "cycle")
-        buffer.destroy()
-        if i % 100 == 99:
-            own_device.wait_idle()
-            counts.append((own_device.live_objects, own_device.memory.bytes_used, own_device.memory.allocation_count))
-    assert len(set(counts)) == 1
-    assert counts[-1][:2] == (0, 0)
-
-
 # ---- validation -------------------------------------------------------------------------------------
 
 
 @pytest.mark.provokes_validation
 def test_core_validation_is_on_and_raises(own_device: Device) -> None:
+    """Synchronization validation: test_frame.py."""
     buffer = own_device.buffer(64, "source of trouble")
 
     def copy_too_much(cmd: raw.CData) -> None:
         region = raw.struct("VkBufferCopy", dstOffset=64, size=1 << 20)
         own_device.vk.vkCmdCopyBuffer(cmd, buffer.handle, buffer.handle, 1, region)
 
-    with pytest.raises(ValidationError) as caught:
+    with pytest.raises(ValidationError, match=r"(?s)(?=.*VUID-vkCmdCopyBuffer).*source of trouble"):  # the debug name
         own_device.start(copy_too_much, "trouble")
-    assert "VUID-vkCmdCopyBuffer" in str(caught.value)
-    assert "source of trouble" in str(caught.value)  # the debug name
     own_device.check_messages()  # each message is raised once
-
-
-@pytest.mark.provokes_validation
-def test_synchronization_validation_is_on(own_device: Device) -> None:
-    buffer = own_device.buffer(64, "hazardous")
-    vk = own_device.vk
-
-    def write_twice(cmd: raw.CData, barrier: bool) -> None:
-        vk.vkCmdFillBuffer(cmd, buffer.handle, 0, 64, 1)
-        if barrier:
-            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-        vk.vkCmdFillBuffer(cmd, buffer.handle, 0, 64, 2)
-
-    own_device.run(lambda cmd: write_twice(cmd, True))
-    with pytest.raises(ValidationError, match=r"WRITE[-_]AFTER[-_]WRITE"):
-        own_device.run(lambda cmd: write_twice(cmd, False))
 
 
 @pytest.mark.provokes_validation
@@ -423,38 +341,13 @@ def test_no_validation_unless_asked_for(any_device: None, monkeypatch: pytest.Mo
         assert device.validation
 
 
-# ---- loss and end -----------------------------------------------------------------------------------
+# ---- memory and end ----------------------------------------------------------------------------------
 
 
 def inject(device: Device, function: str, result: int) -> None:
-    """Make a function of the device return this result instead of being called."""
+    """Make a function of the device return this result instead of being called. The loss of a device:
+    tests/reliability/test_injected_faults.py."""
     setattr(device.vk, function, raw._checked(lambda *_: result, function, device._on_error))
-
-
-def use_until_failure(device: Device, buffer: Buffer) -> None:
-    for _ in range(100):
-        device.run(nothing)
-        buffer.read()
-
-
-@pytest.mark.parametrize("function", ["vkQueueSubmit2", "vkWaitSemaphores", "vkGetSemaphoreCounterValue"])
-def test_a_lost_device_raises_and_still_closes(any_device: None, function: str) -> None:
-    device = Device(validation=True)
-    buffer = device.buffer(1 << 20, "kept")
-    buffer.fill(1)
-    device.start(nothing)
-    inject(device, function, raw.VK_ERROR_DEVICE_LOST)
-    with pytest.raises(DeviceError, match=rf"{function}: VK_ERROR_DEVICE_LOST.*new Device"):
-        use_until_failure(device, buffer)
-    assert device.lost
-    assert not device.idle
-    for attempt in (lambda: device.run(nothing), device.wait_idle, lambda: buffer.upload(np.ones(1 << 20, np.uint8))):
-        with pytest.raises(DeviceError, match="lost"):
-            attempt()
-    buffer.destroy()
-    begin = time.monotonic()
-    device.close()
-    assert time.monotonic() - begin < 5
 
 
 def test_out_of_memory_names_what_was_asked_for(own_device: Device) -> None:
@@ -469,11 +362,13 @@ def test_out_of_memory_names_what_was_asked_for(own_device: Device) -> None:
     assert own_device.live_objects == 0
 
 
-def test_close_twice_and_use_after_close(any_device: None) -> None:
-    device = Device(validation=True)
-    buffer = device.buffer(64, "late")
-    device.close()
-    device.close()
+def test_close_destroys_what_the_owner_forgot_and_ends_all_use(any_device: None) -> None:
+    """An autouse fixture fails if validation reports an object that is left."""
+    with Device(validation=True) as device:
+        buffer = device.buffer(1000, "a")
+        device.image(16, 16, raw.VK_FORMAT_R8G8B8A8_UNORM, "b", mip_levels=3).level_view(1)
+        device.sampler()
+        device.close()
     for attempt in (lambda: device.run(nothing), lambda: device.buffer(64, "too late"), buffer.read):
         with pytest.raises(DeviceError, match="closed"):
             attempt()
@@ -494,26 +389,13 @@ def test_use_of_a_destroyed_resource_is_refused(device: Device) -> None:
             attempt()
 
 
-def test_close_destroys_what_the_owner_forgot(any_device: None) -> None:
-    with Device(validation=True) as device:
-        device.buffer(1000, "a")
-        device.image(16, 16, raw.VK_FORMAT_R8G8B8A8_UNORM, "b", mip_levels=3).level_view(1)
-        device.sampler()
-    # An autouse fixture fails if validation reports an object that is left.
-
-
-@pytest.mark.parametrize(
-    ("kind", "object_type"),
-    [
-        ("ImageView", raw.VK_OBJECT_TYPE_IMAGE_VIEW),
-        ("AccelerationStructureKHR", raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR),
-        ("DescriptorSetLayout", raw.VK_OBJECT_TYPE_DESCRIPTOR_SET_LAYOUT),
-    ],
-)
-def test_names_reach_vulkan_with_the_kind_of_object(device, kind, object_type, monkeypatch):
+@pytest.mark.parametrize("kind", ["ImageView", "AccelerationStructureKHR"])
+def test_names_reach_vulkan_with_the_kind_of_object(device, kind, monkeypatch):
     named = []
     monkeypatch.setattr(
         device.vk, "vkSetDebugUtilsObjectNameEXT", lambda _, info: named.append((info.objectType, info.objectHandle))
     )
     device.name_object(kind, raw.ffi.cast("VkImageView", 1234), "a name")
-    assert named == [(object_type, 1234)]
+    types = {"ImageView": raw.VK_OBJECT_TYPE_IMAGE_VIEW,
+             "AccelerationStructureKHR": raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR}  # fmt: skip
+    assert named == [(types[kind], 1234)]

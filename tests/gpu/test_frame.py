@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import time
 
 import numpy as np
 import pytest
+from shader_folder import leaves_nothing
 
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
@@ -116,7 +116,7 @@ def expected(frame: int) -> np.ndarray:
 
 def test_chain_gives_the_right_numbers_every_frame(device, root):
     with Frame(device, [chain()], glsl_root=root) as frame:
-        for number in range(5):
+        for number in range(3):
             frame.uniforms["uniforms.frame"] = number
             frame.submit()
             np.testing.assert_array_equal(frame["c"], expected(number))
@@ -154,15 +154,13 @@ def test_derived_barriers_are_these(device, root):
             "b_to_c #2": "WAW c (b_to_c #1)",
             "outside": "RAW c (b_to_c #2)",
         }
+        np.testing.assert_array_equal(frame["arguments"]["groups"], [2, 1, 1])
+        assert frame.resource("c").read(np.uint32, 1)[0] == 2 * 64, "as many workgroups as the buffer says"
         assert frame["c"].shape == (COUNT,)
         assert set(frame.timings) == set(rows)
-        assert all(0 <= milliseconds < 1000 for milliseconds in frame.timings.values())
-
-
-def test_barrier_before_every_pass(device, root):
-    passes = [Pass("fill_a", threads=COUNT), Pass("add_to_c", threads=1)]
-    stage = Stage("two", buffers={"a": COUNT, "c": COUNT}, passes=passes)
-    with Frame(device, [stage], glsl_root=root, barrier_every_pass=True) as frame:
+        assert all(milliseconds >= 0 for milliseconds in frame.timings.values())
+    apart = Stage("apart", buffers={"a": COUNT, "c": COUNT}, passes=[passes[0], Pass("add_to_c", threads=1)])
+    with Frame(device, [apart], glsl_root=root, barrier_every_pass=True) as frame:
         frame.submit()
         assert [row.barrier for row in frame.describe()] == ["", "every pass"]
 
@@ -173,14 +171,6 @@ def test_synchronization_validation_sees_a_missing_barrier(device, root):
         frame._barriers = [None] * len(frame._barriers)
         with pytest.raises(ValidationError, match=r"(?i)hazard"):
             frame.submit()
-
-
-def test_indirect_pass_takes_its_groups_from_the_buffer(device, root):
-    passes = [Pass("arguments", threads=1, constants={"GROUPS": 3}), Pass("add_to_c", indirect="arguments")]
-    with Frame(device, [Stage("x", buffers={"arguments": 1, "c": 1}, passes=passes)], glsl_root=root) as frame:
-        frame.submit()
-        assert frame.resource("c").read(np.uint32, 1)[0] == 3 * 64
-        np.testing.assert_array_equal(frame["arguments"]["groups"], [3, 1, 1])
 
 
 def picture_stage(width: int = 16, height: int = 16) -> Stage:
@@ -207,8 +197,7 @@ def test_frames_in_flight_keep_their_own_uniforms(device, root, shaders):
         np.testing.assert_array_equal(frame["a"], np.arange(50))
 
 
-def test_step_and_command_buffers_before_the_frame(device, root):
-    buffer = device.buffer(16, "filled")
+def test_a_step_of_the_caller_has_barriers_like_a_pass(device, root):
     frame_holder: list[Frame] = []
 
     def fill(cmd):
@@ -220,7 +209,6 @@ def test_step_and_command_buffers_before_the_frame(device, root):
         frame.submit()
         assert (frame["b"] == 14).all()
         assert [row.barrier for row in frame.describe()] == ["", "WAW a (fill_a)", "RAW a (sevens)"]
-    buffer.destroy()
 
 
 def test_work_before_the_frame_is_ordered(device, root):
@@ -320,16 +308,13 @@ def test_broken_shader_leaves_the_frame_as_it_was(device, root, shaders):
     with Frame(device, [chain()], glsl_root=root) as frame:
         frame.uniforms["uniforms.frame"] = 3
         frame.submit()
-        device.wait_idle()
-        objects = device.live_objects
-        shaders.write("a_to_b", START + "void main() { b.at[0] = nonsense; }\n")
-        with pytest.raises(CompilationError, match=r"a_to_b\.comp:5: .*nonsense"):
-            frame.rebuild()
-        shaders.write("a_to_b", START + PASSES["a_to_b"].replace("b.at[i]", "layout_conflict"))
-        with pytest.raises(SolariError):
-            frame.rebuild([chain(), Stage("more", buffers={"a": 5})])
-        device.wait_idle()
-        assert device.live_objects == objects
+        with leaves_nothing(device):
+            shaders.write("a_to_b", START + "void main() { b.at[0] = nonsense; }\n")
+            with pytest.raises(CompilationError, match=r"a_to_b\.comp:5: .*nonsense"):
+                frame.rebuild()
+            shaders.write("a_to_b", START + PASSES["a_to_b"].replace("b.at[i]", "layout_conflict"))
+            with pytest.raises(SolariError):
+                frame.rebuild([chain(), Stage("more", buffers={"a": 5})])
         frame.submit()
         np.testing.assert_array_equal(frame["c"], expected(3))
         shaders.write("a_to_b", START + PASSES["a_to_b"].replace("* 2u", "* 4u"))
@@ -338,32 +323,28 @@ def test_broken_shader_leaves_the_frame_as_it_was(device, root, shaders):
         assert frame["b"][0] == (COUNT - 1 + 3) * 4, "the uniforms are kept, the shader is the new one"
 
 
-def test_new_binding_on_reload_keeps_resources_and_uniforms(device, root, shaders):
-    stages = [chain(), picture_stage()]
+def test_rebuilding_keeps_resources_uniforms_and_pipelines(device, root, monkeypatch):
+    """New stages may come in, and what gets another size is made anew, zeroed."""
+    created, create = [], device.vk.vkCreateComputePipelines
+    monkeypatch.setattr(device.vk, "vkCreateComputePipelines", lambda *a: (created.append(1), create(*a))[1])
     with Frame(device, [chain()], glsl_root=root) as frame:
         frame.uniforms["uniforms.frame"] = 2
         frame.submit()
-        before = frame.resource("a")
-        frame.rebuild(stages)
-        assert frame.resource("a") is before
-        np.testing.assert_array_equal(frame["a"], np.arange(COUNT) + 2)
-        frame.submit()
-        assert frame["picture"][0, 0, 0] == 1
-        np.testing.assert_array_equal(frame["c"], expected(2))
-
-
-def test_resize_makes_new_zeroed_resources_and_keeps_the_rest(device, root):
-    with Frame(device, [chain(), picture_stage()], glsl_root=root) as frame:
-        for _ in range(3):
-            frame.submit()
-        pipelines = [step.pipeline for step in frame._program.steps]
         kept = frame.resource("a")
+        frame.rebuild([chain(), picture_stage()])
+        assert frame.resource("a") is kept
+        np.testing.assert_array_equal(frame["a"], np.arange(COUNT) + 2)
+        for number in (1, 2):
+            frame.submit()
+            assert frame["picture"][0, 0, 0] == number
+        np.testing.assert_array_equal(frame["c"], expected(2))
+        before = len(created)
         frame.rebuild([chain(), picture_stage(20, 16)])
         assert frame.resource("a") is kept
         frame.submit()
         assert frame["picture"].shape == (16, 20, 4)
         assert frame["picture"][2, 2, 0] == 1
-        assert [step.pipeline for step in frame._program.steps] == pipelines
+        assert len(created) == before
 
 
 def test_bound_resource_replaced_and_destroyed_at_once(device, root):
@@ -393,10 +374,9 @@ def test_nothing_grows(device, root):
         device.wait_idle()
 
     one_life()
-    objects, used = device.live_objects, device.memory.bytes_used
-    for _ in range(5):
+    used = device.memory.bytes_used
+    with leaves_nothing(device):
         one_life()
-    assert device.live_objects == objects
     assert device.memory.bytes_used == used
 
 
@@ -434,36 +414,15 @@ def with_a(item: Pass) -> Stage:
 )  # fmt: skip
 def test_mistakes_are_told_plainly(device, root, stage, message):
     assert device.pipeline_cache.handle  # made for the first pipelines, and kept
-    device.wait_idle()
-    objects = device.live_objects
-    with pytest.raises(SolariError, match=message):
+    with leaves_nothing(device), pytest.raises(SolariError, match=message):
         Frame(device, [stage], glsl_root=root)
-    device.wait_idle()
-    assert device.live_objects == objects
 
 
-def test_pass_needs_threads_or_indirect():
+def test_unknown_names_and_passes_without_a_size(device, root):
     for given in ({}, {"threads": 1, "indirect": "a"}):
         with pytest.raises(SolariError, match="give either threads or indirect"):
             Pass("x", **given)
-
-
-def test_unknown_names(device, root):
     with Frame(device, [chain()], glsl_root=root) as frame:
         with pytest.raises(SolariError, match="no resource q; there are a, b, c"):
             frame["q"]
         assert frame.timings == {}
-
-
-def test_host_time_per_frame(device, root):
-    """The budget is 0.2 ms without validation, which costs several times that; the bound is ten times the budget."""
-    with Frame(device, [chain()], glsl_root=root) as frame:
-        for _ in range(4):
-            frame.submit()
-        spent = []
-        for _ in range(50):
-            device.wait_idle()
-            start = time.perf_counter()
-            frame.submit()
-            spent.append(time.perf_counter() - start)
-        assert np.median(spent) < 2e-3

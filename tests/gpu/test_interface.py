@@ -24,16 +24,6 @@ def module(shaders, name: str, text: str) -> Module:
     return reflect(compile_shader(f"passes/{name}.comp", root=shaders.root), name)
 
 
-def test_union_of_modules(shaders):
-    one = module(shaders, "one", VALUES + "void main() { values.at[0] = 1u; }\n")
-    other = "layout(set = 0, binding = 0, scalar) readonly buffer W { vec3 at[]; } places;\n"
-    readonly = VALUES.replace("buffer", "readonly buffer")
-    reads = "void main() { if (values.at[0] > uint(places.at[0].x)) { imageStore(image, ivec2(0), vec4(0)); } }\n"
-    image = "layout(set = 1, binding = 1, rgba16f) uniform image2D image;\n"
-    two = module(shaders, "two", readonly + other + image + reads)
-    assert set(merge_bindings([one, two])) == {"values", "places", "image"}
-
-
 @pytest.mark.parametrize(
     ("other", "use", "message"),
     [
@@ -77,7 +67,8 @@ def test_numbers_follow_from_names(shaders):
     assert places == {"lone": (0, 0), "values": (1, 0), "extra": (0, 1), "textures": (0, 2)}
     linked = reflect(Interface.linked(SimpleNamespace(bindings=merged), second))
     assert {name: found.binding for name, found in linked.bindings.items()} == {
-        name: merged[name].binding for name in second.bindings}  # fmt: skip
+        name: merged[name].binding for name in second.bindings
+    }
 
 
 def test_constants_get_ids_by_name(shaders):

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import allocator as allocator_module
 from solari_vk.gpu.device import raw, uploads
-from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Block
-from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Allocator
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import texel_layout
 
@@ -39,82 +40,82 @@ def requirements(size: int, alignment: int) -> raw.CData:
     return raw.struct("VkMemoryRequirements", size=size, alignment=alignment, memoryTypeBits=0xFFFFFFFF)
 
 
-def assert_disjoint(allocations: list[Allocation]) -> None:
-    by_block: dict[Block, list[Allocation]] = {}
-    for allocation in allocations:
-        by_block.setdefault(allocation.block, []).append(allocation)
-    for block, inside in by_block.items():
-        taken = sorted((a.offset, a.offset + a.size) for a in inside)
-        for (_, end), (begin, _) in pairwise(taken):
-            assert end <= begin, "two allocations overlap"
-        assert taken[-1][1] <= block.size
-        free = sorted(block.free)
-        for (begin, length), (following, _) in pairwise(free):
-            assert begin + length < following, "free ranges touch or overlap"
-        assert sum(length for _, length in free) + sum(a.size for a in inside) == block.size
+SIZES = st.builds(int, st.floats(4, 21).map(lambda power: 2**power))
+PIECES = st.lists(st.tuples(SIZES, st.integers(2, 12)), min_size=1, max_size=60)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_random_use_never_overlaps_and_gives_everything_back(own_device: Device, seed: int) -> None:
-    memory = own_device.memory
-    rng = random.Random(seed)
-    live: list[Allocation] = []
-    peak = 0
-    for step in range(3000):
-        grow = rng.random() < (0.65 if step % 600 < 300 else 0.35)
-        if grow or not live:
-            size = int(2 ** rng.uniform(4, 21))
-            alignment = 1 << rng.randrange(2, 13)
-            allocation = memory.allocate(requirements(size, alignment), "random", host=rng.random() < 0.5)
-            assert allocation.offset % alignment == 0
+class Allocations(RuleBasedStateMachine):
+    """Memory that is taken and given back; nothing overlaps, and little is held in reserve."""
+
+    def __init__(self, device: Device) -> None:
+        super().__init__()
+        self.memory = Allocator(device, map_device_memory=True)
+        self.live: list[Allocation] = []
+        self.peak = 0
+
+    @rule(pieces=PIECES, host=st.booleans())
+    def allocate(self, pieces: list[tuple[int, int]], host: bool) -> None:
+        for size, power in pieces:
+            allocation = self.memory.allocate(requirements(size, 1 << power), "random", host=host)
+            assert allocation.offset % (1 << power) == 0
             assert allocation.size == size
-            live.append(allocation)
-        else:
-            memory.free(live.pop(rng.randrange(len(live))))
-        assert memory.bytes_used == sum(a.size for a in live)
-        peak = max(peak, memory.bytes_used)
-        if step % 100 == 0:
-            assert_disjoint(live)
-    # Fragmentation is bounded by twice the peak and a block for each pool.
-    assert memory.bytes_reserved <= 2 * peak + 4 * BLOCK_SIZE
-    assert memory.allocation_count <= 8 + memory.bytes_reserved // (32 * MIB)
-    while live:
-        memory.free(live.pop())
-    assert memory.bytes_used == 0
-    assert memory.allocation_count <= 4  # one empty block per pool
+            self.live.append(allocation)
+        self.peak = max(self.peak, self.memory.bytes_used)
+        self.check()
+
+    @precondition(lambda self: self.live)
+    @rule(start=st.integers(0, 50), step=st.integers(1, 5), count=st.integers(1, 60))
+    def free(self, start: int, step: int, count: int) -> None:
+        for allocation in self.live[start::step][:count]:
+            self.live.remove(allocation)
+            self.memory.free(allocation)
+        self.check()
+
+    def check(self) -> None:
+        memory = self.memory
+        assert memory.bytes_used == sum(a.size for a in self.live)
+        taken = sorted((int(raw.ffi.cast("uintptr_t", a.memory)), a.offset, a.offset + a.size) for a in self.live)
+        for (memory_of_one, _, end), (memory_of_next, begin, _) in pairwise(taken):
+            assert memory_of_one != memory_of_next or end <= begin, "two allocations overlap"
+        # Fragmentation is bounded by twice the peak and a block for each pool.
+        assert memory.bytes_reserved <= 2 * self.peak + 4 * BLOCK_SIZE
+        assert memory.allocation_count <= 8 + memory.bytes_reserved // (32 * MIB)
+
+    def teardown(self) -> None:
+        while self.live:
+            self.memory.free(self.live.pop())
+        left = self.memory.bytes_used, self.memory.allocation_count
+        self.memory.close()
+        assert left[0] == 0
+        assert left[1] <= 4  # one empty block per pool
 
 
-def test_thousands_of_buffers_take_few_allocations(own_device: Device) -> None:
-    buffers = [own_device.buffer(1000, "small") for _ in range(3000)]
-    assert own_device.memory.allocation_count <= 2
-    for buffer in buffers[::2]:
-        buffer.destroy()
-    again = [own_device.buffer(900, "smaller") for _ in range(1500)]
-    assert own_device.memory.allocation_count <= 2
-    for buffer in [*buffers, *again]:
-        buffer.destroy()
-    assert own_device.memory.bytes_used == 0
+@pytest.mark.parametrize("examples", [20, pytest.param(300, marks=pytest.mark.slow)])
+def test_random_use_never_overlaps_and_gives_everything_back(own_device: Device, examples: int) -> None:
+    chosen = settings(max_examples=examples, stateful_step_count=50)
+    run_state_machine_as_test(lambda: Allocations(own_device), settings=chosen)
 
 
-def test_create_and_destroy_in_turn_asks_the_driver_once(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_calls_of_the_driver(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is small shares memory that is kept; what is big has memory of its own; images and buffers share none."""
     calls = []
-    allocate = own_device.vk.vkAllocateMemory
+    allocate, memory = own_device.vk.vkAllocateMemory, own_device.memory
     monkeypatch.setattr(own_device.vk, "vkAllocateMemory", lambda *args: (calls.append(1), allocate(*args))[1])
-    for _ in range(300):
+    for _ in range(30):
         own_device.buffer(30 * MIB, "in turn").destroy()
-    assert len(calls) == 1
-
-
-def test_big_buffers_get_memory_of_their_own_and_give_it_back(own_device: Device) -> None:
-    before = own_device.memory.bytes_reserved
+    assert len(calls) == memory.allocation_count == 1
+    before = memory.bytes_reserved
     big = own_device.buffer(300 * MIB, "big")
-    assert own_device.memory.bytes_reserved - before < 301 * MIB
+    assert memory.bytes_reserved - before < 301 * MIB
     big.destroy()
-    assert own_device.memory.bytes_reserved == before
+    assert memory.bytes_reserved == before
+    image = own_device.image(32, 32, raw.VK_FORMAT_R8G8B8A8_UNORM, "i")
+    assert memory.allocation_count == 2
+    image.destroy()
 
 
 def test_many_large_resources_take_few_allocations(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A device allows 4096 allocations: 100 GB of resources of 5 MiB must not take as many."""
+    """A device allows 4096 allocations: 30 GB of resources of 5 MiB must take far fewer than 6,000."""
     fake = raw.ffi.new("char[1]")
 
     def allocate(_device: raw.CData, _info: raw.CData, _: raw.CData, out: raw.CData) -> int:
@@ -128,21 +129,12 @@ def test_many_large_resources_take_few_allocations(own_device: Device, monkeypat
         patch.setattr(own_device.vk, "vkFreeMemory", lambda *_: None)
         patch.setattr(own_device.vk, "vkMapMemory", lambda *_: 0)
         patch.setattr(memory, "_heap_sizes", [1 << 50] * len(memory._heap_sizes))
-        taken = [memory.allocate(requirements(5 * MIB, 256), "mesh", host=False) for _ in range(20_000)]
-        assert memory.allocation_count < 2500
+        taken = [memory.allocate(requirements(5 * MIB, 256), "mesh", host=False) for _ in range(6_000)]
+        assert memory.allocation_count < 750
         assert memory.bytes_reserved < 1.1 * memory.bytes_used
         for allocation in taken:
             memory.free(allocation)
         memory.close()
-
-
-def test_images_and_buffers_share_no_block(own_device: Device) -> None:
-    buffer = own_device.buffer(1000, "b")
-    image = own_device.image(32, 32, raw.VK_FORMAT_R8G8B8A8_UNORM, "i")
-    pools = own_device.memory._pools
-    assert sum(bool(pool.blocks) for pool in pools.values()) == 2
-    buffer.destroy()
-    image.destroy()
 
 
 def test_memory_of_retired_objects_is_waited_for(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,17 +202,51 @@ def test_staging_device_maps_nothing_but_host_buffers(path_device: Device) -> No
             device_buffer.write(b"1")
 
 
-@pytest.mark.parametrize("size", [1, 3, 16, 1000, uploads.CHUNK_SIZE - 1, uploads.CHUNK_SIZE + 5, 70 * MIB + 3])
+@pytest.mark.parametrize("size", [3, 1000, uploads.CHUNK_SIZE - 1, 70 * MIB + 3])
 def test_upload_and_read_back(path_device: Device, size: int) -> None:
     data = np.random.default_rng(size).integers(0, 256, size, np.uint8)
     buffer = path_device.buffer(size, "round trip")
     buffer.upload(data)
     assert np.array_equal(buffer.read(), data)
-    middle = np.arange(min(size, 5), dtype=np.uint8)
-    buffer.upload(middle, size - len(middle))
-    data[size - len(middle) :] = middle
-    assert np.array_equal(buffer.read(), data)
     assert np.array_equal(buffer.read(np.uint8, 1, size // 2), data[size // 2 : size // 2 + 1])
+
+
+def fit(buffer: int, offset: int, size: int, value: int) -> tuple[int, int, int, int]:
+    return buffer, offset, min(size, 5000 - offset), value
+
+
+COPIES = st.lists(
+    st.builds(fit, st.integers(0, 2), st.integers(0, 4999), st.integers(0, 3000), st.integers(0, 255)), max_size=12
+)
+ACTIONS = st.lists(st.tuples(st.sampled_from(["upload", "batch", "fill", "busy batch"]), COPIES), max_size=12)
+
+
+@given(ACTIONS)
+@settings(max_examples=40)
+def test_uploads_in_any_order_are_what_they_would_be_in_numpy(path_device: Device, actions: Any) -> None:
+    """Later ones win, in a batch and of several, whether the device is idle or not."""
+    buffers = [path_device.buffer(5000, f"b{i}") for i in range(3)]
+    expected = np.zeros((3, 5000), np.uint8)
+    for buffer in buffers:
+        buffer.fill(0)
+    for action, copies in actions:
+        if action == "busy batch":
+            path_device.before_next_submit(nothing)
+        with path_device.uploads() as batch:
+            for index, offset, size, value in copies:
+                data = (np.arange(size) + value).astype(np.uint8)
+                if action == "fill":
+                    buffers[index].fill(0x01010101 * value)
+                    expected[index] = value
+                    continue
+                expected[index, offset : offset + size] = data
+                if action == "upload":
+                    buffers[index].upload(data, offset)
+                else:
+                    batch.buffer(buffers[index], data, offset)
+    for buffer, wanted in zip(buffers, expected, strict=True):
+        assert np.array_equal(buffer.read(), wanted)
+        buffer.destroy()
 
 
 def test_fill_and_view(path_device: Device) -> None:
@@ -246,19 +272,19 @@ def test_arrays_of_any_shape_and_order_are_uploaded(path_device: Device) -> None
     assert buffer.read(np.float32, 1)[0] == 7
 
 
-def test_batches_are_one_submission(path_device: Device) -> None:
+def test_batches_are_one_submission(path_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     buffers = [path_device.buffer(4096, f"b{i}") for i in range(100)]
     path_device.wait_idle()
-    path_device.start(nothing)
-    path_device._completed = 0
+    barriers, barrier = [], path_device.vk.vkCmdPipelineBarrier2
+    monkeypatch.setattr(path_device.vk, "vkCmdPipelineBarrier2", lambda *a: (barriers.append(1), barrier(*a))[1])
     before = path_device.submitted
+    path_device.before_next_submit(nothing)  # the device isn't idle, so all copies must be staged
     with path_device.uploads() as batch:
-        batch._device.before_next_submit(nothing)  # the device isn't idle, so all copies must be staged
         for i, buffer in enumerate(buffers):
             for part in range(16):
                 batch.buffer(buffer, np.full(64, i * 16 + part, np.uint32), part * 256)
         assert path_device.submitted == before
-        assert len(batch._copies) == 1, "ranges that only touch need no barrier between them"
+    assert len(barriers) == 2, "ranges that only touch need no barrier between them"
     assert path_device.submitted == before + 2  # one for `nothing`, one for the batch
     for i, buffer in enumerate(buffers):
         assert np.array_equal(buffer.read(np.uint32), np.repeat(np.arange(i * 16, i * 16 + 16), 64))
@@ -273,21 +299,6 @@ def test_an_idle_mapped_device_needs_no_submission(own_device: Device) -> None:
             batch.buffer(buffer, np.uint32(i), 4 * i)
     assert own_device.submitted == 0
     assert buffer.read(np.uint32, 100).tolist() == list(range(100))
-
-
-def test_later_uploads_of_a_batch_win(path_device: Device) -> None:
-    buffer = path_device.buffer(400, "twice")
-    expected = np.zeros(100, np.uint32)
-    buffer.upload(expected)
-    rng = np.random.default_rng(5)
-    path_device.before_next_submit(nothing)
-    with path_device.uploads() as batch:
-        for i in range(50):
-            begin = int(rng.integers(0, 90))
-            part = np.full(int(rng.integers(1, 10)), i, np.uint32)
-            batch.buffer(buffer, part, begin * 4)
-            expected[begin : begin + len(part)] = part
-    assert np.array_equal(buffer.read(np.uint32), expected)
 
 
 def test_uploads_are_ordered_with_submitted_work(path_device: Device) -> None:
@@ -308,12 +319,12 @@ def test_uploads_are_ordered_with_submitted_work(path_device: Device) -> None:
 
 def test_staging_is_bounded(any_device: None) -> None:
     with Device(validation=True, staging=True) as device:
-        buffer = device.buffer(240 * MIB, "large")
-        data = np.arange(60 * MIB, dtype=np.uint32)
+        buffer = device.buffer(200 * MIB, "large")
+        data = np.arange(50 * MIB, dtype=np.uint32)
         before = device.memory.bytes_used
         buffer.upload(data)
-        assert device.memory.bytes_reserved - before < 3 * uploads.FLUSH_SIZE
-        assert np.array_equal(buffer.read(np.uint32, 1000, 200 * MIB), data[50 * MIB : 50 * MIB + 1000])
+        assert device.memory.bytes_reserved - before < 2.8 * uploads.FLUSH_SIZE
+        assert np.array_equal(buffer.read(np.uint32, 1000, 180 * MIB), data[45 * MIB : 45 * MIB + 1000])
 
 
 def test_an_exception_in_a_batch_uploads_nothing(path_device: Device) -> None:
@@ -347,29 +358,23 @@ def test_ranges_and_limits_are_refused(device: Device) -> None:
         device.buffer(limit + 1, "huge")
     with pytest.raises(DeviceError, match=r"buffer negative: -1 bytes"):
         device.buffer(-1, "negative")
-
-
-def test_empty_buffers_exist(path_device: Device) -> None:
-    buffer = path_device.buffer(0, "empty")
-    buffer.upload(b"")
-    buffer.fill(3)
-    assert buffer.read().size == 0
-    assert buffer.address
+    empty = device.buffer(0, "empty")
+    empty.upload(b"")
+    empty.fill(3)
+    assert empty.read().size == 0
+    assert empty.address
+    empty.destroy()
 
 
 # ---- images -----------------------------------------------------------------------------------------
 
 FORMATS = {
-    "VK_FORMAT_R8_UNORM": (np.uint8, 1),
     "VK_FORMAT_R8G8B8A8_UNORM": (np.uint8, 4),
     "VK_FORMAT_R8G8B8A8_SRGB": (np.uint8, 4),
     "VK_FORMAT_R16G16_SFLOAT": (np.float16, 2),
-    "VK_FORMAT_R16G16B16A16_SFLOAT": (np.float16, 4),
     "VK_FORMAT_R32_UINT": (np.uint32, 1),
-    "VK_FORMAT_R32G32B32A32_UINT": (np.uint32, 4),
     "VK_FORMAT_R32G32B32A32_SFLOAT": (np.float32, 4),
     "VK_FORMAT_E5B9G9R9_UFLOAT_PACK32": (np.uint32, 1),
-    "VK_FORMAT_A2B10G10R10_UNORM_PACK32": (np.uint32, 1),
     "VK_FORMAT_D32_SFLOAT": (np.float32, 1),
 }
 
@@ -429,30 +434,3 @@ def test_samplers_are_shared_and_checked(device: Device) -> None:
     assert device.sampler(minify="nearest") is not device.sampler(wrap_u="clamp")
     with pytest.raises(SolariError, match="'cubic'"):
         device.sampler(minify="cubic")
-
-
-def test_two_paths_give_the_same_bytes(any_device: None) -> None:
-    def use(device: Device) -> bytes:
-        rng = random.Random(3)
-        buffers: list[Buffer] = [device.buffer(5000, f"b{i}") for i in range(4)]
-        for buffer in buffers:
-            buffer.fill(0)
-        for _ in range(60):
-            buffer = rng.choice(buffers)
-            size = rng.randrange(1, 3000)
-            action = rng.randrange(3)
-            if action == 0:
-                buffer.upload(rng.randbytes(size), rng.randrange(0, 2000))
-            elif action == 1:
-                buffer.fill(rng.getrandbits(32))
-            else:
-                with device.uploads() as batch:
-                    for other in buffers:
-                        batch.buffer(other, rng.randbytes(size), rng.randrange(0, 2000))
-        return b"".join(buffer.read().tobytes() for buffer in buffers)
-
-    found = []
-    for staging in (False, True):
-        with Device(validation=True, staging=staging) as device:
-            found.append(use(device))
-    assert found[0] == found[1]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shader_folder import ShaderFolder
+from shader_folder import ShaderFolder, leaves_nothing
 
 from solari_vk import disk_cache
 from solari_vk.errors import DeviceError
@@ -21,8 +21,6 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders import shaderc
-from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.gpu.shaders.spirv import reflect
 
 COUNT = 6
 TEXT = """layout(local_size_x = 1) in;
@@ -57,30 +55,25 @@ def watch(device: Device, monkeypatch: pytest.MonkeyPatch, call: Callable[..., i
     monkeypatch.setattr(device.vk, "vkCreateComputePipelines", lambda *arguments: call(real, *arguments))
 
 
-def test_pipelines_are_created_at_the_same_time(own_device, stage, shaders, monkeypatch):
+def test_shaders_are_compiled_and_pipelines_created_at_the_same_time(own_device, stage, shaders, monkeypatch):
+    """The barriers break unless all shaders, and then all pipelines, are being made at one time."""
     monkeypatch.setattr(os, "cpu_count", lambda: COUNT + 1)
-    together, threads = threading.Barrier(COUNT + 1), set()
+    compiling, creating = threading.Barrier(COUNT), threading.Barrier(COUNT + 1)
+    compile_source, threads = shaderc.compile_source, set()
+
+    def compile_together(*arguments: Any, **options: Any) -> bytes:
+        compiling.wait(timeout=20)
+        return compile_source(*arguments, **options)
 
     def create(real: Callable[..., int], *arguments: Any) -> int:
-        together.wait(timeout=20)  # breaks unless all pipelines are being created now
+        creating.wait(timeout=20)
         threads.add(threading.get_ident())
         return real(*arguments)
 
+    monkeypatch.setattr(shaderc, "compile_source", compile_together)
     watch(own_device, monkeypatch, create)
     assert results(own_device, stage, shaders) == EXPECTED
     assert len(threads) == COUNT + 1
-
-
-def test_shaders_are_compiled_at_the_same_time(own_device, stage, shaders, monkeypatch):
-    monkeypatch.setattr(os, "cpu_count", lambda: COUNT)
-    together, compile_source = threading.Barrier(COUNT), shaderc.compile_source
-
-    def compile_together(*arguments: Any, **options: Any) -> bytes:
-        together.wait(timeout=20)
-        return compile_source(*arguments, **options)
-
-    monkeypatch.setattr(shaderc, "compile_source", compile_together)
-    assert results(own_device, stage, shaders) == EXPECTED
 
 
 def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch):
@@ -96,15 +89,23 @@ def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch
     assert created == [1] * (COUNT + 1)
 
 
-def test_constants_keep_their_order(shaders):
+def test_constants_keep_their_order(own_device, shaders, monkeypatch):
     """The driver's and our cache know a pipeline by its constants in their order, which a set changes by process."""
     names = [f"C{number}" for number in range(8)]
     lines = "".join(f"layout(constant_id = {number}) const uint {name} = 0;\n" for number, name in enumerate(names))
     body = f"void main() {{ out_0.at[0] = {' ^ '.join(names)}; }}"
     shaders.write("many", TEXT.format(0).partition("void")[0].replace("id = 0", "id = 9") + lines + body)
-    module = reflect(compile_shader("passes/many.comp", root=shaders.root))
-    info = pipelines._specialization(module, dict.fromkeys(reversed(names), 1))
-    assert [entry.constantID for entry in info.pMapEntries[0:8]] == list(reversed(range(8)))
+    orders = []
+
+    def create(real: Callable[..., int], *arguments: Any) -> int:
+        entries = arguments[3].stage.pSpecializationInfo.pMapEntries
+        orders.append([entries[number].constantID for number in range(8)])
+        return real(*arguments)
+
+    watch(own_device, monkeypatch, create)
+    item = Pass("many", threads=1, constants=dict.fromkeys(reversed(names), 1))
+    with Frame(own_device, [Stage("many", buffers={"out_0": 1}, passes=[item])], glsl_root=shaders.root):
+        assert orders == [list(reversed(range(8)))]
 
 
 def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders, monkeypatch):
@@ -116,13 +117,10 @@ def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders,
 
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # so that they are created in the order of the passes
     results(own_device, stage, shaders)
-    own_device.wait_idle()
-    objects = own_device.live_objects
     watch(own_device, monkeypatch, create)
-    with pytest.raises(DeviceError, match=r"^pass write_2: .*VK_ERROR_OUT_OF_DEVICE_MEMORY"):
+    error = r"^pass write_2: .*VK_ERROR_OUT_OF_DEVICE_MEMORY"
+    with leaves_nothing(own_device), pytest.raises(DeviceError, match=error):
         Frame(own_device, [stage], glsl_root=shaders.root)
-    own_device.wait_idle()
-    assert own_device.live_objects == objects
 
 
 def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage, shaders, monkeypatch):
@@ -144,16 +142,14 @@ def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage
         return result
 
     results(own_device, stage, shaders)
-    own_device.wait_idle()
-    objects, real_wait = own_device.live_objects, pipelines.wait
+    real_wait = pipelines.wait
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     monkeypatch.setattr(pipelines, "wait", wait)
     watch(own_device, monkeypatch, create)
-    with pytest.raises(KeyboardInterrupt):
-        Frame(own_device, [stage], glsl_root=shaders.root)
-    assert len(ended) == len(started)
-    own_device.wait_idle()
-    assert own_device.live_objects == objects
+    with leaves_nothing(own_device):
+        with pytest.raises(KeyboardInterrupt):
+            Frame(own_device, [stage], glsl_root=shaders.root)
+        assert len(ended) == len(started)
 
 
 # ---- on disk ----------------------------------------------------------------------------------------
@@ -184,16 +180,6 @@ def entries() -> list[Path]:
     return list(folder.glob("*.pipelines"))
 
 
-def test_the_cache_outlives_the_device(any_device, stage, shaders, monkeypatch):
-    assert initial_data(monkeypatch, stage, shaders) == b""
-    (file,) = entries()
-    kept = disk_cache.load(file.name)
-    assert kept is not None
-    assert kept[:4] == (32).to_bytes(4, "little")
-    assert initial_data(monkeypatch, stage, shaders) == kept
-    assert not list(file.parent.glob("*.tmp"))
-
-
 def with_hash(content: bytes) -> bytes:
     return hashlib.sha256(content).digest() + content
 
@@ -203,22 +189,21 @@ def other_device(entry: bytes) -> bytes:
     return with_hash(entry[32:48] + bytes(255 - byte for byte in entry[48:64]) + entry[64:])
 
 
-@pytest.mark.parametrize(
-    "damage", [lambda b: b[:-1], lambda b: b"", lambda b: b[:50] + bytes([b[50] ^ 1]) + b[51:], other_device],
-    ids=["truncated", "empty", "changed", "of another device"],
-)  # fmt: skip
-def test_a_useless_file_is_replaced(any_device, stage, shaders, monkeypatch, damage):
-    initial_data(monkeypatch, stage, shaders)
+def test_the_cache_outlives_the_device_and_what_is_useless_is_replaced(any_device, stage, shaders, monkeypatch):
+    """A file that is damaged, or of another device, and one that has grown too large."""
+    assert initial_data(monkeypatch, stage, shaders) == b""
     (file,) = entries()
     good = file.read_bytes()
-    file.write_bytes(damage(good))
-    assert initial_data(monkeypatch, stage, shaders) == b""
-    assert file.read_bytes() == good
-    assert initial_data(monkeypatch, stage, shaders) == good[32:]
-
-
-def test_a_file_that_has_grown_too_large_is_begun_anew(any_device, stage, shaders, monkeypatch):
-    initial_data(monkeypatch, stage, shaders)
+    kept = good[32:]
+    assert disk_cache.load(file.name) == kept
+    assert kept[:4] == (32).to_bytes(4, "little")
+    assert initial_data(monkeypatch, stage, shaders) == kept
+    for damaged in (good[:50] + bytes([good[50] ^ 1]) + good[51:], other_device(good)):
+        file.write_bytes(damaged)
+        assert initial_data(monkeypatch, stage, shaders) == b""
+        assert file.read_bytes() == good
+    assert initial_data(monkeypatch, stage, shaders) == kept
+    assert not list(file.parent.glob("*.tmp"))
     monkeypatch.setattr(pipeline_cache, "MAX_BYTES", 1)
     assert initial_data(monkeypatch, stage, shaders) == b""
 
@@ -226,7 +211,7 @@ def test_a_file_that_has_grown_too_large_is_begun_anew(any_device, stage, shader
 def test_each_driver_version_has_its_own_file(own_device, shaders, monkeypatch):
     names = set()
     real = own_device.instance_vk.vkGetPhysicalDeviceProperties
-    for version in range(3):
+    for version in range(2):
 
         def get(handle: raw.CData, out: raw.CData, version: int = version) -> None:
             real(handle, out)
@@ -234,7 +219,7 @@ def test_each_driver_version_has_its_own_file(own_device, shaders, monkeypatch):
 
         monkeypatch.setattr(own_device.instance_vk, "vkGetPhysicalDeviceProperties", get)
         names.add(pipeline_cache.PipelineCache(own_device).entry)
-    assert len(names) == 3
+    assert len(names) == 2
 
 
 def test_a_write_that_fails_keeps_the_entry_before(shaders, monkeypatch):
@@ -261,11 +246,3 @@ def test_a_cache_that_the_driver_keeps_to_itself_only_warns(own_device, stage, s
     with pytest.warns(UserWarning, match=r"pipelines can't be kept .*vkGetPipelineCacheData: VK_ERROR_OUT_OF_HOST"):
         assert results(own_device, stage, shaders) == EXPECTED
     assert not entries()
-
-
-def test_the_cache_can_be_off(any_device, stage, shaders, monkeypatch, tmp_path):
-    monkeypatch.setenv("SOLARI_VK_CACHE", "off")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert initial_data(monkeypatch, stage, shaders) == b""
-    assert initial_data(monkeypatch, stage, shaders) == b""
-    assert not list(tmp_path.rglob("*.pipelines"))

@@ -16,7 +16,6 @@ from solari_vk.gpu.shaders.spirv import reflect
 PATHS = sorted(path.relative_to(glsl_root()).as_posix() for path in glsl_root().rglob("*")
                if path.suffix.lstrip(".") in shaderc.STAGES)  # fmt: skip
 OWN_QUERIES = {path for path in PATHS if re.match(r"passes/conformance/(positions|probe|trace)\.(comp|frag)", path)}
-RAY_STAGES = {"rgen", "rmiss", "rchit", "rahit", "rint"}
 CLOSEST, ANY, FRONT = 0x1, 0x5, 0x11  # opaque; and terminate on the first hit; or cull back faces
 VISIBILITY = 0xD  # opaque, terminate on the first hit, skip the closest-hit shader
 TRACE_RAY = 4445
@@ -58,18 +57,17 @@ def traced_flags(spirv: bytes) -> set[int | None]:
 
 @pytest.mark.parametrize("path", sorted(set(PATHS) - OWN_QUERIES))
 def test_modules_of_both_ways(path: str) -> None:
-    """A module that traces by queries is a ray generation shader in the other way, and all others are equal in both."""
+    """Valid and readable; one that traces by queries is a ray generation shader in the other way, others are equal."""
     queries, pipelines = (compile_shader(path, ray_pipelines=on) for on in (False, True))
-    check_spirv(pipelines, path)
-    module = reflect(pipelines, path, writes_by_address=path == "scene/deform.comp")
-    stage, traces = module.main.stage, ray_generation.uses_ray_queries(queries)
+    check_spirv(queries, path)
+    module = reflect(queries, path, writes_by_address=path == "scene/deform.comp")
+    assert module.main.stage == path.rpartition(".")[2]
     assert not ray_generation.uses_ray_queries(pipelines)
-    if not traces:
+    if not ray_generation.uses_ray_queries(queries):
         assert queries == pipelines
-        assert stage == path.rpartition(".")[2]
         return
-    assert reflect(queries, path).main.stage == "comp"
-    assert stage == "rgen"
+    check_spirv(pipelines, path)
+    assert reflect(pipelines, path).main.stage == "rgen"
     assert traced_flags(pipelines)
     assert traced_flags(pipelines) <= {CLOSEST, FRONT, VISIBILITY, None}
 
@@ -80,6 +78,7 @@ def test_some_modules_trace() -> None:
 
 @pytest.mark.parametrize("path", sorted(OWN_QUERIES))
 def test_queries_of_a_shader_s_own_are_refused(path: str) -> None:
+    check_spirv(compile_shader(path), path)
     with pytest.raises(SolariError, match=rf"^{path}: .*VK_KHR_ray_query, opened with rays='query'.*scene/trace.glsl"):
         compile_shader(path, ray_pipelines=True)
 
@@ -101,20 +100,17 @@ def test_flags_of_visibility_rays_are_seen() -> None:
             assert traced_flags(compile_shader(path, ray_pipelines=True)) == {left, None}
 
 
-def test_the_local_size_is_dropped(shaders: ShaderFolder) -> None:
-    spirv = module(shaders, "void main() { found.at[INVOCATION_INDEX.x] = " + HIT + "; }\n")
-    assert reflect(spirv).main.stage == "rgen"
-    assert reflect(spirv).local_size() == (1, 1, 1)
-
-
-def test_what_traces_nothing_stays_a_compute_shader(shaders: ShaderFolder) -> None:
-    body = "void main() { found.at[gl_GlobalInvocationID.x] = 1.0; }\n"
-    spirv = module(shaders, body)
-    assert reflect(spirv).main.stage == "comp"
-    assert reflect(spirv).local_size() == (64, 1, 1)
+def test_only_what_traces_becomes_a_ray_generation_shader(shaders: ShaderFolder) -> None:
+    traces = reflect(module(shaders, "void main() { found.at[INVOCATION_INDEX.x] = " + HIT + "; }\n"))
+    assert (traces.main.stage, traces.local_size()) == ("rgen", (1, 1, 1))
+    spirv = module(shaders, "void main() { found.at[gl_GlobalInvocationID.x] = 1.0; }\n")
+    assert (reflect(spirv).main.stage, reflect(spirv).local_size()) == ("comp", (64, 1, 1))
     assert not ray_generation.uses_ray_queries(spirv)
     assert b"SPV_KHR_ray_query" not in spirv
     assert compile_shader("passes/x.comp", root=shaders.root) == spirv
+    body = "layout(location = 0) out vec4 color;\nvoid main() { color = vec4(" + HIT + "); }\n"
+    with pytest.raises(SolariError, match=r"^passes/x\.frag: it has ray queries of its own"):
+        module(shaders, body, "passes/x.frag", '#include "scene/trace.glsl"\n')
 
 
 @pytest.mark.parametrize(
@@ -138,9 +134,3 @@ def test_errors_name_the_line(shaders: ShaderFolder, body: str, line: int) -> No
     body += "\nvoid main() { found.at[0] = " + HIT + "; }\n"
     with pytest.raises(CompilationError, match=rf"x\.comp:{line}: error.*\n    nonsense"):
         module(shaders, body, header="const float SCALE = 2.0;")
-
-
-def test_only_compute_shaders_become_ray_generation_shaders(shaders: ShaderFolder) -> None:
-    body = "layout(location = 0) out vec4 color;\nvoid main() { color = vec4(" + HIT + "); }\n"
-    with pytest.raises(SolariError, match=r"^passes/x\.frag: it has ray queries of its own"):
-        module(shaders, body, "passes/x.frag", '#include "scene/trace.glsl"\n')

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import random
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shader_folder import ShaderFolder
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_into_spirv, compile_shader
@@ -35,7 +37,20 @@ def module(shaders, body: str, optimization: str = "performance", before: str = 
     return reflect(compile_into_spirv(path.read_bytes(), "comp", str(path), optimization=optimization), "demo")
 
 
-@pytest.mark.parametrize("optimization", ["zero", "size", "performance"])
+FUNCTIONS = """
+uint twice(uint x) { return 2u * x; }
+void put(uint at, inout uint counter) { counter += 1u; a.at[at] = counter; }
+void start(accelerationStructureEXT world, rayQueryEXT query) {
+    rayQueryInitializeEXT(query, world, 0u, 255u, vec3(0), 0.0, vec3(1), 9.0);
+}
+vec4 look(sampler2D t) { return textureLod(t, vec2(0), 0.0); }
+void never() { b.at[0] = 1u; }
+struct Big { uint x[4]; };
+Big copy() { Big big; for (int i = 0; i < 4; i++) big.x[i] = c.at[i]; return big; }
+"""
+
+
+@pytest.mark.parametrize("optimization", ["zero", "performance"])
 @pytest.mark.parametrize(
     ("body", "reads", "writes"),
     [
@@ -61,42 +76,17 @@ def module(shaders, body: str, optimization: str = "performance", before: str = 
         ("float whole; a.at[0] = uint(modf(c.wide.x, whole)) + uint(whole);", "c", "a"),
         ("for (uint i = 0u; i < b.at[0]; i++) { uint local[4]; local[i & 3u] = i; a.at[i] = local[0]; }", "b", "a"),
         ("if (u.value > 3u) { return; } else { a.at[0] = 1u; }", "u", "a"),
-    ],
-)  # fmt: skip
-def test_accesses(shaders, body, reads, writes, optimization):
-    scoped = "atomicLoad" in body or "atomicStore" in body
-    before = "#extension GL_KHR_memory_scope_semantics : require\n" if scoped else ""
-    main = module(shaders, "void main() {" + body + "}\n", optimization, before).main
-    assert main.reads == set(reads.split())
-    assert main.writes == set(writes.split())
-
-
-FUNCTIONS = """
-uint twice(uint x) { return 2u * x; }
-void put(uint at, inout uint counter) { counter += 1u; a.at[at] = counter; }
-void start(accelerationStructureEXT world, rayQueryEXT query) {
-    rayQueryInitializeEXT(query, world, 0u, 255u, vec3(0), 0.0, vec3(1), 9.0);
-}
-vec4 look(sampler2D t) { return textureLod(t, vec2(0), 0.0); }
-void never() { b.at[0] = 1u; }
-struct Big { uint x[4]; };
-Big copy() { Big big; for (int i = 0; i < 4; i++) big.x[i] = c.at[i]; return big; }
-"""
-
-
-@pytest.mark.parametrize("optimization", ["zero", "performance"])
-@pytest.mark.parametrize(
-    ("body", "reads", "writes"),
-    [
         ("uint n = twice(3u); put(0u, n);", "", "a"),
         ("put(0u, c.total);", "c", "a c"),
         ("rayQueryEXT query; start(tlas, query); a.at[0] = uint(rayQueryProceedEXT(query));", "tlas", "a"),
         ("a.at[0] = uint(look(sampled).x + look(many[1]).y);", "sampled many", "a"),
         ("Big big = copy(); big.x[1] = 3u; a.at[0] = big.x[u.value];", "c u", "a"),
     ],
-)
-def test_accesses_through_functions(shaders, body, reads, writes, optimization):
-    main = module(shaders, FUNCTIONS + "void main() {" + body + "}\n", optimization).main
+)  # fmt: skip
+def test_accesses(shaders, body, reads, writes, optimization):
+    scoped = "atomicLoad" in body or "atomicStore" in body
+    before = "#extension GL_KHR_memory_scope_semantics : require\n" if scoped else ""
+    main = module(shaders, FUNCTIONS + "void main() {" + body + "}\n", optimization, before).main
     assert main.reads == set(reads.split())
     assert main.writes == set(writes.split())
 
@@ -121,14 +111,22 @@ def test_reads_through_a_reference_are_free_and_writes_refused(shaders):
             module(shaders, reads + "void main() {" + write + "}\n", before=REFERENCE.format(""))
 
 
-def test_kinds_counts_and_formats(shaders):
+def test_kinds_counts_formats_and_access(shaders):
     # The compiler replaces an array without a length by one with a length, unless a variable indexes it.
-    found = module(shaders, "void main() { a.at[0] = uint(texture(many[u.value], vec2(0)).x); }\n", "zero").bindings
+    declared = """
+layout(set = 0, binding = 0, scalar) readonly buffer R { uint at[]; } r;
+layout(set = 0, binding = 1, r32f) writeonly uniform image2D w;
+"""
+    body = declared + "void main() { a.at[0] = uint(texture(many[u.value], vec2(0)).x); }\n"
+    found = module(shaders, body, "zero").bindings
+    access = {name: (found[name].readonly, found[name].writeonly) for name in "arw"}
+    assert access == {"a": (False, False), "r": (True, False), "w": (False, True)}
     kinds = {name: (binding.kind, binding.count) for name, binding in found.items()}
     assert kinds == {
         "a": ("storage_buffer", 1), "b": ("storage_buffer", 1), "c": ("storage_buffer", 1), "D": ("storage_buffer", 1),
         "u": ("uniform_buffer", 1), "image": ("storage_image", 1), "sampled": ("combined_image_sampler", 1),
         "many": ("combined_image_sampler", 0), "tlas": ("acceleration_structure", 1),
+        "r": ("storage_buffer", 1), "w": ("storage_image", 1),
     }  # fmt: skip
     assert found["image"].image_format == "R32_UINT"
     assert (found["u"].set, found["u"].binding) == (1, 6)
@@ -138,46 +136,14 @@ def test_kinds_counts_and_formats(shaders):
     assert c.size_bytes(10) == 60
 
 
-def test_readonly_and_writeonly(shaders):
-    declared = """
-layout(set = 0, binding = 0, scalar) readonly buffer R { uint at[]; } r;
-layout(set = 0, binding = 1, r32f) writeonly uniform image2D w;
-"""
-    found = module(shaders, declared + "void main() {}\n", "zero").bindings
-    assert (found["r"].readonly, found["r"].writeonly) == (True, False)
-    assert (found["w"].readonly, found["w"].writeonly) == (False, True)
-    assert not found["a"].readonly
-
-
-def test_block_layouts(shaders):
-    declared = """
-layout(buffer_reference, scalar) readonly buffer Items { uint at[]; };
-struct Inner { vec3 position; uint8_t byte; double big; };
-struct Outer {
-    uint first; Inner inner; mat4x3 rows; mat3 square; vec2 pairs[3]; Inner many[2]; Items items; i16vec3 s;
-};
-layout(set = 0, binding = 0, scalar) buffer O { Outer at[]; } outer;
-"""
-    element = module(shaders, declared + "void main() {}\n", "zero").bindings["outer"].element
-    inner = np.dtype({"names": ["position", "byte", "big"], "formats": [("f4", 3), "u1", "f8"],
-                      "offsets": [0, 12, 16], "itemsize": 24})  # fmt: skip
-    assert element is not None
-    assert {name: element.fields[name][0] for name in element.names} == {
-        "first": np.dtype("u4"), "inner": inner, "rows": np.dtype(("f4", (4, 3))), "square": np.dtype(("f4", (3, 3))),
-        "pairs": np.dtype(("f4", (3, 2))), "many": np.dtype((inner, (2,))), "items": np.dtype("u8"),
-        "s": np.dtype(("i2", (3,))),
-    }  # fmt: skip
-    assert [element.fields[name][1] for name in element.names] == [0, 8, 32, 80, 116, 144, 192, 200]
-    assert element.itemsize == 208
-
-
-@pytest.mark.parametrize("layout", ["std140", "std430"])
-def test_other_layouts_are_refused(shaders, layout):
-    declared = f"layout(set = 0, binding = 0, {layout}) buffer O {{ vec3 at[]; }} outer;\n"
-    with pytest.raises(SolariError, match=r"demo: .*outer.*layout\(scalar\)"):
-        module(shaders, declared + "void main() {}\n", "zero")
-    declared = f"layout(set = 0, binding = 0, {layout}) buffer O {{ mat3 m; }} outer;\n"
-    with pytest.raises(SolariError, match=r"outer\.m must be column-major in a layout\(scalar\)"):
+@pytest.mark.parametrize(
+    ("layout", "member", "message"),
+    [("std140", "vec3 at[];", r"demo: .*outer.*layout\(scalar\)"),
+     ("std430", "mat3 m;", r"outer\.m must be column-major in a layout\(scalar\)")],
+)  # fmt: skip
+def test_other_layouts_are_refused(shaders, layout, member, message):
+    declared = f"layout(set = 0, binding = 0, {layout}) buffer O {{ {member} }} outer;\n"
+    with pytest.raises(SolariError, match=message):
         module(shaders, declared + "void main() {}\n", "zero")
 
 
@@ -200,33 +166,35 @@ void main() { if (FLAG) a.at[uint(COUNT)] = uint(SCALE) * ROWS; }
     assert module(shaders, "void main() { a.at[0] = 1u; }\n").local_size() == (8, 1, 1)
 
 
-def test_stages(shaders):
-    shaders.write("x.frag", "#version 460\nlayout(location = 0) out vec4 color;\nvoid main() { color = vec4(1); }\n")
-    assert reflect(compile_shader("x.frag", root=shaders.root)).main.stage == "frag"
-
-
-def test_data_in_shader_records_are_refused(shaders):
-    shaders.write("x.rchit", """#version 460
+RECORD = """#version 460
 #extension GL_EXT_ray_tracing : require
 layout(location = 0) rayPayloadInEXT uint found;
 layout(shaderRecordEXT) buffer RecordBlock { uint value; } record;
 void main() { found = record.value; }
-""")
+"""
+
+
+def test_data_in_shader_records_are_refused(shaders):
+    shaders.write("x.rchit", RECORD)
     with pytest.raises(SolariError, match=r"^x: shaderRecordEXT: records .* hold no data: read a buffer"):
         reflect(compile_shader("x.rchit", root=shaders.root), "x")
 
 
-def test_stripped_and_damaged_modules(shaders):
-    spirv = module(shaders, FUNCTIONS + "void main() { put(0u, c.total); }\n", "zero").spirv
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = ShaderFolder(tmp_path_factory.mktemp("whole"))
+    return module(folder, FUNCTIONS + "void main() { put(0u, c.total); }\n", "zero")
+
+
+WORDS = st.integers(0, 2**32 - 1) | st.integers(0, 2**16 - 1) | st.integers(0, 15)
+
+
+@given(st.integers(5, 1999), WORDS, st.none() | st.integers(0, 1999))
+@settings(max_examples=300)
+def test_damaged_modules_are_read_or_refused(whole, place, word, end):
+    words = np.frombuffer(whole.spirv, np.uint32).copy()
+    words[place % len(words)] = word
+    with contextlib.suppress(SolariError):
+        reflect(words[: None if end is None else end % len(words)].tobytes(), "x")
     with pytest.raises(SolariError, match="not a SPIR-V module"):
         reflect(b"nonsense, and long enough for a header", "x")
-    words = np.frombuffer(spirv, np.uint32)
-    chooser = random.Random(1)
-    for _ in range(300):
-        damaged = words.copy()
-        if chooser.random() < 0.3:
-            damaged = damaged[: chooser.randrange(len(words))]
-        else:
-            damaged[chooser.randrange(5, len(words))] = chooser.getrandbits(32) >> chooser.choice([0, 16, 28])
-        with contextlib.suppress(SolariError):
-            reflect(damaged.tobytes(), "x")

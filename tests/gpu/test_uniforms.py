@@ -1,4 +1,7 @@
-"""Uniform blocks: several in one array of bytes, fast writers, and values that are kept when the layout changes."""
+"""Uniform blocks: several in one array of bytes, fast writers, and values that are kept when the layout changes.
+
+Writers pack plain numbers, with the same bytes as numpy.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import pytest
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.packing import packing
 from solari_vk.gpu.frame.uniforms import Uniforms
 
 ONE = np.dtype([("scale", "f4"), ("place", "f4", (3,)), ("count", "u4")])
@@ -77,7 +81,8 @@ void main() { result.at[0] = scale.factor * sum(pair); result.at[1] = pair.secon
 
 
 def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
-    """A block without an instance name that holds one struct has the struct's name. Unread blocks are absent."""
+    """A block without an instance name that holds one struct has the struct's name. Unread blocks are absent. A buffer
+    of the caller can be a block."""
     shaders.write("blocks", BLOCKS)
     stage = Stage("blocks", buffers={"result": 2}, passes=[Pass("blocks", threads=1)])
     with Frame(device, [stage], glsl_root=shaders.root) as frame:
@@ -88,11 +93,6 @@ def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
             pair.write(number, 4)
             frame.submit()
             assert frame["result"].tolist() == [(10 + number) * (number + 4), 4]
-
-
-def test_a_buffer_of_the_caller_can_be_a_block(device, shaders):
-    shaders.write("blocks", BLOCKS)
-    stage = Stage("blocks", buffers={"result": 2}, passes=[Pass("blocks", threads=1)])
     given = device.buffer(4, "given")
     given.upload(np.uint32(3))
     with Frame(device, [stage], external={"scale": given}, glsl_root=shaders.root) as frame:
@@ -101,3 +101,33 @@ def test_a_buffer_of_the_caller_can_be_a_block(device, shaders):
         frame.submit()
         assert frame["result"].tolist() == [6, 0]
     given.destroy()
+
+
+RECORD = np.dtype({
+    "names": ["matrix", "count", "place", "far", "address"],
+    "formats": [("<f4", (4, 3)), "<u4", ("<f4", (2,)), "<i4", "<u8"],
+    "offsets": [0, 48, 52, 64, 72],
+    "itemsize": 80,
+})  # fmt: skip
+
+
+def test_packs_as_numpy_does():
+    packed, expected = np.zeros(1, RECORD), np.zeros(1, RECORD)
+    matrix = np.random.default_rng(0).normal(size=(4, 3))
+    expected["matrix"][0], expected["count"], expected["place"][0] = matrix, 2**32 - 1, (0.1, -2)
+    expected["far"], expected["address"] = -5, 1 << 50
+    for names, values in (
+        (["matrix", "count"], [*matrix.ravel().tolist(), 2**32 - 1]), (["place"], [0.1, -2]), (["far"], [-5]),
+        (["address"], [1 << 50]),
+    ):  # fmt: skip
+        fields, begin = packing(RECORD, names)
+        fields.pack_into(packed.view(np.uint8).data, begin, *values)
+    assert packed.tobytes() == expected.tobytes()
+
+
+def test_fields_must_exist_and_follow_each_other():
+    for names in (["matrix", "place"], ["place", "far"], ["far", "address"], ["count", "matrix"]):
+        with pytest.raises(SolariError, match=f"field {names[1]} .* without a gap"):
+            packing(RECORD, names)
+    with pytest.raises(SolariError, match=r"no field near; there are matrix, count"):
+        packing(RECORD, ["matrix", "near"])

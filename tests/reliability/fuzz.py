@@ -1,13 +1,15 @@
-"""Loads mutated files and prints what went wrong; run by test_fuzz.py in a process with limits.
+"""Loads mutated files; run by test_fuzz.py in a process with limits.
 
-    PYTHONPATH=tests:tests/reliability python tests/reliability/fuzz.py KIND FOLDER COUNT SEED
+    PYTHONPATH=tests:tests/reliability python tests/reliability/fuzz.py FOLDER COUNT KIND...
 
 Every mutant must load or raise a SolariError that names the file, within five seconds, print nothing, and open no file
-outside the folder; the last line counts both. After a crash the file FOLDER.seed has the seed.
+outside the folder. The last line counts both. After a failure FOLDER/KIND has the smallest mutant that fails; after a
+crash, the one that crashed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -16,12 +18,13 @@ import resource
 import signal
 import sys
 import time
-import traceback
 import warnings
 from pathlib import Path
 from typing import Any
 
-from fuzz_subjects import open_subject
+from fuzz_subjects import Subject, open_subject
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 
 import solari_vk as sv
 from solari_vk.errors import SolariError
@@ -46,47 +49,47 @@ def watch_files(folder: Path) -> list[str]:
     return outside
 
 
-def main() -> None:
-    kind, folder, count, seed = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
-    warnings.simplefilter("ignore", UserWarning)  # of pictures with an unusual shape, and the like
+def load(subject: Subject, outside: list[str]) -> str:
+    """Load what was written: "loaded" or "refused". Raises anything else that is wrong."""
+    outside.clear()
+    said, began, refusal = io.StringIO(), time.monotonic(), ""
+    signal.alarm(SECONDS)
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            subject.load()
+    except SolariError as error:
+        refusal = str(error)
+    finally:
+        signal.alarm(0)
+    assert not refusal or refusal.encode().startswith(subject.named.encode()), f"the file isn't named: {refusal}"
+    assert not outside, "opened outside the folder"
+    assert not said.getvalue(), "printed"
+    # Readers take the alarm's TimeoutError, which is an OSError, for a file that can't be read.
+    assert time.monotonic() - began < SECONDS, "too slow"
+    return "refused" if refusal else "loaded"
+
+
+def fuzz(kind: str, folder: Path, count: int, outside: list[str]) -> dict[str, int]:
+    """How many mutants were loaded and refused."""
+    folder.mkdir()
     subject = open_subject(kind, folder)
     subject.load()
-    counts = {"loaded": 0, "refused": 0, "failed": 0}
-    at = os.open(f"{folder}.seed", os.O_CREAT | os.O_WRONLY)
-    outside = watch_files(folder)
-    for number in range(seed, seed + count):
-        os.pwrite(at, b"%20d" % number, 0)
-        subject.write(random.Random(number))
-        sys.stdout = sys.stderr = said = io.StringIO()
-        began = time.monotonic()
-        signal.alarm(SECONDS)
-        try:
-            outcome, wrong = "loaded", ""
-            try:
-                subject.load()
-            except SolariError as error:
-                outcome = "refused"
-                if not str(error).encode().startswith(subject.named.encode()):
-                    wrong = f"the file isn't named: {error}"
-            if outside or said.getvalue():
-                wrong = f"opened outside the folder: {outside}, printed: {said.getvalue()}"
-            # Readers take the alarm's TimeoutError, which is an OSError, for a file that can't be read.
-            if time.monotonic() - began >= SECONDS:
-                wrong = f"longer than {SECONDS} s"
-        except BaseException:
-            wrong = traceback.format_exc()
-        finally:
-            signal.alarm(0)
-            sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
-        outside.clear()
-        counts["failed" if wrong else outcome] += 1
-        if wrong:
-            print(f"seed {number}: {wrong}", flush=True)
-    print(json.dumps({**counts, "peak_mib": _peak_mib()}))
+    counts = {"loaded": 0, "refused": 0}
+
+    @settings(
+        max_examples=count, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck),
+        phases=[Phase.generate, Phase.shrink],
+    )  # fmt: skip
+    @given(st.randoms(use_true_random=False))
+    def check(generator: random.Random) -> None:
+        subject.write(generator)
+        counts[load(subject, outside)] += 1
+
+    check()
+    return counts
 
 
-def _peak_mib() -> int:
+def peak_mib() -> int:
     """This process's peak memory; on Linux getrusage includes the parent's before exec."""
     status = Path("/proc/self/status")
     if status.exists():
@@ -95,10 +98,19 @@ def _peak_mib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 
 
-def _expired(*_: Any) -> None:
+def expired(*_: Any) -> None:
     raise TimeoutError(f"longer than {SECONDS} s")
 
 
+def main() -> None:
+    folder, count, kinds = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+    warnings.simplefilter("ignore", UserWarning)  # of pictures with an unusual shape, and the like
+    signal.signal(signal.SIGALRM, expired)
+    outside = watch_files(folder)
+    counts = {kind: fuzz(kind, folder / kind, count, outside) for kind in kinds}
+    print(json.dumps({"counts": counts, "peak_mib": peak_mib()}))
+
+
 if __name__ == "__main__":
-    signal.signal(signal.SIGALRM, _expired)
     main()

@@ -207,4 +207,3 @@ RADIANCE: dict[str, Callable[[Path], list[bytes]]] = {"hdr": _hdr, "exr": _exr}
 """Environments; the functions may write into a folder."""
 
 OTHERS = ("external", "camera", "path", "transforms", "ledger")
-KINDS = (*GLTF, *IMAGES, *MESHES, *RADIANCE, *OTHERS)

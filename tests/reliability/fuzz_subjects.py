@@ -49,9 +49,8 @@ def open_subject(kind: str, folder: Path) -> Subject:
         return _image(IMAGES[kind](), folder / "mutant.glb")
     if kind in RADIANCE:
         return _environment(RADIANCE[kind](folder), folder / f"mutant.{kind}")
-    return {"external": _external, "camera": _camera, "path": _path, "transforms": _transforms, "ledger": _ledger}[
-        kind
-    ](folder)
+    others = {"external": _external, "camera": _camera, "path": _path, "transforms": _transforms, "ledger": _ledger}
+    return others[kind](folder)
 
 
 # ---- scenes -----------------------------------------------------------------------------------------

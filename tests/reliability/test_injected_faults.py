@@ -152,6 +152,7 @@ def test_a_device_that_is_lost_ends_with_one_error(scenario: Scenario, any_devic
             [said] = faults.said
             assert re.search("VK_ERROR_DEVICE_LOST.*make a new Device", said)
             assert device.lost
+            assert not device.idle
             with pytest.raises(sv.DeviceError, match="lost"):
                 device.wait_idle()
     assert raised > 10
