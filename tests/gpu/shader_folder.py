@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -14,8 +15,8 @@ HEADER = "#version 460\n#extension GL_EXT_scalar_block_layout : require\n"
 
 
 def check_spirv(spirv: bytes, name: str) -> None:
-    """Fail if the module isn't valid for Vulkan 1.3 with scalar layout."""
-    command = shutil.which("spirv-val")
+    """Fail if the module isn't valid for Vulkan 1.3 with scalar layout, by spirv-val or what SPIRV_VAL names."""
+    command = shutil.which(os.environ.get("SPIRV_VAL", "spirv-val"))
     assert command, "spirv-val is missing: install spirv-tools"
     arguments = [command, "--target-env", "vulkan1.3", "--scalar-block-layout", "-"]
     done = subprocess.run(arguments, input=spirv, capture_output=True, check=False)

@@ -22,7 +22,6 @@ from solari_vk.gpu.device.physical import (
 )
 from solari_vk.gpu.device.rays import AUTO, RAYS
 
-
 _FORKED = (
     "belongs to the process that this one was forked from, and can't be used here: start processes by spawn "
     "(multiprocessing.get_context('spawn')), and open a Device in each"
