@@ -1,7 +1,5 @@
 """References for ray tracing: Embree over a Scene, a ray-triangle test in float64, and a camera's rays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from solari_vk.conformance import embree_checks

@@ -1,7 +1,5 @@
 """The Sobol sequence against generator matrices, the laws of Owen's scrambling, and independent seeds."""
 
-from __future__ import annotations
-
 from math import comb
 
 import numpy as np

@@ -1,16 +1,14 @@
 """Specular GI: mirrors against closed forms, metals against the path tracer, and where paths end."""
 
-from __future__ import annotations
-
-import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from support.measured import hold
 from support.oracles.closed_forms import camera_rays
 from support.paths import metal_gallery
-from support.realtime import GBUFFER, SMALL, SPLIT, add_up, make_renderer
+from support.realtime import GBUFFER, SMALL, SPLIT, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -18,10 +16,9 @@ from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.statistics import NORMAL_95
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, matte, place, rgb
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene
+from solari_vk.scene.model import Camera, Instance, Material, Scene
 
 _SPECULAR = (SUITE, "Specular GI")
-MIRROR = Rule("a mirror in a white room is as bright as its Fresnel term", *_SPECULAR)
 GLOSSY = Rule("specular light of four metals is the path tracer's", *_SPECULAR)
 PANEL = Rule("specular light of each metal (mirror, smooth, glossy, rough) is the path tracer's", *_SPECULAR)
 ENDS = Rule("a path that spreads wider than a cell ends in the world cache", *_SPECULAR)
@@ -40,29 +37,6 @@ PANELS = {
     "mirror": np.s_[: SIDE // 2, : SIDE // 2], "smooth": np.s_[: SIDE // 2, SIDE // 2 :],
     "glossy": np.s_[SIDE // 2 :, : SIDE // 2], "rough": np.s_[SIDE // 2 :, SIDE // 2 :],
 }  # fmt: skip
-
-
-# ---- mirrors ----------------------------------------------------------------------------------------
-
-
-def measure_mirror(device):
-    """A flat mirror of metal within walls that all emit 1: what it shows is Schlick's Fresnel term."""
-    room = sv.Instance(mesh=shapes.box((-4, -4, -4), (4, 4, 4), inward=True), material=lamp(1.0))
-    color = np.array((0.9, 0.6, 0.3))
-    gold = sv.Material(base_color=rgb(color), metallic=1.0, perceptual_roughness=0.0)
-    mirror = sv.Instance(mesh=shapes.quad((0, 0, -2), (3, 0, 0), (0, 3, 0)), material=gold)
-    camera = sv.Camera.look_at((0, 0, 0), (0, 0, -2), vertical_fov=1.2)
-    size = (24, 24)
-    with make_renderer(device, sv.Scene(room, mirror, camera), size, **SPLIT, jitter=False) as renderer:
-        for _ in range(2):
-            frame = renderer.render(camera)
-        found = add_up(frame)
-    across = (2 * (np.arange(24) + 0.5) / 24 - 1) * math.tan(0.6)
-    cosine = 1 / np.sqrt(1 + across[None, :] ** 2 + across[:, None] ** 2)
-    expected = color + (1 - color) * (1 - cosine[..., None]) ** 5
-    # The mean is measured, because single pixels also show the faint sheen of the walls.
-    error = np.abs(found.mean(axis=(0, 1)) / expected.mean(axis=(0, 1)) - 1).max()
-    yield Measurement(MIRROR, float(error), 0.01, "relative error")
 
 
 # ---- all roughnesses --------------------------------------------------------------------------------
@@ -108,8 +82,7 @@ def measure_gallery(device, frames=2500):
 # ---- where paths end --------------------------------------------------------------------------------
 
 
-@dataclasses.dataclass
-class PathCase:
+class PathCase(NamedTuple):
     """A metal wall, and the limits of the number of rays that specular GI traces for a pixel of it."""
 
     rule: Rule
@@ -216,7 +189,7 @@ def test_mirrors_show_the_suns_disk(device, mirrors):
         scene.add(Instance(mesh=shapes.quad((0, 0, -3), (40, 0, 0), (0, 40, 0)), material=GOLD))
         turned = np.array((1, -1, -1))
     to_sun = np.array((-0.1, 1.0, -0.4)) * (1, 1, turned[2])
-    scene.add(DirectionalLight(direction=-to_sun, illuminance=10.0, angular_diameter=0.3))
+    scene.add(sv.DirectionalLight(direction=-to_sun, illuminance=10.0, angular_diameter=0.3))
     camera = Camera.look_at((0, 2, 0.5), (0.2, 0, -0.3), vertical_fov=0.9)
     made, _ = take_frames(device, scene, size, 2, camera=camera, jitter=False, specular_bounces=1)
     directions = camera_rays(camera, *size)[1]
@@ -230,40 +203,18 @@ def test_mirrors_show_the_suns_disk(device, mirrors):
     np.testing.assert_allclose(made[inside], expected[inside], rtol=0.01)
 
 
-def test_a_mirror_ball_is_exact(device):
-    """A mirror ball in a white furnace: each pixel shows Schlick's Fresnel term."""
-    size = (48, 48)
-    around = Instance(mesh=shapes.box((-9, -9, -9), (9, 9, 9), inward=True), material=lamp(1.0))
-    ball = Instance(mesh=shapes.sphere(1.0, 64), material=GOLD)
-    camera = Camera.look_at((0, 0, 3), (0, 0, 0), vertical_fov=0.4)
-    mirror, _ = take_frames(device, Scene(around, ball), size, 2, camera=camera, jitter=False)
-    directions = camera_rays(camera, *size)[1]
-    along = -3.0 * directions[..., 2]
-    apart = np.sqrt(9.0 - along**2)  # distance of the ray from the ball's center
-    np.testing.assert_allclose(mirror, schlick(GOLD.base_color, np.sqrt(1 - apart**2)), rtol=0.02)
+# ---- energy -----------------------------------------------------------------------------------------
 
 
-# ---- energy, and settings ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("perceptual_roughness", [0.3, *(pytest.param(r, marks=pytest.mark.slow) for r in (0.0, 0.7))])
-def test_a_glowing_box_of_metal(device, perceptual_roughness):
+def test_a_glowing_box_of_metal(device):
     """Walls emit 1 and reflect about half of the light over many bounces; the path tracer gives the reference."""
     scene = closed_box(albedo=0.5)
     walls = next(iter(scene))
-    walls.material.update(base_color=rgb(0.5), metallic=1.0, perceptual_roughness=perceptual_roughness)
+    walls.material.update(base_color=rgb(0.5), metallic=1.0, perceptual_roughness=0.3)
     made, variance = take_frames(device, scene, (16, 16), 100)
     truth, truth_variance = trace_variance(device, scene, (16, 16), 400)
     error, width = relative_error(made + 1.0, variance, truth, truth_variance)
-    print(f"{error:+.2%} +- {width:.2%}")
     assert abs(error) + width < 0.01, f"{error:+.2%} +- {width:.2%}"
-
-
-def test_solaris_termination_has_light(device):
-    """Specular GI has light when the path's cone starts at the camera, as in Solari."""
-    settings = {"specular_bounces": 3, "specular_termination": "camera_spread"}
-    made, _ = take_frames(device, metal_gallery(), (24, 24), 3, **settings)
-    assert made.mean() > 0.05
 
 
 # ---- each rule holds, and can fail ------------------------------------------------------------------
@@ -277,17 +228,17 @@ def camera_spread(device):
     return measure_termination(device, "camera_spread")
 
 
-@pytest.mark.parametrize("measure", [
-    measure_mirror, *(pytest.param(m, marks=pytest.mark.slow) for m in (spread, camera_spread, measure_gallery)),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [spread, camera_spread, measure_gallery])
 def test_rules_hold(device, measure):
     hold(measure(device))
 
 
 TRACE, LOBE = "passes/solari019/specular_gi/trace.comp", "passes/solari019/specular_gi/cone_spread.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    MIRROR: (measure_mirror, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
-                                 "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),
+    "a flat mirror: no Fresnel term": (test_a_flat_mirror_shows_the_mirrored_cameras_picture, Bug(
+        LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
+        "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),
     GLOSSY: (measure_gallery, Bug("scene/walk.glsl", "trace_light", "return vec3(0.0);")),
     # the pdf of another lobe
     PANEL: (measure_gallery, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "

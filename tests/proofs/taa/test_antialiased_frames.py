@@ -1,15 +1,12 @@
 """Antialiasing and upscaling: single frames against the path tracer, still and in motion, and what they survive."""
 
-from __future__ import annotations
-
 import functools
-import itertools
 
 import numpy as np
 import pytest
 from PIL import Image
-from support.frames import differing, left_of, settle
-from support.realtime import SPLIT, get_jitter, make_renderer
+from support.frames import left_of, settle
+from support.realtime import SPLIT, make_renderer
 
 import solari_vk as sv
 from solari_vk.measure.statistics import relative_mse, sixteenths
@@ -103,18 +100,6 @@ def checkerboard(pixels):
     scene.add(sv.DirectionalLight(direction=(0, 0, -1), illuminance=3.0))
     scene.add(sv.Camera(transform=place(at=(0, 0, 1)), vertical_fov=2 * np.arctan(0.5)))
     return scene
-
-
-def test_fine_texture_keeps_its_contrast(device):
-    """Checkers of 1.5 pixels: the share of the path tracer's picture, from its mean, that is in a settled frame."""
-    scene = checkerboard(1.5)
-    inner = slice(8, -8), slice(8, -8)
-    truth = trace(device, scene)[inner]
-    with make(device, scene) as renderer:
-        picture = read(settle(renderer, None, SETTLED))[inner]
-    contrast = left_of(truth, truth.mean(), picture)
-    print(f"contrast {contrast:.3f}")
-    assert 0.9 < contrast < 1.05
 
 
 def test_the_mean_is_that_of_the_samples(device):
@@ -217,17 +202,6 @@ def test_a_moving_camera_keeps_edges_smooth(device):
     assert errors[0] / errors[1] < 0.3
 
 
-def test_changes_of_colors_are_followed(device):
-    """A wall is painted: after 8 frames the picture shows at most a twentieth of the old color."""
-    scene = checkerboard(6.0)
-    with make(device, scene) as renderer:
-        before = read(settle(renderer, None, 32))
-        next(iter(scene)).material.base_color = (0.2, 0.3, 1.0)
-        picture = read(settle(renderer, None, 8))
-        after = read(settle(renderer, None, 60))
-    assert abs(left_of(before, after, picture)) < 0.05
-
-
 @pytest.mark.parametrize("upscale", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_a_camera_that_moves_leaves_no_edges_behind(device, upscale):
     """The background doesn't move with the camera, but what is seen before it does."""
@@ -253,39 +227,10 @@ def test_a_camera_that_moves_leaves_no_edges_behind(device, upscale):
 # ---- sizes, cuts, hard input ------------------------------------------------------------------------
 
 
-def soften(samples, jitter, normals, depths):
-    """The first picture after a cut: samples (h, w, 3) exchange light with the eight around by a Gaussian of half a
-    pixel about the pixel's center, less where luminances are more than 8 times apart, or 16 times where normals
-    (h, w, 3) or depths (h, w, 1) tell that the surface is another one."""
-
-    def moved(picture, right, down):
-        near = np.pad(picture, ((1, 1), (1, 1), (0, 0)), "edge")  # what is outside has nothing to exchange
-        return near[1 + down : 1 + down + picture.shape[0], 1 + right : 1 + right + picture.shape[1]]
-
-    shifts = list(itertools.product((-1, 0, 1), repeat=2))
-    weights = np.exp([-2 * ((jitter[0] + right) ** 2 + (jitter[1] + down) ** 2) for right, down in shifts])
-    result, own = samples.copy(), samples @ (0.2126, 0.7152, 0.0722)
-    for shift, weight in zip(shifts, weights / weights.sum(), strict=True):
-        other, depth = moved(samples, *shift), moved(depths, *shift)
-        same = (normals * moved(normals, *shift)).sum(axis=-1) > 0.9
-        same &= (abs(depth - depths) < 0.1 * np.maximum(depth, depths))[..., 0]
-        luminance = other @ (0.2126, 0.7152, 0.0722)
-        alike = np.where(same, 8, 16) * np.minimum(own, luminance) / np.maximum(np.maximum(own, luminance), 1e-30)
-        result += weight * np.minimum(alike, 1)[..., None] * (other - samples)
-    return result
-
-
-def check_first_picture(frame, renderer):
-    samples, depths = read(frame, "sample_radiance"), np.atleast_3d(read(frame, "guides_depth"))
-    inside = np.s_[1:-1, 1:-1]
-    expected = soften(samples, get_jitter(renderer), read(frame, "guides_normal_roughness")[..., :3], depths)
-    assert read(frame)[inside] == pytest.approx(expected[inside], rel=1e-4, abs=1e-6)
-    assert (expected != samples).any(axis=-1).sum() > 500
-
-
 @pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
 def test_off_is_the_frame_of_samples(device, settings):
-    """Without antialiasing the picture is the samples, bit by bit; with it, the samples are the same."""
+    """Without antialiasing the picture is the samples, bit by bit; with it, the samples are the same. The switch is
+    live, and what was on before it is forgotten."""
     scene = cornell_box()
     with make(device, scene, **settings) as on, make(device, scene, antialiasing=False, **settings) as off:
         for _ in range(3):
@@ -293,21 +238,17 @@ def test_off_is_the_frame_of_samples(device, settings):
             assert plain["radiance"].tobytes() == plain["sample_radiance"].tobytes()
             assert found["sample_radiance"].tobytes() == plain["sample_radiance"].tobytes()
         assert found["radiance"].tobytes() != plain["radiance"].tobytes()
-        on.reset()
-        cut = on.render()
-        check_first_picture(cut, on)
         on.settings.antialiasing = False
-        on.render()
+        next(item for item in scene if item.name == "lamp").material.emissive *= 10
+        frame = settle(on, None, 8)
+        assert frame["radiance"].tobytes() == frame["sample_radiance"].tobytes()
         on.settings.antialiasing = True
-        check_first_picture(on.render(), on)  # the switch is live
+        frame = on.render()
+        assert read(frame).sum() == pytest.approx(read(frame, "sample_radiance").sum(), rel=0.02)
 
 
 # The height of (9, 3) is the number of pixels that are rendered for it.
-@pytest.mark.parametrize(("size", "upscale"), [
-    ((1, 1), 1.0), ((5, 7), 1.5), ((9, 3), 3.0),
-    *(pytest.param(*case, marks=pytest.mark.slow)
-      for case in (((1, 1), 3.0), ((16, 3), 2.0), ((5, 7), 2.0), ((4, 4), 2.0))),
-])  # fmt: skip
+@pytest.mark.parametrize(("size", "upscale"), [((1, 1), 1.0), ((5, 7), 1.5), ((9, 3), 3.0)])
 def test_sizes(device, size, upscale):
     scene = cornell_box()
     with make(device, scene, size, upscale=upscale) as renderer:
@@ -334,13 +275,14 @@ def test_upscale_is_live(device):
     assert relative_mse(found, right) < 0.1
 
 
-@pytest.mark.parametrize("ev100", [-40.0, 40.0])
-def test_exposure_changes_nothing(device, ev100):
-    scene, other = checkerboard(1.5), checkerboard(1.5)
-    other.camera.ev100 = ev100
-    with make(device, scene) as renderer, make(device, other) as exposed:
-        frame, found = settle(renderer, None, 4), settle(exposed, None, 4)
-        assert relative_mse(read(found), read(frame)) < 1e-4
+def test_exposure_changes_nothing(device):
+    pictures = []
+    for ev100 in (-40.0, 40.0):
+        scene = checkerboard(1.5)
+        scene.camera.ev100 = ev100
+        with make(device, scene) as renderer:
+            pictures.append(read(settle(renderer, None, 4)))
+    assert relative_mse(*pictures) < 1e-4
 
 
 def test_the_cameras_own_jitter_moves_the_picture(device):
@@ -352,11 +294,3 @@ def test_the_cameras_own_jitter_moves_the_picture(device):
         picture = read(renderer.render())
     inside = slice(8, -8)
     assert left_of(still[inside, 11:-5], still.mean(), picture[inside, 8:-8]) == pytest.approx(1, abs=0.1)
-
-
-def test_same_seed_same_bits(device):
-    scene = cornell_box()
-    with make(device, scene, upscale=1.5) as first, make(device, scene, upscale=1.5) as second:
-        for index in range(5):
-            camera = moved(scene.camera, 0.02 * index)
-            assert not differing(first.render(camera), second.render(camera))
