@@ -187,21 +187,6 @@ def test_edges_in_mirrors(device):
     assert off < 0.25
 
 
-def test_a_moving_camera_keeps_edges_smooth(device):
-    """The mean square error while the camera moves sideways by about a pixel a frame, over that without antialiasing.
-    Highlights are compressed as a display does, or the lamp's edges would be all that counts."""
-    scene = cornell_box()
-    with make(device, scene) as renderer:
-        for index in range(32):
-            camera = moved(scene.camera, 0.02 * index)
-            frame = renderer.render(camera)
-        picture, samples = read(frame), read(frame, "sample_radiance")
-    truth, picture, samples = (x / (x + 0.2) for x in (trace(device, scene, camera), picture, samples))
-    errors = ((picture - truth) ** 2).mean(), ((samples - truth) ** 2).mean()
-    print("moving: {:.5f}, without antialiasing {:.5f}".format(*errors))
-    assert errors[0] / errors[1] < 0.3
-
-
 @pytest.mark.parametrize("upscale", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_a_camera_that_moves_leaves_no_edges_behind(device, upscale):
     """The background doesn't move with the camera, but what is seen before it does."""

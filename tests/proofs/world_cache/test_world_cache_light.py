@@ -203,13 +203,6 @@ def test_walls_keep_light_from_frames(device, lighting):
     hold(measure_leak(device, **lighting))
 
 
-@pytest.mark.slow
-def test_undivided_cells_leak_into_frames(device):
-    """The control of the test above."""
-    (leak,) = measure_leak(device, [(0.075, 0, 0.002)], world_cache_leak_prevention="finest")
-    assert not leak.holds
-
-
 # ---- cells of a floor under lamps -------------------------------------------------------------------
 
 UP = (0.0, 1.0, 0.0)
