@@ -108,7 +108,7 @@ def test_one_seed_one_cache(device):
     for seed, barriers in ((0, False), (0, True), (1, False)):
         scene = sv.builtin("cornell_box")
         camera = sv.Camera.look_at((0.0, 1.0, 0.2), (0, 1, -1))
-        with CacheFrame(device, scene, settings(lambert=False, world_cache_update_cap=500), seed=seed,
+        with CacheFrame(device, scene, settings(world_cache_update_cap=500), seed=seed,
                         barriers=barriers) as frame:  # fmt: skip
             frame.run(12, camera)
             assert frame.counters["insert_failures"] == 0
