@@ -177,7 +177,7 @@ def test_cells_over_a_shiny_floor(device):
 
 # ---- each rule can fail -----------------------------------------------------------------------------
 
-BRIEF = Profile(Effort(16, 0, 16, 2048), Effort(16, 16, 12), (0.03, 0.03))
+BRIEF = Profile(Effort(16, 0, 16, 1024), Effort(16, 16, 12), (0.03, 0.03))
 
 
 def brief(kind, device):
