@@ -271,7 +271,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "albedo: nothing under the layer": (with_shaders(test_albedo_is_what_the_brdf_reflects, "conserving"), Bug(
         QUERY, "surface_albedo", "return lobe_albedos(material, cosine).specular;")),
     "sizes: cells never grow": (with_shaders(test_cells_double_with_distance), Bug(
-        MAP, "get_cell_size", "return world_cache_settings.cell_size;")),
+        MAP, "get_cell_size", "return min(correct(world_position, rng), world_cache_settings.cell_size);")),
     "cells under a lamp: light samples weighted as one": (functools.partial(check_lamp, lamp="near"), Bug(
         "passes/paths/vertex.glsl", "reflect_light", "return correct(vertex, light_sample, min(density, 1.0));")),
 })  # fmt: skip
