@@ -43,7 +43,7 @@ SIZE_OF_ERRORS = (96, 96)
 @pytest.fixture(scope="module")
 def references(device):
     """Two pictures of the Cornell box with independent noise."""
-    return take_picture(device, cornell_box(), SIZE_OF_ERRORS, 256, runs=2, seed=99).runs
+    return take_picture(device, cornell_box(), SIZE_OF_ERRORS, 128, runs=2, seed=99).runs
 
 
 def settled(device, upscale=1):
@@ -169,7 +169,7 @@ def test_edges_in_mirrors(device):
             camera = moved(scene.camera, index * step)
             frame = renderer.render(camera)
         picture = read(frame)
-    truth = trace(device, scene, camera)
+    truth = trace(device, scene, camera, samples=128)
     found, right = (image[16:48].mean(axis=(0, 2)).sum() for image in (picture, truth))
     high, low = truth[16:48].mean(axis=(0, 2)).max(), truth[16:48].mean(axis=(0, 2)).min()
     off = abs(found - right) / (high - low)
