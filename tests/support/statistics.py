@@ -1,9 +1,12 @@
 """Statistical tests of samplers, runs and pictures, with known error rates."""
 
-import numpy as np
-from scipy import stats
+from __future__ import annotations
 
-from solari_vk.measure.statistics import ALPHA, relative_interval
+import math
+
+import numpy as np
+
+from solari_vk.measure.statistics import ALPHA, chi_squared_p, relative_interval, student_p
 
 
 def uniform_p(x, y):
@@ -11,16 +14,18 @@ def uniform_p(x, y):
     if min(x.min(), y.min()) < -1e-6 or max(x.max(), y.max()) > 1 + 1e-6:
         return 0.0
     counts, _, _ = np.histogram2d(np.clip(x, 0, 1), np.clip(y, 0, 1), 40, [[0, 1], [0, 1]])
-    return float(stats.chisquare(counts, axis=None).pvalue)
+    return chi_squared_p(counts, np.full(counts.shape, len(x) / counts.size))
 
 
 def holm(p_values, alpha):
     """Which hypotheses Holm's step-down procedure rejects, boolean (N,)."""
-    values = np.ravel(p_values)
+    values = np.ravel(np.asarray(p_values, np.float64))
     order = np.argsort(values)
-    fails = values[order] > alpha / np.arange(len(values), 0, -1)
     rejected = np.zeros(len(values), bool)
-    rejected[order[: fails.argmax() if fails.any() else len(values)]] = True
+    for rank, index in enumerate(order):
+        if values[index] > alpha / (len(values) - rank):
+            break
+        rejected[index] = True
     return rejected
 
 
@@ -34,9 +39,10 @@ def replicates(observations, expected, bar):
     runs = np.asarray(observations, np.float64)
     cells = runs.reshape(len(runs), -1)
     truth = np.broadcast_to(np.asarray(expected, np.float64), runs.shape[1:]).ravel()
-    t = (cells.mean(axis=0) - truth) / np.maximum(stats.sem(cells), 1e-7 * np.abs(truth) + 1e-30)
+    error = cells.std(axis=0, ddof=1) / math.sqrt(len(runs))
+    t = (cells.mean(axis=0) - truth) / np.maximum(error, 1e-7 * np.abs(truth) + 1e-30)
     mean, half_width = relative_interval(runs, truth)
-    return int(holm(2 * stats.t.sf(np.abs(t), len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
+    return int(holm(student_p(t, len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
 
 
 def assert_equal(comparison, bar, what=""):
