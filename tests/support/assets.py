@@ -1,7 +1,5 @@
 """Files of others that tests read: assets/ beside the checkout, or the folder that SOLARI_VK_ASSETS names."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

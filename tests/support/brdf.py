@@ -6,8 +6,6 @@ height-correlated Smith (Heitz 2014), Schlick (1994), the multi-scattering facto
 (1 - E(wo)) (1 - E(wi)) / (1 - Eavg) (Kelemen and Szirmay-Kalos 2001).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

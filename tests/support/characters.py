@@ -1,7 +1,5 @@
 """Skinned and morphed meshes for tests: a tube of joints, in numpy and as a glTF file."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

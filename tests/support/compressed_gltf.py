@@ -1,7 +1,5 @@
 """glTF files of a wavy sheet: plain, and compressed by meshopt and by Draco."""
 
-from __future__ import annotations
-
 import DracoPy
 import meshopt
 import numpy as np

@@ -1,7 +1,5 @@
 """Renderers that compute only direct light, by ReSTIR DI."""
 
-from __future__ import annotations
-
 from support.realtime import DIRECT, SPLIT, add_up, make_renderer
 
 # Passes and settings for frames that contain only direct light.

@@ -1,13 +1,8 @@
 """PCG hashes and packed colors in numpy, written from the papers and never from the shaders."""
 
-from __future__ import annotations
-
 import numpy as np
 
 RGB9E5_MAX = 65408.0
-
-
-# ---- PCG: O'Neill 2014; Jarzynski and Olano 2020 ----------------------------------------------------
 
 
 def _words(values):
@@ -15,7 +10,7 @@ def _words(values):
 
 
 def pcg_step(state):
-    """The generator's next states (...)."""
+    """The generator's next states (...): O'Neill 2014; Jarzynski and Olano 2020."""
     return _words(state) * _words([747796405]) + _words([2891336453])[0]
 
 
@@ -40,9 +35,6 @@ def pcg4d(values):
         if not last:
             v ^= v >> 16
     return v
-
-
-# ---- packed colors ----------------------------------------------------------------------------------
 
 
 def encode_rgb9e5(colors):

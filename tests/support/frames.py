@@ -1,7 +1,5 @@
 """Comparisons of realtime frames: which outputs differ, and how much of an earlier picture a frame contains."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 import numpy as np

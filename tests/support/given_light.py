@@ -3,8 +3,6 @@
 Nothing else of the frame runs but the G-buffer and the guides, so that the light of every pixel and frame is known.
 """
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 
 import numpy as np

@@ -1,18 +1,13 @@
 """Writes small glTF files for tests: arrays in, JSON and binary out, in each of the format's packings."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
 import struct
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.model import Scene
 
 COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -22,23 +17,23 @@ TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 class GltfWriter:
     """A glTF file: `json` (which tests may change) and `data`, its only buffer. `load` saves it to `path` first."""
 
-    def __init__(self, path: Path | None = None) -> None:
+    def __init__(self, path=None):
         self.path = path
         self.data = bytearray()
-        self.json: dict[str, Any] = {"asset": {"version": "2.0"}}
+        self.json = {"asset": {"version": "2.0"}}
 
-    def add(self, kind: str, **fields: Any) -> int:
+    def add(self, kind, **fields):
         """Append an object to a list ("nodes", "meshes", ...) and return its number."""
         self.json.setdefault(kind, []).append(fields)
         return len(self.json[kind]) - 1
 
-    def view(self, data: bytes, **fields: Any) -> int:
+    def view(self, data, **fields):
         self.data.extend(b"\0" * (-len(self.data) % 4))
         offset = len(self.data)
         self.data.extend(data)
         return self.add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **fields)
 
-    def accessor(self, values: Any, dtype: str = "f4", stride: int | None = None, **fields: Any) -> int:
+    def accessor(self, values, dtype="f4", stride=None, **fields):
         """An accessor of rows; `stride` spreads them out."""
         array = np.array(values, "<" + dtype)
         rows = array.reshape(len(array), -1)
@@ -46,12 +41,10 @@ class GltfWriter:
         spread = np.full((len(rows), stride or size), 0xAB, np.uint8)
         spread[:, :size] = np.ascontiguousarray(rows).view(np.uint8)
         view = self.view(spread.tobytes(), **({"byteStride": stride} if stride else {}))
-        kind = KINDS[rows.shape[1]]
-        return self.add(
-            "accessors", bufferView=view, componentType=COMPONENTS[dtype], count=len(rows), **{"type": kind, **fields}
-        )
+        fields = {"type": KINDS[rows.shape[1]], **fields}
+        return self.add("accessors", bufferView=view, componentType=COMPONENTS[dtype], count=len(rows), **fields)
 
-    def mesh(self, attributes: dict[str, Any] | None = None, indices: Any = None, **fields: Any) -> int:
+    def mesh(self, attributes=None, indices=None, **fields):
         """A mesh of one primitive; attributes are accessor numbers or rows of floats."""
         attributes = {"POSITION": TRIANGLE, **(attributes or {})}
         numbers = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items() if v is not None}
@@ -60,18 +53,18 @@ class GltfWriter:
             primitive["indices"] = indices if isinstance(indices, int) else self.accessor(indices, "u2")
         return self.add("meshes", primitives=[primitive])
 
-    def node(self, **fields: Any) -> int:
+    def node(self, **fields):
         return self.add("nodes", **fields)
 
-    def image(self, pixels: Any, format: str = "PNG") -> int:
+    def image(self, pixels, format="PNG"):
         """A texture (image, no sampler) of pixels (h, w, c)."""
         image = self.add("images", bufferView=self.view(encoded(pixels, format)), mimeType="image/" + format.lower())
         return self.add("textures", source=image)
 
-    def scene(self, *nodes: int) -> None:
+    def scene(self, *nodes):
         self.json["scene"] = self.add("scenes", nodes=list(nodes))
 
-    def finish(self) -> dict[str, Any]:
+    def finish(self):
         """The JSON with the buffer; by default with a node for each mesh, and a scene of all nodes."""
         if self.data:
             self.json.setdefault("buffers", [{"byteLength": len(self.data)}])
@@ -82,13 +75,13 @@ class GltfWriter:
             self.scene(*(n for n in range(len(self.json["nodes"])) if n not in children))
         return self.json
 
-    def glb(self) -> bytes:
+    def glb(self):
         return glb(json.dumps(self.finish()).encode(), bytes(self.data))
 
-    def load(self, **options: Any) -> Scene:
+    def load(self, **options):
         return load_gltf(self.save(self.path), **options)
 
-    def save(self, path: Path, packing: str = "glb") -> Path:
+    def save(self, path, packing="glb"):
         """Write as "glb", "embedded" (a data URI) or "external" (a .bin beside it)."""
         if packing == "glb":
             path.write_bytes(self.glb())
@@ -104,7 +97,7 @@ class GltfWriter:
         return path
 
 
-def glb(text: bytes, binary: bytes) -> bytes:
+def glb(text, binary):
     text += b" " * (-len(text) % 4)
     binary += b"\0" * (-len(binary) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
@@ -113,7 +106,7 @@ def glb(text: bytes, binary: bytes) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def encoded(picture: Any, format: str = "PNG", **options: Any) -> bytes:
+def encoded(picture, format="PNG", **options):
     """The bytes of a file. picture: a PIL image, or pixels (h, w, c)."""
     from PIL import Image
 

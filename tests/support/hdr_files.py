@@ -1,7 +1,5 @@
 """Radiance pictures (.hdr) for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

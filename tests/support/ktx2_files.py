@@ -1,7 +1,5 @@
 """KTX2 files for tests: of Basis Universal, and of plain pixels."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import zlib

@@ -1,12 +1,8 @@
 """A lamp over a floor, whose light has closed forms."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -22,21 +18,20 @@ PATCHES, BRIGHT = 8, (slice(1, 5), slice(3, 5))  # along the lamp's sides
 ALBEDO = np.array((0.8, 0.5, 0.2))
 
 
-def on_lamp(u: NDArray[Any], v: NDArray[Any]) -> NDArray[Any]:
+def on_lamp(u, v):
     """Points (N, 3) of the lamp, a parallelogram, at coordinates (N,) from 0 to 1."""
     a, b, _, d = LAMP_CORNERS
-    points: NDArray[Any] = a + u[:, None] * (b - a) + v[:, None] * (d - a)
-    return points
+    return a + u[:, None] * (b - a) + v[:, None] * (d - a)
 
 
-def floor_scene(material: sv.Material, *extra: Any) -> sv.Scene:
+def floor_scene(material, *extra):
     """A floor 8 m wide, seen at a slant from a height of 3 m; it fills the picture."""
     floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=material, name="floor")
     camera = sv.Camera.look_at((0.4, 3, 1.5), (0, 0, 0), vertical_fov=math.radians(50))
     return sv.Scene(floor, camera, *extra)
 
 
-def patched_lamp() -> sv.Instance:
+def patched_lamp():
     """The lamp in PATCHES x PATCHES patches; its texture is black but for those of BRIGHT, where it is white."""
     steps = np.linspace(0, 1, PATCHES + 1)
     u, v = (axis.ravel() for axis in np.meshgrid(steps, steps))
@@ -44,23 +39,22 @@ def patched_lamp() -> sv.Instance:
     quads = first[:, None] + np.array([0, 1, PATCHES + 2, PATCHES + 1])
     pixels = np.zeros((PATCHES, PATCHES, 3), np.uint8)
     pixels[BRIGHT[1], BRIGHT[0]] = 255
-    mesh = sv.Mesh(on_lamp(u, v), quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3), uvs=np.stack([u, v], axis=1))
     lamp = lamp_above()
-    lamp.mesh, lamp.material.emissive_texture = mesh, sv.Texture(sv.TextureImage(pixels), magnification="nearest")
+    lamp.mesh = sv.Mesh(on_lamp(u, v), quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3), uvs=np.stack([u, v], axis=1))
+    lamp.material.emissive_texture = sv.Texture(sv.TextureImage(pixels), magnification="nearest")
     return lamp
 
 
-def lamp_above(corners: ArrayLike = LAMP_CORNERS, brightness: float = 1.0) -> sv.Instance:
+def lamp_above(corners=LAMP_CORNERS, brightness=1.0):
     """A lamp with these corners that emits LAMP_RADIANCE times `brightness`."""
     material = sv.Material(base_color=rgb(0), reflectance=rgb(0), emissive=rgb(LAMP_RADIANCE * brightness))
     return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
 
 
-def lamp_on_lambert(scene: sv.Scene, size: int, corners: NDArray[Any] = LAMP_CORNERS) -> NDArray[Any]:
+def lamp_on_lambert(scene, size, corners=LAMP_CORNERS):
     """The picture (size, size, 3) of a Lambert floor under the lamp with these corners, by its closed form."""
-    up = np.array([(0.0, 1.0, 0.0)])
-    irradiance = closed_forms.over_pixels(
-        scene.camera, size, lambda points: closed_forms.polygon_irradiance(points, up, corners, 1.0)
-    )
-    radiance: NDArray[Any] = irradiance * LAMP_RADIANCE * ALBEDO / math.pi
-    return radiance
+
+    def irradiance(points):
+        return closed_forms.polygon_irradiance(points, [(0.0, 1.0, 0.0)], corners, 1.0)
+
+    return closed_forms.over_pixels(scene.camera, size, irradiance) * LAMP_RADIANCE * ALBEDO / math.pi

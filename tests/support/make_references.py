@@ -1,7 +1,5 @@
 """Renders the stored Mitsuba references again: `python -m support.make_references` in tests/ (needs LLVM 19)."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assertions on measurements of the conformance suite."""
 
-from __future__ import annotations
-
 
 def hold(measurements):
     """Require that all measurements hold, and return them."""

@@ -5,8 +5,6 @@ tables, sampling by Mitsuba's own visible-normal and cosine sampling. Its vector
 llvm_ad_rgb, and so LLVM 19 (Debian: libllvm19); scalar_rgb renders the Lambert scenes.
 """
 
-from __future__ import annotations
-
 import os
 from functools import lru_cache
 from glob import glob

@@ -1,7 +1,5 @@
 """Behaviors of earlier versions of Solari, which tests compare with."""
 
-from __future__ import annotations
-
 from support.seeded_bugs import Bug
 
 LOBES_ADDED = Bug(

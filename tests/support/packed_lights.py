@@ -1,7 +1,5 @@
 """The record of a light tile's sample, decoded in float64, and the light that it sends to a point."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

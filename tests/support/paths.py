@@ -1,7 +1,5 @@
 """Paths against the path tracer: the rules of their means, for any scene."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -9,21 +7,13 @@ import numpy as np
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import sixteenths, student_quantile
+from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb
+from support import realtime
 from support.frames import path_tracer_at_centers
 from support.pictures import take_picture
-from support.realtime import (
-    PATHS,
-    PLAIN,
-    Effort,
-    make_renderer,
-    measure_mean,
-    read_radiance,
-    run_pictures,
-    trace,
-)
+from support.realtime import PATHS, PLAIN, Effort, make_renderer, read_radiance, run_pictures, trace
 
 _PATHS = (SUITE, "Paths")
 ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean", *_PATHS)
@@ -87,16 +77,10 @@ def observe_paths(device, scene, effort, **settings):
         return run_pictures(renderer, scene.camera, effort, read_radiance)
 
 
-def measure_tiles(rule, found, expected):
-    """The largest Student's t of 4 x 4 tiles and their channels between runs (R, h, w, 3) and other runs."""
-    ours, theirs = sixteenths(found), sixteenths(expected)
-    spread = (ours.var(axis=0, ddof=1) + theirs.var(axis=0, ddof=1)) / len(ours)
-    right = theirs.mean(axis=0)
-    t = np.abs(ours.mean(axis=0) - right) / (np.sqrt(spread) + 1e-5 * right + 1e-30)
-    worst = np.unravel_index(t.argmax(), t.shape)
-    note = f"row {worst[0]}, column {worst[1]}: {ours.mean(axis=0)[worst] / max(right[worst], 1e-30) - 1:+.2%}"
-    bar = student_quantile(len(ours) - 1, 1 - 1e-3 / t.size)  # chance exceeds it once in 1,000 runs at most
-    return Measurement(rule, float(t.max()), bar, "standard errors", note)
+def find_unlit(device, scene):
+    """Pixels (32, 32, 1) that show no light itself, since the G-buffer rounds emission; all, if there are none."""
+    dark = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
+    return dark | ~dark.any()
 
 
 class Profile(NamedTuple):
@@ -113,28 +97,21 @@ FULL = Profile(Effort(16, 0, 512, 16384), Effort(16, 24, 256), (0.01, 0.02))
 def measure_means(device, profile, scene=None, kinds=tuple(RUNS)):
     """Paths against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
 
-    Pixels that show a light itself are left out, unless all do, since the G-buffer rounds emission.
     kinds: which of RUNS are measured.
     """
     scene = scene or metal_gallery()
-    measured = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
-    measured |= not measured.any()
+    measured = find_unlit(device, scene)
     expected = trace_centers(device, scene, profile.plain.samples) * measured
-    for kind, (mean, tiles, settings) in RUNS.items():
-        if kind in kinds:
-            effort = profile.cached if kind == "cached" else profile.plain
-            found = observe_paths(device, scene, effort, **settings) * measured
-            yield measure_mean(mean, found, expected, profile.bars[kind == "cached"], effort)
-            yield (
-                measure_cached_tiles(tiles, found, expected, effort)
-                if kind == "cached"
-                else measure_tiles(tiles, found, expected)
-            )
-
-
-def measure_cached_tiles(rule, found, expected, effort):
-    """The largest error of a tile over the mean of all, since the cache is slightly biased."""
-    ours, theirs = (sixteenths(runs).mean(axis=(0, -1)) for runs in (found, expected))
-    errors = np.abs(ours - theirs) / theirs.mean()
-    note = f"tiles {np.round(100 * errors, 1).tolist()} %"
-    return Measurement(rule, float(errors.max()), 0.1, f"of the picture's mean, {effort}", note)
+    for kind in kinds:
+        mean, tiles, settings = RUNS[kind]
+        effort = profile.cached if kind == "cached" else profile.plain
+        found = observe_paths(device, scene, effort, **settings) * measured
+        yield realtime.measure_mean(mean, found, expected, profile.bars[kind == "cached"], effort)
+        if kind == "cached":
+            # Over the mean of all tiles, since the cache is slightly biased.
+            ours, theirs = (sixteenths(runs).mean(axis=(0, -1)) for runs in (found, expected))
+            errors = np.abs(ours - theirs) / theirs.mean()
+            note = f"tiles {np.round(100 * errors, 1).tolist()} %"
+            yield Measurement(tiles, float(errors.max()), 0.1, f"of the picture's mean, {effort}", note)
+        else:
+            yield realtime.measure_significance(tiles, found, expected)

@@ -1,8 +1,6 @@
 """Random scenes and settings, most of them unusual: degenerate triangles, lights without area, huge and tiny scales,
 extreme emission, cameras inside mirrors, empty scenes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import solari_vk as sv

@@ -1,7 +1,5 @@
 """References for ray tracing: Embree over a Scene, a ray-triangle test in float64, and a camera's rays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from solari_vk.conformance import embree_checks
@@ -18,22 +16,16 @@ class World:
     """
 
     def __init__(self, scene):
-        corners, owner, local, flips = [], [], [], []
+        parts = []
         for index, instance in enumerate(scene):
-            if not instance.visible:
-                continue
-            mesh = instance.ray_mesh or instance.mesh
-            positions = transform_points(instance.transform, mesh.positions.astype(np.float64))
-            triangles = positions[mesh.triangles]
-            corners.append(triangles)
-            owner.append(np.full(len(triangles), index))
-            local.append(np.arange(len(triangles)))
-            flips.append(np.full(len(triangles), np.sign(np.linalg.det(instance.transform[:3, :3]))))
-        self.corners = np.concatenate(corners)
-        self.instance = np.concatenate(owner)
-        self.triangle = np.concatenate(local)
+            if instance.visible:
+                mesh = instance.ray_mesh or instance.mesh
+                corners = transform_points(instance.transform, mesh.positions.astype(np.float64))[mesh.triangles]
+                count, side = len(corners), np.sign(np.linalg.det(instance.transform[:3, :3]))
+                parts.append((corners, np.full(count, index), np.arange(count), np.full(count, side)))
+        self.corners, self.instance, self.triangle, sides = map(np.concatenate, zip(*parts, strict=True))
         a, b, c = np.moveaxis(self.corners, 1, 0)
-        normals = np.cross(b - a, c - a) * np.concatenate(flips)[:, None]
+        normals = np.cross(b - a, c - a) * sides[:, None]
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         self.normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         self._embree = None

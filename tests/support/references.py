@@ -1,7 +1,5 @@
 """The stored Mitsuba pictures: their scenes, and how to load them."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -3,16 +3,12 @@
 A bug is anchored to a name, not to a line of text, so that only a rename of that function or constant touches it.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,7 +18,7 @@ from solari_vk.gpu.shaders import compiler
 from support.measured import hold
 
 GLSL = Path(__file__).resolve().parents[2] / "glsl"
-KNOWN: list[Bug] = []
+KNOWN = []
 """Every bug of the modules imported so far; tests/test_seeded_bugs.py checks that each fits its shader."""
 
 
@@ -38,21 +34,20 @@ class Bug:
     name: str
     text: str
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         KNOWN.append(self)
 
-    def apply(self, source: str) -> str:
+    def apply(self, source):
         """The shader with the bug. Raises ValueError unless exactly one function or constant has the name."""
         name, _, first = self.name.partition("(")
-        constants = [match.span(1) for pattern in (rf"\bconst\s+\w+\s+{name}\s*=\s*([^;]+);",
-                                                   rf"^[ \t]*#define[ \t]+{name}[ \t]+(.+)$")
-                     for match in re.finditer(pattern, source, re.M)]  # fmt: skip
+        constant = rf"\bconst\s+\w+\s+{name}\s*=\s*([^;]+);|^[ \t]*#define[ \t]+{name}[ \t]+(.+)$"
+        constants = list(re.finditer(constant, source, re.M))
         functions = list(re.finditer(rf"^\w+ {name}(\(\s*{re.escape(first)}[^)]*\))\s*\{{", source, re.M))
-        if len(constants) + len(functions) != 1:
-            raise ValueError(f"{self.file} must have one function or constant {self.name}, "
-                             f"not {len(constants) + len(functions)}")  # fmt: skip
+        found = len(constants) + len(functions)
+        if found != 1:
+            raise ValueError(f"{self.file} must have one function or constant {self.name}, not {found}")
         if constants:
-            start, end = constants[0]
+            start, end = constants[0].span(constants[0].lastindex)
             return source[:start] + self.text + source[end:]
         head = functions[0]
         end = _end_of_block(source, head.end())
@@ -61,7 +56,7 @@ class Bug:
         return f"{source[: head.start()]}{original}\n{head.group()} {body} }}{source[end:]}"
 
 
-def _end_of_block(source: str, at: int) -> int:
+def _end_of_block(source, at):
     """The end of the block whose first brace is before `at`."""
     depth = 1
     while depth:
@@ -71,7 +66,7 @@ def _end_of_block(source: str, at: int) -> int:
 
 
 @contextmanager
-def seeded(*bugs: Bug) -> Iterator[None]:
+def seeded(*bugs):
     """Compile all shaders with these bugs as long as the context is open."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -87,10 +82,10 @@ def seeded(*bugs: Bug) -> Iterator[None]:
             compiler.overlays.remove(folder)
 
 
-def with_shaders(proof: Callable[..., Any], *arguments: Any) -> Callable[[Any], Any]:
+def with_shaders(proof, *arguments):
     """A check of a device: `proof(shaders, *arguments)` with the shaders beside the proof, in glsl/, compiled anew."""
 
-    def check(device: Any) -> Any:
+    def check(device):
         with ShaderRunner(device, Path(inspect.getfile(proof)).parent / "glsl") as shaders:
             measured = proof(shaders, *arguments)
             return None if measured is None else list(measured)
@@ -98,10 +93,10 @@ def with_shaders(proof: Callable[..., Any], *arguments: Any) -> Callable[[Any], 
     return check
 
 
-def expect_noticed(bug: Bug, rule: Rule | str, check: Callable[..., Any], *arguments: Any) -> None:
+def expect_noticed(bug, rule, check, *arguments):
     """Require that a proof fails with the bug: an assertion of `check`, or `rule` among what it measures."""
 
-    def prove() -> None:
+    def prove():
         measured = check(*arguments)
         if measured is not None:
             hold([made for made in measured if made.rule == rule] if isinstance(rule, Rule) else measured)
@@ -111,7 +106,7 @@ def expect_noticed(bug: Bug, rule: Rule | str, check: Callable[..., Any], *argum
     assert "nothing was measured" not in str(failed.value), "the proof measures nothing of this rule"
 
 
-def bug_tests(bugs: Mapping[Rule | str, tuple[Callable[..., Any], Bug]], quick: tuple[Any, ...] = ()) -> Any:
+def bug_tests(bugs, quick=()):
     """A test for each rule that `check(device)` notices its bug; those that aren't `quick` are slow.
 
     `bugs` maps a rule of what `check` measures, or the name of what `check` asserts, to (check, bug).
@@ -120,7 +115,7 @@ def bug_tests(bugs: Mapping[Rule | str, tuple[Callable[..., Any], Bug]], quick: 
              for rule in bugs]  # fmt: skip
 
     @pytest.mark.parametrize("rule", cases)
-    def test_a_seeded_bug_is_noticed(device: Any, rule: Rule | str) -> None:
+    def test_a_seeded_bug_is_noticed(device, rule):
         check, bug = bugs[rule]
         expect_noticed(bug, rule, check, device)
 

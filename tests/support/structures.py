@@ -1,7 +1,5 @@
 """Shapes for tests of acceleration structures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 CENTER = np.array([0.6, 0.3, 5.0])

@@ -1,28 +1,16 @@
 """One path a pixel: closed forms, the path tracer's mean with and without the world cache, and noise over frames."""
 
-from __future__ import annotations
-
 import functools
 import math
 
 import numpy as np
 import pytest
+from support import realtime
 from support.lamp_over_floor import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
 from support.measured import hold
 from support.oracles import closed_forms
 from support.paths import CACHED, DEFAULT, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
-from support.realtime import (
-    JITTER_PERIOD,
-    PATHS,
-    PLAIN,
-    Effort,
-    make_renderer,
-    measure_mean,
-    measure_picture_tiles,
-    read_radiance,
-    run_pictures,
-    trace,
-)
+from support.realtime import JITTER_PERIOD, PATHS, PLAIN, Effort, make_renderer, measure_mean, read_radiance, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -52,14 +40,14 @@ def measure_floor(device, scene, expected, **settings):
     effort = Effort(16, 0, 32)
     chosen = {**PLAIN, "jitter": True, "lambert": True, "paths_bounces": 1, **settings}
     with make_renderer(device, scene, SIZE, passes=PATHS, **chosen) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: read_radiance(frame) * (expected > 0))
-    tiles = measure_picture_tiles(TILES, found, expected, 0.02, effort)
+        found = realtime.run_pictures(renderer, scene.camera, effort, read_radiance) * (expected > 0)
+    tiles = realtime.measure_picture_tiles(TILES, found, expected, 0.02, effort)
     hold([measure_mean(LIGHT, found, expected, 0.005, effort), tiles])
 
 
 @pytest.mark.parametrize(("lamp", "candidates"), [
     ("wide", "several"), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ("tiny", "one"), ("tiny", "several"), ("wide", "one"), ("near", "one"), ("near", "several"))),
+        ("tiny", "one"), ("near", "several"))),
 ])  # fmt: skip
 def test_lamp_over_a_floor(device, lamp, candidates):
     scene = floor_scene(sv.Material(base_color=rgb((0.8, 0.5, 0.2))), lamp_above(LAMPS[lamp]))
@@ -100,10 +88,9 @@ def test_without_the_cache_paths_are_the_path_tracers(device, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gap", [0.01, 0.1])
-def test_lamp_under_a_ceiling(device, gap):
+def test_lamp_under_a_ceiling(device):
     profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
-    hold(measure_means(device, profile, sv.builtin("lamp_gap", gap=gap)))
+    hold(measure_means(device, profile, sv.builtin("lamp_gap", gap=0.01)))
 
 
 # ---- frames -----------------------------------------------------------------------------------------
@@ -190,7 +177,7 @@ def test_cells_over_a_shiny_floor(device):
 
 # ---- each rule can fail -----------------------------------------------------------------------------
 
-BRIEF = Profile(Effort(16, 0, 16, 2048), Effort(16, 16, 12), (0.03, 0.03))
+BRIEF = Profile(Effort(16, 0, 16, 1024), Effort(16, 16, 12), (0.03, 0.03))
 
 
 def brief(kind, device):

@@ -1,21 +1,11 @@
 """ReSTIR GI without the world cache: one indirect bounce, which the path tracer can render alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from support import realtime
 from support.measured import hold
-from support.realtime import (
-    SPECULAR,
-    SPLIT,
-    Effort,
-    add_up,
-    make_renderer,
-    measure_mean,
-    measure_significance,
-    run_pictures,
-    trace,
-)
+from support.pictures import take_picture
+from support.realtime import SPECULAR, SPLIT, Effort, add_up, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 from solari_vk.bound.constants import NO_INDEX
@@ -31,42 +21,44 @@ SIZE = (48, 48)
 
 
 def trace_second_bounce(device, scene, samples):
-    """The path tracer's picture with two bounces minus that with one (h, w, 3)."""
-    two, one = (trace(device, scene, samples, SIZE, max_bounces=count) for count in (2, 1))
+    """16 independent pictures of the path tracer with two bounces minus those with one (16, h, w, 3)."""
+    two, one = (take_picture(device, scene, SIZE, samples, runs=16, max_bounces=n).runs for n in (2, 1))
     return two - one
 
 
-def observe_indirect(device, scene, effort, **settings):
-    """One bounce of indirect light in independent runs (runs, h, w, 3), rendered without the world cache."""
+def renderer_of(device, scene, size=(32, 32), **settings):
+    """A renderer that computes only one bounce of indirect light, without the world cache."""
     alone = {"passes": SPECULAR, **SPLIT, "world_cache": False, "di": False}
-    with make_renderer(device, scene, SIZE, **alone, **settings) as renderer:
-        return run_pictures(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
+    return make_renderer(device, scene, size, **alone, **settings)
+
+
+def observe_indirect(device, scene, effort, **settings):
+    """One bounce of indirect light in independent runs (runs, h, w, 3)."""
+    with renderer_of(device, scene, SIZE, **settings) as renderer:
+        return realtime.run_pictures(
+            renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi")
+        )
+
+
+def compare(found, expected, effort, bar):
+    yield realtime.measure_mean(INDIRECT, found, expected, bar, effort)
+    yield realtime.measure_significance(SIXTEENTHS, found, expected)
 
 
 def measure_indirect(device, effort, bar):
     """Without the cache, indirect light is the path tracer's second bounce."""
     scene = cornell_box()
     expected = trace_second_bounce(device, scene, effort.samples)
-    found = observe_indirect(device, scene, effort)
-    yield measure_mean(INDIRECT, found, expected, bar, effort)
-    yield measure_significance(SIXTEENTHS, found, expected)
+    yield from compare(observe_indirect(device, scene, effort), expected, effort, bar)
 
 
 BRIEF = Effort(16, 24, 16)
 
 
-def renderer_of(device, scene, **settings):
-    """A renderer that computes only one bounce of indirect light."""
-    return make_renderer(
-        device, scene, passes=SPECULAR, **SPLIT, world_cache=False, di=False, specular=False, gbuffer="traced",
-        **settings,
-    )  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def cornell(device):
     scene = cornell_box()
-    return scene, trace_second_bounce(device, scene, 2048)
+    return scene, trace_second_bounce(device, scene, 512)
 
 
 @pytest.mark.slow
@@ -87,7 +79,7 @@ def test_visibility_as_in_solari_loses_light(device, cornell):
 def test_each_reuse_alone_is_unbiased(device, cornell, temporal, spatial):
     scene, expected = cornell
     found = observe_indirect(device, scene, BRIEF, gi_temporal=temporal, gi_spatial=spatial)
-    hold([measure_mean(INDIRECT, found, expected, 0.04, BRIEF), measure_significance(SIXTEENTHS, found, expected)])
+    hold(compare(found, expected, BRIEF, 0.04))
 
 
 def test_skipping_smooth_metals_changes_no_light(device):
@@ -97,7 +89,7 @@ def test_skipping_smooth_metals_changes_no_light(device):
     scene.add(Instance(mesh=sphere(), material=metal, transform=place(0.3, at=(-0.2, -0.1, -0.3))))
     found, confidence = [], []
     for skip in (True, False):
-        with renderer_of(device, scene, gi_skip_smooth_metals=skip) as renderer:
+        with renderer_of(device, scene, specular=False, gi_skip_smooth_metals=skip) as renderer:
             for _ in range(6):
                 frame = renderer.render(scene.camera)
             found.append(frame["gi_diffuse"])
@@ -110,7 +102,7 @@ def test_skipping_smooth_metals_changes_no_light(device):
 
 def test_confidence_grows_to_its_cap_and_is_reset(device):
     scene = cornell_box()
-    with renderer_of(device, scene, gi_spatial=False, gi_confidence_cap=5.0) as renderer:
+    with renderer_of(device, scene, specular=False, gi_spatial=False, gi_confidence_cap=5.0) as renderer:
         for count in range(1, 10):
             confidence = renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"]
             assert confidence.max() == min(count, 6)

@@ -1,15 +1,10 @@
 """ReSTIR GI's merge is unbiased: over all samples and choices of two pixels, the expected contribution of each sample
 point is the solid angle in which the first pixel sees it, for any geometry, confidences and occluders."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
-from support.seeded_bugs import Bug, bug_tests
+from support.bound_scenes import bound
+from support.seeded_bugs import Bug, bug_tests, with_shaders
 
-from solari_vk.bound.binder import SceneBinder
-from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.model import Instance, Scene
 from solari_vk.scene.shapes import quad
@@ -84,22 +79,17 @@ def merge_all(shaders, worlds):
     for field, values in (("position", "positions"), ("normal", "normals"), ("geometric_normal", "geometric")):
         pixels[field] = np.concatenate([getattr(world, values) for world in worlds])
     cases = np.concatenate(cases)
-    binder = SceneBinder(shaders.device, Scene(Instance(mesh=quad(**BLOCKER), material=matte(0.5))))
-    try:
-        binder.update()
+    with bound(shaders.device, Scene(Instance(mesh=quad(**BLOCKER), material=matte(0.5)))) as binder:
         outputs = {"merged": len(cases) * CHOICES, "ray_counts": 1}
         inputs = {**binder.resources, "pixels": pixels, "cases": cases}
         found = shaders.run("test/gi_merge", outputs["merged"], inputs, outputs, constants={"CHOICES": CHOICES},
                             uniforms={"restir_gi_settings.jacobian_limit": JACOBIAN_LIMIT})["merged"]  # fmt: skip
-    finally:
-        binder.destroy()
     return cases, np.array(owners), found.reshape(len(cases), CHOICES)
 
 
-def check_merge(device):
+def test_merge_is_unbiased(shaders):
     worlds = [World(seed) for seed in range(SCENES)]
-    with ShaderRunner(device, Path(__file__).parent / "glsl") as shaders:
-        cases, owners, merged = merge_all(shaders, worlds)
+    cases, owners, merged = merge_all(shaders, worlds)
     assert np.isfinite(merged["unbiased_contribution_weight"]).all()
     total = cases["found"]["confidence_weight"] + cases["other_found"]["confidence_weight"]
     assert np.allclose(merged["confidence_weight"], total[:, None])
@@ -120,14 +110,10 @@ def check_merge(device):
     assert seen_by_one > 3, "the worlds hold what the test is about"
 
 
-def test_merge_is_unbiased(device):
-    check_merge(device)
-
-
 RESERVOIR = "passes/solari019/restir_gi/reservoir.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "merge: no Jacobian": (check_merge, Bug(RESERVOIR, "reconnection_jacobian",
-                                            "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
-    "merge: samples that are hidden": (check_merge, Bug(
+    "merge: no Jacobian": (with_shaders(test_merge_is_unbiased), Bug(
+        RESERVOIR, "reconnection_jacobian", "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
+    "merge: samples that are hidden": (with_shaders(test_merge_is_unbiased), Bug(
         RESERVOIR, "trace_sample_visibility", "correct(surface, reservoir); return true;")),
 })  # fmt: skip

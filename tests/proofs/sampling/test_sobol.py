@@ -1,7 +1,5 @@
 """The Sobol sequence against generator matrices, the laws of Owen's scrambling, and independent seeds."""
 
-from __future__ import annotations
-
 from math import comb
 
 import numpy as np
@@ -97,17 +95,6 @@ def check_uniform(shaders):
             assert p_value > sidak(ALPHA, 12), (index, number, p_value)
 
 
-def check_pairs(shaders):
-    """The two points of a pair lie in different halves, and their places in these halves are independent."""
-    count = 1 << 16
-    for index in (0, 6, 100_000):
-        both = [ask(shaders, at, np.arange(count))[0] for at in (index, index + 1)]
-        assert ((both[0] * 2).astype(int) != (both[1] * 2).astype(int)).all()
-        cells = (np.hstack(both) * 4).astype(int) % 2 @ (8, 4, 2, 1)
-        p_value = chi_squared_p(np.bincount(cells, minlength=16), np.full(16, count / 16))
-        assert p_value > sidak(ALPHA, 3), (index, p_value)
-
-
 def check_independent(shaders):
     """The points of two seeds, index by index, are as little correlated as shuffled blocks of 2^m points can be."""
     seeds = np.random.default_rng(5).integers(0, 2**31, 2048) * 2
@@ -121,7 +108,7 @@ def check_independent(shaders):
         assert ((1 << m) * (products**2).mean(axis=0) < 3).all(), (m, (1 << m) * (products**2).mean(axis=0))
 
 
-CHECKS = (check_second_dimension, check_nested, check_intervals, check_uniform, check_pairs, check_independent)
+CHECKS = (check_second_dimension, check_nested, check_intervals, check_uniform, check_independent)
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
@@ -130,8 +117,6 @@ def test_sobol(shaders, check):
 
 
 SOBOL = "common/sobol.glsl"
-
-
 test_a_seeded_bug_is_noticed = bug_tests({
     "second dimension": (with_shaders(check_second_dimension), Bug(SOBOL, "sobol_second_dimension", "return index;")),
     "nested": (with_shaders(check_nested), Bug(SOBOL, "owen_scramble", "return bits ^ seed;")),
@@ -139,8 +124,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
         SOBOL, "owen_scramble", "return bitfieldReverse(correct(bitfieldReverse(bits), seed));")),
     "uniform": (with_shaders(check_uniform), Bug(
         SOBOL, "sobol_point", "return correct(index, seed) * vec2(0.5, 1.0);")),
-    "pairs": (with_shaders(check_pairs), Bug(SOBOL, "sobol_point", """
-        uint y = owen_scramble(sobol_second_dimension(index), pcg(seed ^ 0x02E5BE93u));
-        return vec2(unit_float(bitfieldReverse(index)), unit_float(y));""")),
     "independent": (with_shaders(check_independent), Bug(SOBOL, "sobol_point", "return correct(index, seed / 2u);")),
 }, quick=("second dimension",))  # fmt: skip

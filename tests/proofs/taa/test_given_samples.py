@@ -1,7 +1,5 @@
 """Antialiasing and upscaling, given patterns on a wall in place of rendered light: rules, and a seeded bug for each."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.given_light import SIZE, moved, rendering, wall

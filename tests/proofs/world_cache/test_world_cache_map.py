@@ -1,10 +1,8 @@
 """The world cache's hash map, compaction, lifetimes and blend against dict and numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from map_frame import QUERY, SIZE, MapFrame
+from cache_frames import QUERY, SIZE, MapFrame
 from support.encodings import pcg4d, pcg_hash
 from support.seeded_bugs import Bug, bug_tests
 
@@ -136,19 +134,17 @@ def test_compaction(device):
         patterns = [[], [0], [cells - 1], [15, 16], [1023], range(1000, cells), range(cells)]
         patterns += [range(count) for count in (63, 64, 65)]
         patterns += [np.flatnonzero(random.random(cells) < density) for density in (0.01, 0.5)]
-        with MapFrame(device, cells, None) as frame:
+        with MapFrame(device, cells) as frame:
             for active in patterns:
                 active = np.array(active, np.uint32)
-                checksums, life = np.zeros(cells, np.uint32), np.zeros(cells, np.uint32)
-                checksums[active] = random.integers(1, 2**32, len(active))
-                life[active] = 7
+                checksums, life = np.zeros((2, cells), np.uint32)
+                checksums[active], life[active] = random.integers(1, 2**32, len(active)), 7
                 frame.upload(checksums=checksums, life=life)
                 frame.run()
                 assert frame["counters"]["active_cells"] == len(active)
                 np.testing.assert_array_equal(np.sort(frame["active_cells"][: len(active)]), active)
                 groups = -(-len(active) // 64)
-                x, y, z = frame["dispatch"]["size"]["group_count"]
-                assert (x, y, z) == (min(groups, 1024), -(-groups // 1024), 1)
+                assert frame["dispatch"]["size"]["group_count"].tolist() == [min(groups, 1024), -(-groups // 1024), 1]
                 np.testing.assert_array_equal(frame["life"], life - (life > 0))
 
 
@@ -157,14 +153,17 @@ def test_lives(device):
     queries, _ = make_queries(100, 400)
     queries["life"] = 3
     with MapFrame(device, 1024, queries, world_cache_search_steps=64) as frame:
-        active = lambda: int(frame.run()["counters"]["active_cells"])  # noqa: E731
+
+        def active():
+            return int(frame.run()["counters"]["active_cells"])
+
         assert active() == 0
         queries["rng"] = 0
         frame.ask(queries)
         assert [active() for _ in range(5)] == [100, 100, 100, 0, 0]
-        frame.upload(checksums=np.ones(1024, np.uint32), life=np.full(1024, 9, np.uint32))
+        frame.fill()
         assert active() == 1024
-        frame.frame.uniforms["this_frame.has_history"] = 0
+        frame.uniforms["this_frame.has_history"] = 0
         assert active() == 0
         for name in ("checksums", "life", "irradiance", "luminance_deltas"):
             assert not frame[name].any()
@@ -175,31 +174,24 @@ def test_only_cells_that_were_asked_for_are_updated(device):
     again once they are asked for."""
     queries, cell = make_queries(100, 400)
     queries["life"] = 9
-    some = cell < 40
+    every, some = queries["rng"].copy(), cell < 40
+    asked = np.where(some, every, 0)
     with MapFrame(device, 1024, queries, world_cache_search_steps=64, world_cache_updates="asked") as frame:
         entries = frame.run()["answers"]["cell"]
-        asked = np.where(some, queries["rng"], 0)
-        for rng, expected in ((asked, entries), (asked, entries[some]), (queries["rng"], entries[some]), (0, entries),
-                              (0, [])):  # fmt: skip
-            frame.ask(changed(queries, rng))
+        for queries["rng"], expected in ((asked, entries), (asked, entries[some]), (every, entries[some]), (0, entries),
+                                         (0, [])):  # fmt: skip
+            frame.ask(queries)
             count = int(frame.run()["counters"]["active_cells"])
             np.testing.assert_array_equal(np.sort(frame["active_cells"][:count]), np.unique(expected))
             assert np.count_nonzero(frame["checksums"]) == 100
 
 
-def changed(queries, rng):
-    queries = queries.copy()
-    queries["rng"] = rng
-    return queries
-
-
 # ---- blend ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("exponent", "cap", "of_pixels"),
-    [(1 / 8, 1 << 20, 1e9), (1.0, 1 << 20, 1e9), (10.0, 1 << 20, 1e9), (1 / 8, 700, 1e9), (1 / 8, 1 << 20, 12.5)],
-)
+@pytest.mark.parametrize(("exponent", "cap", "of_pixels"), [
+    (1 / 8, 1 << 20, 1e9), (10.0, 1 << 20, 1e9), (1 / 8, 700, 1e9), (1 / 8, 1 << 20, 12.5),
+])  # fmt: skip
 def test_blend(device, exponent, cap, of_pixels):
     cells, random = 2048, np.random.default_rng(2)
     irradiance = random.lognormal(0, 2, (cells, 4)).astype(np.float32)
@@ -210,11 +202,8 @@ def test_blend(device, exponent, cap, of_pixels):
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
     settings = {"world_cache_change_exponent": exponent, "world_cache_update_cap": cap,
                 "world_cache_updates_per_pixel": of_pixels}  # fmt: skip
-    with MapFrame(device, cells, None, **settings) as frame:
-        frame.upload(
-            checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
-            irradiance=irradiance, luminance_deltas=deltas, samples=samples,
-        )  # fmt: skip
+    with MapFrame(device, cells, **settings) as frame:
+        frame.fill(irradiance=irradiance, luminance_deltas=deltas, samples=samples)
         frame.run()
         found, found_deltas = frame["irradiance"], frame["luminance_deltas"]
     weights = np.array((0.2126, 0.7152, 0.0722))
@@ -234,7 +223,7 @@ def test_blend(device, exponent, cap, of_pixels):
     assert abs(share - expected) <= 4 * np.sqrt(expected * (1 - expected) / cells), share
 
 
-@pytest.mark.parametrize(("change", "relight"), [(0.2, True), (0.8, True), (1.0, True), (0.8, False)])
+@pytest.mark.parametrize(("change", "relight"), [(0.2, True), (1.0, True), (0.8, False)])
 def test_changed_light_is_forgotten(device, change, relight):
     """All cells lower their sample counts when lights change, also those that aren't updated: the next sample then has
     at least the weight of the share that changed."""
@@ -245,10 +234,9 @@ def test_changed_light_is_forgotten(device, change, relight):
     settings = {"world_cache_relight": relight, "world_cache_change_exponent": 10}
     expected = np.minimum(irradiance[:, 3], (1 - change) / change) if relight else irradiance[:, 3]
     for updates, weights in (("asked", 0.0), ("all", 1 / np.clip(expected + 0.25, 1, 32))):  # no cell was asked for
-        with MapFrame(device, cells, None, **settings, world_cache_updates=updates) as frame:
-            frame.upload(checksums=np.arange(1, cells + 1, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
-                         irradiance=irradiance, samples=samples)  # fmt: skip
-            frame.frame.uniforms["this_frame.lighting_change"] = change
+        with MapFrame(device, cells, **settings, world_cache_updates=updates) as frame:
+            frame.fill(irradiance=irradiance, samples=samples)
+            frame.uniforms["this_frame.lighting_change"] = change
             found = frame.run()["irradiance"]
         np.testing.assert_allclose(found[:, 0], 2.0 * (1 - weights), rtol=1e-4, atol=1e-5)
         if updates == "asked":
@@ -272,12 +260,11 @@ def test_cells_near_a_changed_light_forget(device):
     changed = np.zeros(8, [("place", "f4", 3), ("power", "f4"), ("recent", "f4")])
     for recent in (1.0, 0.9):
         changed[0] = (0.005, 0.005, 0.005), 1.0, recent
-        with MapFrame(device, cells, None, world_cache_updates="asked") as frame:
-            frame.upload(checksums=np.arange(1, cells + 1, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
-                         irradiance=irradiance, bounds=bounds)  # fmt: skip
-            frame.frame.uniforms["this_frame.exposure"] = 1.0
-            frame.frame.uniforms["changed_lights.count"] = 1
-            frame.frame.uniforms["changed_lights.at"] = changed
+        with MapFrame(device, cells, world_cache_updates="asked") as frame:
+            frame.fill(irradiance=irradiance, bounds=bounds)
+            frame.uniforms["this_frame.exposure"] = 1.0
+            frame.uniforms["changed_lights.count"] = 1
+            frame.uniforms["changed_lights.at"] = changed
             found = frame.run()["irradiance"]
         np.testing.assert_array_equal(found[:, 3], np.where(may_be & (recent == 1), 0, 16))
 
@@ -307,7 +294,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "cap: by half": (lambda device: test_blend(device, 1 / 8, 700, 1e9), Bug(
         "passes/world_cache/update.glsl", "find_cell_to_update",
         "uint cell = correct(thread); return (thread & 1u) == 0u ? cell : NO_INDEX;")),
-    "relight: forgotten": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), Bug(
+    "relight: forgotten": (lambda device: test_changed_light_is_forgotten(device, 0.2, True), Bug(
         DECAY, "relight", "")),
     "relight: frame after frame": (test_cells_near_a_changed_light_forget, Bug(
         "passes/light_change.glsl", "light_change", "return correct(world_position, irradiance, ANY_CHANGE);")),

@@ -1,27 +1,20 @@
 """Packed formats in numpy, written from the papers and never from the shaders."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.floating[Any]]
 
 
-def decode_rgb9e5(codes: NDArray[np.integer[Any]]) -> Floats:
+def decode_rgb9e5(codes):
     """Colors (..., 3) of 9 bits a channel and 5 of exponent (EXT_texture_shared_exponent)."""
     mantissas = np.stack([codes >> shift & 511 for shift in (0, 9, 18)], axis=-1)
-    return np.asarray(mantissas * rgb9e5_step(codes)[..., None])
+    return mantissas * rgb9e5_step(codes)[..., None]
 
 
-def rgb9e5_step(codes: NDArray[np.integer[Any]]) -> Floats:
+def rgb9e5_step(codes):
     """The distance between neighboring values of each code's channels."""
-    return np.asarray(np.ldexp(1.0, (codes >> 27).astype(np.int32) - 24))
+    return np.ldexp(1.0, (codes >> 27).astype(np.int32) - 24)
 
 
-def decode_octahedral(codes: NDArray[np.integer[Any]], bits: int = 16) -> Floats:
+def decode_octahedral(codes, bits=16):
     """Unit vectors (..., 3) from codes of two numbers with this many bits each (Cigolle et al. 2014).
 
     The largest code but one is 1, so that axes are exact.
@@ -31,17 +24,16 @@ def decode_octahedral(codes: NDArray[np.integer[Any]], bits: int = 16) -> Floats
     z = 1 - np.abs(square).sum(axis=-1, keepdims=True)
     folded = np.where(z >= 0, square, (1 - np.abs(square[..., ::-1])) * np.where(square >= 0, 1, -1))
     along = np.concatenate([folded, z], axis=-1)
-    return np.asarray(along / np.linalg.norm(along, axis=-1, keepdims=True))
+    return along / np.linalg.norm(along, axis=-1, keepdims=True)
 
 
-def encode_srgb(linear: Floats) -> Floats:
+def encode_srgb(linear):
     """sRGB codes from 0 to 255, unrounded, of linear values from 0 to 1."""
     linear = np.clip(linear, 0, 1)
-    encoded: Floats = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return encoded
+    return 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def decode_srgb(codes: Floats) -> Floats:
+def decode_srgb(codes):
     """The inverse of encode_srgb."""
     encoded = codes / 255
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)

@@ -1,19 +1,9 @@
 """Environment maps in double precision: their radiance in a direction, and the irradiance of a surface."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from solari_vk.scene.lights.environment import EnvironmentLight
-
-Floats = NDArray[np.floating[Any]]
-_ROWS = 512  # of the grid of directions over which irradiance is summed up
 
 
-def radiance(environment: EnvironmentLight, directions: ArrayLike) -> Floats:
+def radiance(environment, directions):
     """The radiance (N, 3) from directions (N, 3), interpolated between the centers of the image's pixels."""
     image = environment.image.astype(np.float64) * environment.intensity
     height, width = image.shape[:2]
@@ -23,17 +13,15 @@ def radiance(environment: EnvironmentLight, directions: ArrayLike) -> Floats:
     left, top = np.floor(column).astype(int), np.floor(row).astype(int)
     right_share, bottom_share = (column - left)[:, None], (row - top)[:, None]
 
-    def at(rows: NDArray[Any], columns: NDArray[Any]) -> Floats:
-        texels: Floats = image[rows.clip(0, height - 1), columns % width]
-        return texels
+    def at(rows, columns):
+        return image[rows.clip(0, height - 1), columns % width]
 
     upper = at(top, left) * (1 - right_share) + at(top, left + 1) * right_share
     lower = at(top + 1, left) * (1 - right_share) + at(top + 1, left + 1) * right_share
-    found: Floats = upper * (1 - bottom_share) + lower * bottom_share
-    return found
+    return upper * (1 - bottom_share) + lower * bottom_share
 
 
-def irradiance(environment: EnvironmentLight, normal: ArrayLike, rows: int = _ROWS) -> Floats:
+def irradiance(environment, normal, rows=512):
     """The irradiance (3,) of a surface with this unit normal (3,): a sum over a grid of directions around it."""
     z = np.asarray(normal, np.float64)
     x = np.cross(z, (0.0, 0.0, 1.0) if abs(z[2]) < 0.9 else (1.0, 0.0, 0.0))
@@ -43,5 +31,4 @@ def irradiance(environment: EnvironmentLight, normal: ArrayLike, rows: int = _RO
     turn = np.tile(2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows), rows)
     sine = np.sqrt(share)
     local = np.stack([sine * np.cos(turn), sine * np.sin(turn), np.sqrt(1 - share)], axis=-1)
-    found: Floats = np.pi * radiance(environment, local @ np.stack([x, np.cross(z, x), z])).mean(axis=0)
-    return found
+    return np.pi * radiance(environment, local @ np.stack([x, np.cross(z, x), z])).mean(axis=0)

@@ -1,21 +1,13 @@
 """A frame's G-buffer, decoded in float64, and the world positions of its pixels."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from solari_vk.scene.model import Camera
 from support.oracles import closed_forms, encodings
 
-Image = NDArray[Any]
 IMAGES = ("gbuffer", "gbuffer_surface", "gbuffer_depth", "motion_vectors")
 
 
-def decode(frame: Mapping[str, Any] | Any) -> dict[str, Image]:
+def decode(frame):
     """Values (h, w[, channels]) of IMAGES in the packed layout, see glsl/passes/gbuffer/gbuffer.glsl.
 
     `depth` is near / distance along the view axis, 0 where nothing is; `motion` is in parts of the picture's size.
@@ -39,19 +31,19 @@ def decode(frame: Mapping[str, Any] | Any) -> dict[str, Image]:
     }
 
 
-def world_positions(camera: Camera, depth: Image, jitter: Image) -> Image:
+def world_positions(camera, depth, jitter):
     """World positions of pixels' surfaces (h, w, 3), very far away without a surface. jitter: (x, y), in pixels."""
     height, width = depth.shape
     origin, directions = closed_forms.camera_rays(camera, width, height, (0.5 + jitter[0], 0.5 + jitter[1]))
     distance = np.where(depth > 0, camera.near / np.where(depth > 0, depth, 1.0), 1e9)
     along_axis = directions @ -camera.transform[:3, 2]
-    return np.asarray(origin + directions * (distance / along_axis)[..., None])
+    return origin + directions * (distance / along_axis)[..., None]
 
 
-def project(camera: Camera, positions: Image) -> Image:
+def project(camera, positions):
     """Positions (h, w, 2) in the picture, in pixels from the top left, of world positions (h, w, 3)."""
     size = np.array(positions.shape[1::-1])
     view = (positions - camera.transform[:3, 3]) @ np.linalg.inv(camera.transform[:3, :3]).T
     parallel = camera.orthographic_height
     half_height = parallel / 2 if parallel else -view[..., 2:] * np.tan(camera.vertical_fov / 2)
-    return np.asarray((view[..., :2] / (half_height * np.array((size[0] / size[1], -1.0))) + 1) / 2 * size)
+    return (view[..., :2] / (half_height * np.array((size[0] / size[1], -1.0))) + 1) / 2 * size

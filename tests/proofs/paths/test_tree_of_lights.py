@@ -1,0 +1,81 @@
+"""The tree of lights: the probabilities of lights, and how close they are to the lights' shares of the light."""
+
+from statistics import NormalDist
+
+import numpy as np
+from support.bound_scenes import bound
+from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests, with_shaders
+
+import solari_vk as sv
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.measure.statistics import chi_squared_p, standard_deviations
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, rgb
+
+_PATHS = (SUITE, "Paths")
+EQUAL = Rule("the probability of a light is the one with which a walk down the tree of lights ends there", *_PATHS)
+SUM = Rule("at each point, the probabilities of all lights have the sum 1", *_PATHS)
+OFTEN = Rule("lights of the tree are chosen as often as their probability says", *_PATHS)
+CLOSE = Rule("lights are chosen nearly in proportion to power times cosine over squared distance", *_PATHS)
+LAMPS, POINTS, DRAWS = 150, 24, 8192
+
+
+def lamps_in_space(random):
+    """Balls of light of many sizes and powers, in clusters, one of them much brighter than the rest; and a sun."""
+    scene = sv.Scene(sv.DirectionalLight(direction=rgb((0, -1, 0)), illuminance=2.0))
+    ball, middles = shapes.sphere(0.02, 6), random.uniform(-4, 4, (6, 3))
+    for index in range(LAMPS):
+        radiance = 30.0 if index == 7 else random.uniform(0.1, 2.0)
+        scene.add(ball, lamp(radiance), tuple(middles[index % 6] + random.normal(scale=0.4, size=3)))
+    return scene
+
+
+def measure_tree(shaders):
+    """Draws and probabilities at random points, most of which face lights."""
+    random = np.random.default_rng(3)
+    scene = lamps_in_space(random)
+    receivers = np.zeros(POINTS, shaders.element("test/light_tree", "receivers"))
+    receivers["position"] = random.uniform(-5, 5, (POINTS, 3))
+    normals = random.normal(size=(POINTS, 3)) - receivers["position"]
+    receivers["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    with bound(shaders.device, scene) as binder:
+        shares = binder.lights.sources.records["choice"]["probability"][:LAMPS].astype(np.float64)
+        powers, positions = binder.lights.powers[:LAMPS], binder.lights.positions[:LAMPS]
+        found = shaders.run("test/light_tree", POINTS * DRAWS, {**binder.resources, "receivers": receivers},
+                            {"drawn": POINTS * DRAWS, "probabilities": POINTS * (LAMPS + 1)})  # fmt: skip
+    drawn = found["drawn"].reshape(POINTS, DRAWS)
+    probabilities = found["probabilities"].reshape(POINTS, LAMPS + 1).astype(np.float64)
+    expected = np.take_along_axis(probabilities, drawn["light"].astype(np.int64), axis=1)
+    error = np.abs(drawn["probability"] / expected - 1).max()
+    yield Measurement(EQUAL, float(np.nan_to_num(error, nan=np.inf)), 1e-5, "relative error")
+    yield Measurement(SUM, float(np.abs(probabilities.sum(axis=1) - 1).max()), 1e-5, "absolute error")
+    observed = np.stack([np.bincount(row, minlength=LAMPS + 1) for row in drawn["light"]])
+    z = standard_deviations(chi_squared_p(observed.ravel(), DRAWS * probabilities.ravel()))
+    yield Measurement(OFTEN, z, NormalDist().inv_cdf(0.9999), "standard deviations", f"{POINTS} points")
+
+    to_light = positions - receivers["position"][:, None].astype(np.float64)
+    squared = (to_light**2).sum(axis=-1)
+    cosine = np.einsum("rlc,rc->rl", to_light, receivers["normal"]).clip(min=0) / np.sqrt(squared)
+    light = powers * cosine / squared
+    lit = light.sum(axis=1) > 0
+    of_lamps = probabilities[lit, :LAMPS] / shares.sum()
+    variance = (light[lit] ** 2 / of_lamps).sum(axis=1) / light[lit].sum(axis=1) ** 2 - 1
+    note = f"one light sample's variance without occlusion: {variance.min():.2f} to {variance.max():.2f}"
+    yield Measurement(CLOSE, float(variance.mean()), 0.27, "of the squared mean", note)
+
+
+def test_tree(shaders):
+    hold(measure_tree(shaders))
+
+
+TREE = "scene/lights/tree.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({rule: (with_shaders(measure_tree), bug) for rule, bug in {
+    EQUAL: Bug(TREE, "descend_light_tree", "ChosenLight chosen = correct(receiver, rng); "
+               "chosen.probability = sqrt(chosen.probability); return chosen;"),
+    SUM: Bug(TREE, "leaf_probability", "return sqrt(correct(node, receiver));"),
+    # the more likely of two lights is taken
+    OFTEN: Bug(TREE, "choose_light", "ChosenLight one = correct(receiver, rng), other = correct(receiver, rng); "
+               "return one.probability > other.probability ? one : other;"),
+    CLOSE: Bug(TREE, "MIN_COSINE", "1.0"),
+}.items()})  # fmt: skip
