@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
@@ -21,8 +20,8 @@ from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk.cli import info, main
-from solari_vk.cli.environment import environment_words
-from solari_vk.cli.options import add_scene_options, file_words
+from solari_vk.cli.commands import COMMANDS
+from solari_vk.cli.options import parse
 from solari_vk.cli.subject import load
 from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.measure.statistics import relative_mse
@@ -144,11 +143,10 @@ def test_exposure_by_what_is_seen(done):
 
 def test_options_of_files_and_environments_become_words_again():
     words = ["--scene=1", "--variant=red shoe", "--up=z", "--unit=0.001", "--strict"]
-    parser = argparse.ArgumentParser()
-    add_scene_options(parser)
-    options = parser.parse_args(["x.obj", *words])
-    assert file_words(options) == words
-    assert parser.parse_args(["x.obj", *file_words(options), *environment_words(options)]) == options
+    words += ["--environment=sky", "--environment-rotation=30", "--environment-intensity=0.5"]
+    _, job = parse(COMMANDS, ["view", "x.obj", *words])
+    assert (job.unit, job.strict, job.environment_rotation) == (0.001, True, 30)
+    assert parse(COMMANDS, ["view", "x.obj", *job.words()])[1] == job
 
 
 def test_light_of_files_without_lights(tmp_path, capsys):
@@ -162,10 +160,7 @@ def test_light_of_files_without_lights(tmp_path, capsys):
         attributes = {"POSITION": mesh.positions, "TEXCOORD_0": mesh.positions[:, :2]}
         file.node(mesh=file.mesh(attributes, mesh.triangles.ravel(), material=number))
         file.save(file.path)
-        parser = argparse.ArgumentParser()
-        add_scene_options(parser)
-        parser.set_defaults(animate=None, clip=None, time=None)
-        return load(parser.parse_args([str(file.path), *more])).scene
+        return load(parse(COMMANDS, ["view", str(file.path), *more])[1]).scene
 
     box = sv.shapes.box((-3, 0, -2), (3, 3, 2))
     room = sv.Mesh(box.positions, box.triangles[:, ::-1])
