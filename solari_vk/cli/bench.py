@@ -27,23 +27,17 @@ class Measurement(DeviceOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Speed(Measurement):
-    """Rays and samples a second, host time, loading."""
-
     files: tuple[Path, ...] = option(_FILES, names=("files",), nargs="*", type=Path, default=())
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load(Measurement):
-    """Files, from disk to the device."""
-
     MODULE = "loading"
     files: tuple[Path, ...] = option("files with models", names=("files",), nargs="+", type=Path)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claims(Measurement):
-    """What posts claim, as pairs of settings."""
-
     MODULE = "claims.run"
     only: tuple[str, ...] = option("one claim (all; repeatable)", "NAME", action="append", default=())
     quick: bool = flag(_QUICK)
@@ -52,8 +46,6 @@ class Claims(Measurement):
 
 @dataclass(frozen=True, kw_only=True)
 class Frame(Measurement):
-    """The realtime frame."""
-
     MODULE = "frame.run"
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
     pictures: Path | None = option("write a picture of each scene", "FOLDER", type=Path)
@@ -62,8 +54,6 @@ class Frame(Measurement):
 
 @dataclass(frozen=True, kw_only=True)
 class Denoise(Measurement):
-    """Denoised single frames."""
-
     MODULE = "denoised"
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
     pictures: Path | None = option("write raw frames, denoised ones, the truth", "FOLDER", type=Path)
@@ -74,11 +64,9 @@ class Denoise(Measurement):
 
 @dataclass(frozen=True, kw_only=True)
 class Cluster(Measurement):
-    """Workers that share the views of a data set."""
-
     MODULE = "cluster"
     workers: tuple[int, ...] = option("processes, one for each device (1 and 2; repeatable)", "N", type=positive,
-                                      action="append", default=(1, 2))  # fmt: skip
+                                      action="append", default=(1, 2))
     views: int = option("views of each round (32)", "N", type=positive, default=32)
     size: tuple[int, int] = option("of a view (128x128)", "WxH", type=size, default=(128, 128))
     samples: int = option("samples per pixel (16)", "N", type=positive, default=16)

@@ -54,4 +54,4 @@ COMMANDS = (
         "Measure whether a device keeps the rules of the specification. Checks run in processes of their own, so that "
         f"a driver that crashes or hangs ends one check only. {EXIT_CODES}",
     ),
-)  # fmt: skip
+)

@@ -22,7 +22,7 @@ class DeviceOptions:
 
     device: str | None = option("part of a device's name, its index or its UUID")
     rays: str | None = option("trace by ray queries or by ray tracing pipelines (auto: queries where there are any)",
-                              choices=("auto", "query", "pipeline"))  # fmt: skip
+                              choices=("auto", "query", "pipeline"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,26 +30,26 @@ class SceneOptions:
     """The scene, how to look at it, and what surrounds it."""
 
     source: str = option("a .gltf, .glb, .obj, .ply or .stl file, or a built-in scene", "FILE|builtin:NAME",
-                         names=("source",))  # fmt: skip
+                         names=("source",))
     size: tuple[int, int] = option("width and height in pixels (640x360)", "WxH", type=size, default=(640, 360))
     seed: int = option("seed of the random numbers, which choose the noise (0)", type=count, default=0)
     scene: str | None = option("a scene of the file, by index or name (the file's default)")
     variant: str | None = option("the materials of one of the file's variants", "NAME")
     up: str | None = option("the axis of an .obj, .ply or .stl file that points up (y; z for .stl)",
-                            choices=("x", "y", "z"))  # fmt: skip
+                            choices=("x", "y", "z"))
     unit: float | None = option("the unit of such a file, in meters (1)", "M", type=float)
     strict: bool = flag("stop at an image that is missing or damaged")
     camera: str | None = option(
         "a camera of the scene by index or name, or a pose, as JSON or in a file: "
         "{'position': [x, y, z], 'target': [x, y, z]}", "N|NAME|JSON|FILE",
-    )  # fmt: skip
+    )
     exposure: str | None = option("exposure value (the camera's; for files with lights auto)", "EV100|auto")
     tonemap: str = option("tone mapping: none, reinhard, aces or agx (agx)", "NAME", type=tonemap, default="agx")
     environment: str = option(
         "what surrounds the scene: soft boxes, a clear sky with its sun, nothing, or a picture of all directions "
         "(.hdr, .exr, .png, .jpg); auto: the file's own, and studio for files without light, or a lamp for closed "
         "rooms (auto)", "auto|studio|sky|none|FILE", default="auto",
-    )  # fmt: skip
+    )
     environment_rotation: float = option("turn it about the vertical axis (0)", "DEGREES", type=number, default=0.0)
     environment_intensity: float = option("make it brighter or darker (1)", "FACTOR", type=factor, default=1.0)
     validation: bool = flag("use the Vulkan validation layer")
@@ -61,7 +61,7 @@ class SceneOptions:
             "--environment", self.environment, f"--environment-rotation={self.environment_rotation:g}",
             "--environment-intensity", f"{self.environment_intensity:g}",
             *(f"--{name}={value}" for name, value in given if value is not None), *["--strict"] * self.strict,
-        ]  # fmt: skip
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class RealtimeOptions:
     view: str = option("a debug view; `solari-vk views` lists all (picture)", "NAME", type=view, default="picture")
     quality: str = option("a preset: `solari-vk settings` lists them (medium)", "NAME", default="medium")
     settings: tuple[str, ...] = option("change a setting: `solari-vk settings` lists them (repeatable)", "KEY=VALUE",
-                                       action="append", default=())  # fmt: skip
+                                       action="append", default=())
 
     def make_settings(self) -> Settings:
         """The settings of --quality, changed by --settings."""
@@ -102,7 +102,7 @@ class ClusterOptions:
     def __post_init__(self) -> None:
         if self.workers is not None and self.cluster is not None:
             raise SolariError("--workers starts processes here, --cluster uses those of a scheduler: give one of the "
-                              "two")  # fmt: skip
+                              "two")
         if self.shared_folder and self.cluster is None:
             raise SolariError("--shared-folder is for the workers of --cluster: the others write here anyway")
 
@@ -125,7 +125,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
     given: frozenset[str] = frozenset()
     """The fields that the command line names."""
     output: Path = option("the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures",
-                          names=("-o", "--output"), type=Path, required=True)  # fmt: skip
+                          names=("-o", "--output"), type=Path, required=True)
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
         "show what was written in the terminal, of a .gif its first picture, if the output goes to one; needs "
@@ -135,7 +135,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "realtime lighting, or the reference path tracer; auto is the mode whose options are given, otherwise the "
         "denoised reference, or realtime where OIDN isn't installed (auto)",
         choices=("auto", "realtime", "reference"), default="auto",
-    )  # fmt: skip
+    )
     aov: tuple[str, ...] = option("more outputs: layers of an .exr, otherwise files", "A,B", type=words, default=())
     clip: str | None = option("the animation that --animate file and --time take (0)", "N|NAME")
     time: float | None = option("pose the scene as it is S seconds into the clip", "S", type=float)
@@ -143,23 +143,23 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
     target_error: float | None = option(
         "stop a still picture when its estimated error is this small: the root of relMSE, the mean square of what "
         "pixels are off relative to their luminance; 0.01 is 1 %%", "E", type=float,
-    )  # fmt: skip
+    )
     frames: int | None = option("frames after the warm-up (48, or --average); pictures of an animation (48, or as many "
-                                "as its path has)", "N", type=positive)  # fmt: skip
+                                "as its path has)", "N", type=positive)
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
     average: int | None = option("the picture is the mean of the last N frames (all); each picture of an animation is "
-                                 "the mean of N frames (4)", "N", type=positive)  # fmt: skip
+                                 "the mean of N frames (4)", "N", type=positive)
     animate: str | None = option(
         "go around the scene, swing by an angle, play the file's animation (the word file), or follow the camera poses "
         "of a JSON file", "orbit[:DEGREES]|file|FILE",
-    )  # fmt: skip
+    )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
     samples: int | None = option("samples per pixel (256; with --denoise 64)", "N", type=positive)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "
         "is installed)", action=ON_OR_OFF, default=False,
-    )  # fmt: skip
+    )
 
     @property
     def is_movie(self) -> bool:
@@ -192,13 +192,13 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
     cameras: str = option(
         "around the scene; places all around an object, or in a room; or the poses of a JSON file: a list of poses as "
         "--camera takes them, or a transforms.json (orbit)", "orbit|random|FILE", default="orbit",
-    )  # fmt: skip
+    )
     mode: str = option("the path tracer, or realtime lighting, which has motion vectors (reference)",
-                       choices=("reference", "realtime"), default="reference")  # fmt: skip
+                       choices=("reference", "realtime"), default="reference")
     aov: tuple[str, ...] = option(
         "more outputs: layers of .exr files, otherwise .npy files; such as depth, shading_normal, instance_id, albedo, "
         "variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
-    )  # fmt: skip
+    )
     format: str = option("of the pictures (png)", choices=("png", "exr", "npy"), default="png")
     time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
     samples: int = option("samples per pixel (64)", "N", type=positive, default=64)
@@ -209,7 +209,7 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
     )
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
     average: int = option(f"each picture is the mean of N frames ({ANIMATION_AVERAGE})", "N", type=positive,
-                          default=ANIMATION_AVERAGE)  # fmt: skip
+                          default=ANIMATION_AVERAGE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,9 +218,9 @@ class ViewJob(RealtimeOptions, PictureOptions):
 
     size: tuple[int, int] = option("width and height of the window (1280x720)", "WxH", type=size, default=(1280, 720))
     mode: str = option("Solari's realtime lighting, the path tracer, or both side by side (realtime)",
-                       choices=("realtime", "reference", "split"), default="realtime")  # fmt: skip
+                       choices=("realtime", "reference", "split"), default="realtime")
     scale: str = option("share of the window's width and height that is rendered (auto: as much as --fps allows)",
-                        "auto|0.1..1", default="auto")  # fmt: skip
+                        "auto|0.1..1", default="auto")
     fps: float | None = option("frames a second for --scale auto (60; on a CPU 7)", "N", type=float)
     no_overlay: bool = flag("show no panels over the picture")
     folder: Path = option("where F2 writes screenshots (.)", type=Path, default=Path())

@@ -74,7 +74,7 @@ def _add_commands(place: Any, commands: Sequence[Command], below: str) -> None:
         parser = place.add_parser(
             command.name, help=command.meaning, description=command.description, aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
-        )  # fmt: skip
+        )
         parser.set_defaults(command=command)
         _add_options(parser, command.job)
         if command.parts:

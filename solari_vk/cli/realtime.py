@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from solari_vk.cli import animation
 from solari_vk.cli.compiling import CompileNotes, open_device
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob, StillJob
-from solari_vk.cli.kept import frames_folder, write_or_keep
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load
 from solari_vk.errors import SolariError
@@ -23,6 +22,7 @@ from solari_vk.frame_means import FrameMeans
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate, area_means
+from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.taa import render_size
 from solari_vk.renderer import Renderer

@@ -13,11 +13,11 @@ import solari_vk as sv
 from solari_vk.cli.cluster import Reporter, open_pool, words_on
 from solari_vk.cli.compiling import CompileNotes, open_device
 from solari_vk.cli.jobs import StillJob
-from solari_vk.cli.kept import write_or_keep
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
+from solari_vk.output.kept import write_or_keep
 
 SAMPLES, DENOISED_SAMPLES = 256, 64
 
