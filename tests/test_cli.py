@@ -18,6 +18,7 @@ from PIL import Image
 from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
+from solari_vk import disk_cache
 from solari_vk.cli import info, main
 from solari_vk.cli.commands import COMMANDS
 from solari_vk.cli.jobs import StillJob
@@ -338,6 +339,8 @@ WRONG = [
     (BOX, ["--animate", "orbit:fast"], ["orbit:fast", "angle"]),
     (BOX, ["--animate", "orbit:nan"], ["orbit:nan", "angle"]),
     (BOX, ["--seed", "99999999999"], ["seed"]),
+    (BOX, [*SAMPLES, "--camera", "9" * 5000], ["--camera 999"]),
+    (BOX, ["--animate", "orbit", "--frames", "1000000000000"], ["--frames 1000000000000", "100,000"]),
     (BOX, ["--workers", "2", "--cluster", "tcp://a:1"], ["--workers", "--cluster", "one of the two"]),
     (BOX, ["--shared-folder"], ["--shared-folder", "--cluster"]),
 ]
@@ -422,6 +425,33 @@ def test_a_full_output():
         ran = ended("settings", stdout=full)
     assert ran.returncode == 2
     assert ran.stderr == "solari-vk: the output can't be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("lens", ['{"camera_angle_x": Infinity}', '{"h": 1%s, "w": 5, "fl_x": 1}' % ("0" * 400)])
+def test_numbers_that_are_no_lens(tmp_path, capsys, lens):
+    (tmp_path / "cameras.json").write_text(json.dumps({**json.loads(lens), "frames": [{"transform_matrix": []}]}))
+    assert main(["dataset", BOX, "-o", str(tmp_path / "views"), "--cameras", str(tmp_path / "cameras.json")]) == 2
+    assert re.fullmatch(r"solari-vk: --cameras .*json: it lacks a field .*\n", capsys.readouterr().err)
+
+
+def test_ctrl_c_during_imports(monkeypatch, capsys):
+    class Interrupts:
+        def find_spec(self, name, *_):
+            if name == "solari_vk.cli.commands":
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "solari_vk.cli.commands")
+    monkeypatch.setattr(sys, "meta_path", [Interrupts(), *sys.meta_path])
+    assert main(["views"]) == 130
+    assert capsys.readouterr() == ("", "solari-vk: interrupted, nothing was written\n")
+
+
+def test_a_user_without_a_home_has_no_cache(monkeypatch):
+    for name in ("HOME", "XDG_CACHE_HOME", "SOLARI_VK_CACHE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("os.getuid", lambda: 4_242_424)
+    with pytest.warns(UserWarning, match="no home folder: set SOLARI_VK_CACHE"):
+        assert disk_cache.folder() is None
 
 
 # ---- lists ------------------------------------------------------------------------------------------

@@ -1,23 +1,33 @@
 """The command line: solari-vk render | view | dataset | settings | views | info (or doctor) | bench | conformance.
 
 Exit codes: 0 done, 1 an internal error, a conformance rule that doesn't hold, or a data set or an animation of several
-devices that isn't finished, 2 bad input or usage, 3 no device.
+devices that isn't finished, 2 bad input or usage, 3 no device, 130 Ctrl-C before there was anything to keep.
 """
 
 from __future__ import annotations
 
-import errno
 import sys
-import traceback
+from collections.abc import Sequence
 from typing import Any
 
-from solari_vk.cli.commands import COMMANDS
-from solari_vk.cli.options import make_parser, parse
-from solari_vk.errors import DeviceError, SolariError
 
-
-def main(words: list[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
+    try:
+        return _main(words)  # imports too may be interrupted
+    except KeyboardInterrupt:
+        print("solari-vk: interrupted, nothing was written", file=sys.stderr)
+        return 130
+
+
+def _main(words: Sequence[str] | None) -> int:
+    import errno
+    import traceback
+
+    from solari_vk.cli.commands import COMMANDS
+    from solari_vk.cli.options import parse
+    from solari_vk.errors import DeviceError, SolariError
+
     try:
         command, job = parse(COMMANDS, words)
         code = command.run(job)
@@ -26,12 +36,12 @@ def main(words: list[str] | None = None) -> int:
     except SolariError as error:
         print(f"solari-vk: {error}", file=sys.stderr)
         return 3 if isinstance(error, DeviceError) else 2
+    except MemoryError as error:
+        print(f"solari-vk: this machine's memory isn't enough: {error or 'give smaller numbers'}", file=sys.stderr)
+        return 2
     except BrokenPipeError:  # the reader of our output closed it
         sys.stdout = None
         return 0
-    except KeyboardInterrupt:
-        print("solari-vk: interrupted, nothing was written", file=sys.stderr)
-        return 1
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             sys.stdout = None  # what it holds can't be written
@@ -44,4 +54,7 @@ def main(words: list[str] | None = None) -> int:
 
 
 def _parser() -> Any:
+    from solari_vk.cli.commands import COMMANDS
+    from solari_vk.cli.options import make_parser
+
     return make_parser(COMMANDS)

@@ -12,11 +12,12 @@ from pathlib import Path
 import solari_vk as sv
 from solari_vk.cli.jobs import MovieJob, SceneOptions
 from solari_vk.errors import SolariError
-from solari_vk.output.animation import load_path, orbit
+from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit
 from solari_vk.scene.model import Animation, Camera, Scene
 from solari_vk.scene.surroundings import surround
 
 ORBIT_PICTURES = 48
+MAX_DIGITS = 10  # of an index: Python refuses to read numbers with thousands
 
 
 def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
@@ -85,7 +86,7 @@ def _load_scene(job: SceneOptions) -> Scene:
 
 def _index(text: str) -> int | None:
     """The number that a text is, None if it is none."""
-    return int(text) if text.isdecimal() else None
+    return int(text) if text.isdecimal() and len(text) < MAX_DIGITS else None
 
 
 def _find_clip(scene: Scene, source: str, name: str | None, time: float | None, plays: bool) -> Animation | None:
@@ -106,8 +107,11 @@ def _find_clip(scene: Scene, source: str, name: str | None, time: float | None, 
 
 def _path(movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None) -> list[Camera]:
     """The cameras of an animation that starts at `camera`."""
+    count = movie.frames or (ORBIT_PICTURES if clip is None else max(round(clip.duration * movie.fps), 1))
+    if count > MAX_CAMERAS:
+        raise SolariError(f"--frames {count}: an animation has at most {MAX_CAMERAS:,} pictures")
     if clip is not None:
-        return [camera] * (movie.frames or max(round(clip.duration * movie.fps), 1))
+        return [camera] * count
     kind, colon, sweep = movie.animate.partition(":")
     if kind != "orbit":
         return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
@@ -117,7 +121,7 @@ def _path(movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None)
         degrees = math.nan
     if degrees is not None and not math.isfinite(degrees):
         raise SolariError(f"--animate {movie.animate}: give an angle such as orbit:30")
-    return orbit(camera, scene.bounds.center, movie.frames or ORBIT_PICTURES, degrees)
+    return orbit(camera, scene.bounds.center, count, degrees)
 
 
 def _find_camera(scene: Scene, text: str) -> Camera:
