@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
+import inspect
 import json
 import os
 import re
@@ -398,6 +400,13 @@ def test_wrong_usage_is_exit_code_2(arguments, words, capsys):
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert all(word in said for word in ("usage", *words))
+
+
+def test_what_a_part_of_bench_is_given_is_what_its_function_takes():
+    (bench,) = (command for command in COMMANDS if command.name == "bench")
+    for part in (bench, *bench.parts):
+        run = importlib.import_module(f"solari_vk.measure.{part.job.MODULE}").run
+        inspect.signature(run).bind(None, **{field.name: None for field in dataclasses.fields(part.job)[1:]})
 
 
 def test_an_unknown_device_is_exit_code_3(render):
