@@ -49,7 +49,7 @@ MAY_IMPORT = {
     "rendered": {"errors", "passes", "frame", "first_hits", "output", "gpu.device", "gpu.frame", *WINGS},
     "reference": {"errors", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame", *WINGS},
     "renderer": {"errors", "settings", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame", *WINGS},
-    "frame_means": {"renderer"},
+    "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,
     "notebook": {"errors", "scene", "renderer", "viewer"},

@@ -8,9 +8,6 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from solari_vk.cli import animation
 from solari_vk.cli.compiling import CompileNotes, open_device
@@ -21,7 +18,7 @@ from solari_vk.errors import SolariError
 from solari_vk.frame_means import FrameMeans
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
-from solari_vk.output.error import ErrorEstimate, area_means
+from solari_vk.output.error import ErrorEstimate
 from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.taa import render_size
@@ -124,11 +121,7 @@ def _expose(cameras: Sequence[Camera], ev100: float) -> None:
 
 
 class _Shooting:
-    """Renders and writes the pictures of a plan. The first one decides the exposure of all, if it is automatic.
-
-    Radiance and its parts are the mean of a picture's last frames, in float64; other outputs are the last frame's. The
-    error of a still picture is estimated by comparing it with what the paths gave in later frames.
-    """
+    """Renders and writes the pictures of a plan. The first one decides the exposure of all, if it is automatic."""
 
     def __init__(
         self, renderer: Renderer, plan: Plan, job: StillJob | MovieJob, subject: Subject, progress: Progress
@@ -158,37 +151,19 @@ class _Shooting:
             print(stopped, file=sys.stderr)
             if not self._written:
                 if not self._means.count:
-                    self._add_frame()
+                    self._means.add()
                 self._write(plan.cameras[0], plan.targets[0])
         return self._written
 
     def _begin_mean(self) -> None:
-        self._means = FrameMeans(self._renderer, self._job.aov)
-        self._raw_sum: Any = 0.0
-
-    def _add_frame(self) -> None:
-        self._means.add()
-        if (estimate := self._estimate) is not None:
-            self._raw_sum = self._raw_sum + self._renderer[self._raw].astype("float64")
-            count = self._means.count
-            if count >= estimate.next_count:
-                estimate.look_at_other(count, self._raw_sum / count, self._rendered_result)
-
-    @property
-    def _raw(self) -> str:
-        """The name of the light that the paths gave."""
-        return "raw_radiance" if "raw_radiance" in self._renderer.outputs else "radiance"
-
-    def _rendered_result(self) -> NDArray[Any]:
-        """The picture at the size that is rendered."""
-        return area_means(self._means["radiance"], self._renderer.render_size)
+        self._means = FrameMeans(self._renderer, self._job.aov, self._estimate)
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""
         for index in range(count):
             self._renderer.render(camera)
             if index >= count - averaged:
-                self._add_frame()
+                self._means.add()
                 if self.error <= (self._job.target_error or 0.0):
                     break
             self._progress(self._renderer.frame_count, self.error)
