@@ -23,7 +23,6 @@ import solari_vk as sv
 from solari_vk import disk_cache
 from solari_vk.cli import info, main
 from solari_vk.cli.commands import COMMANDS
-from solari_vk.cli.jobs import StillJob
 from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
 from solari_vk.cli.subject import load
@@ -137,18 +136,27 @@ def test_options_of_files_and_environments_become_words_again():
     assert parse(COMMANDS, ["view", "x.obj", *job.words()])[1] == job
 
 
-def test_light_of_files_without_lights(tmp_path, capsys):
-    """A closed room gets a lamp; weak emission and black emissive textures don't stand for light."""
+@pytest.fixture
+def model(tmp_path):
+    """Write a file of a mesh without lights."""
 
-    def lit(mesh, *more, **material):
+    def write(mesh, **material):
         file = GltfWriter(tmp_path / "model.glb")
         if "black" in material:
             material = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": file.image(np.zeros((1, 1, 3)))}}
         number = file.add("materials", **material)
         attributes = {"POSITION": mesh.positions, "TEXCOORD_0": mesh.positions[:, :2]}
         file.node(mesh=file.mesh(attributes, mesh.triangles.ravel(), material=number))
-        file.save(file.path)
-        return load(parse(COMMANDS, ["view", str(file.path), *more])[1]).scene
+        return file.save(file.path)
+
+    return write
+
+
+def test_light_of_files_without_lights(model, capsys):
+    """A closed room gets a lamp; weak emission and black emissive textures don't stand for light."""
+
+    def lit(mesh, *more, **material):
+        return load(parse(COMMANDS, ["view", str(model(mesh, **material)), *more])[1]).scene
 
     box = sv.shapes.box((-3, 0, -2), (3, 3, 2))
     room = sv.Mesh(box.positions, box.triangles[:, ::-1])
@@ -166,42 +174,33 @@ def test_light_of_files_without_lights(tmp_path, capsys):
         np.testing.assert_array_equal(*turns)
 
 
-def test_environments_of_files(render, tmp_path):
+def test_environments_of_files(render, model, tmp_path):
     """A file without lights stands in a studio; a picture of one color, half as bright, fills what is not covered."""
-    box = sv.shapes.box()
-    file = GltfWriter(tmp_path / "box.glb")
-    file.node(mesh=file.mesh({"POSITION": box.positions}, box.triangles.ravel()))
-    file.save(file.path)
-    said, path = render(*SAMPLES, source=file.path)
+    file = model(sv.shapes.box())
+    said, path = render(*SAMPLES, source=file)
     assert "it is shown in a studio" in said
     assert "EV100 0.00" in said
     assert np.median(pixels(path)) > 100
     sv.save_image(tmp_path / "map.exr", np.full((2, 4, 3), 0.8))
-    words = ["--environment", tmp_path / "map.exr", "--environment-intensity", 0.5, "--environment-rotation", 30]
-    _, path = render(*SAMPLES, *words, source=file.path, output="lit.npy")
-    np.testing.assert_allclose(np.load(path)[0, 0], 0.4, rtol=2e-3)
-    _, path = render(*SAMPLES, "--environment", "sky", source=file.path, output="sky.npy")
-    assert 1000 < np.load(path)[0, 0, 2] < 50_000
-    _, path = render(*SAMPLES, "--environment", "none", source=file.path, output="dark.npy")
-    assert not np.load(path).any()
-    for words, text in ((["--environment", "none", "--environment-rotation", "9"], "there is no environment"),
-                        (["--environment", "x.hdr"], "can't be read"), (["--environment", "x"], "not ''")):  # fmt: skip
-        assert text in render(*SAMPLES, *words, source=file.path, output="refused.png", code=2)[0]
+    words = [tmp_path / "map.exr", "--environment-intensity", 0.5, "--environment-rotation", 30]
+    lit, sky, dark = (
+        np.load(render(*SAMPLES, "--environment", *more, source=file, output="lit.npy")[1])
+        for more in (words, ["sky"], ["none"])
+    )
+    np.testing.assert_allclose(lit[0, 0], 0.4, rtol=2e-3)
+    assert 1000 < sky[0, 0, 2] < 50_000
+    assert not dark.any()
+    for more, text in ((["none", "--environment-rotation", "9"], "there is no environment"),
+                       (["x.hdr"], "can't be read"), (["x"], "not ''")):  # fmt: skip
+        assert text in render(*SAMPLES, "--environment", *more, source=file, output="refused.png", code=2)[0]
 
 
-@pytest.mark.parametrize("output", ["turn.png", "turn.gif"])
-def test_an_orbit(render, output):
-    _, path = render(*FRAMES, "--animate", "orbit:40", "--frames", 3, "--average", 2, output=output)
-    if output == "turn.gif":
-        with Image.open(path) as movie:
-            assert movie.n_frames == 3
-            pictures = [np.asarray((movie.seek(index), movie.convert("RGB"))[1]) for index in range(3)]
-    else:
-        names = [f"turn.{index:04}.png" for index in range(3)]
-        assert sorted(p.name for p in path.parent.iterdir()) == names
-        pictures = [pixels(path.with_name(name)) for name in names]
-    assert all(picture.shape == (16, 24, 3) for picture in pictures)
-    assert (pictures[0] != pictures[1]).any()
+def test_an_orbit(render):
+    _, path = render(*FRAMES, "--animate", "orbit:40", "--frames", 3, "--average", 2, output="turn.gif")
+    with Image.open(path) as movie:
+        assert (movie.n_frames, movie.size) == (3, SIZE)
+        first, second = (np.asarray((movie.seek(index), movie.convert("RGB"))[1]) for index in range(2))
+    assert (first != second).any()
 
 
 def test_a_path_of_poses_with_a_view(render, tmp_path):
@@ -210,7 +209,9 @@ def test_a_path_of_poses_with_a_view(render, tmp_path):
     file = tmp_path / "path.json"
     file.write_text(json.dumps(poses))
     said, _ = render(*FRAMES, "--animate", file, "--fps", 2, "--view", "depth")
-    wide, _, narrow = (pixels(path) for path in sorted(tmp_path.glob("picture.*.png")))  # both ends of a second
+    paths = sorted(tmp_path.glob("picture*"))
+    assert [path.name for path in paths] == [f"picture.{index:04}.png" for index in range(3)]  # both ends of a second
+    wide, _, narrow = map(pixels, paths)
     assert "picture 3 of 3" in said
     assert (wide == 0).all(axis=2).sum() > (narrow == 0).all(axis=2).sum()
 
@@ -266,6 +267,22 @@ def test_upscaled_pictures_have_an_estimate_too(render):
     assert np.load(path).shape == (16, 24, 3)
 
 
+@pytest.fixture
+def oidn_that(monkeypatch):
+    """Let OIDN be installed or not, and fail with an error when it is loaded."""
+
+    def be(installed, error=None):
+        def load():
+            if error:
+                raise sv.SolariError(error)
+
+        monkeypatch.setattr(oidn, "is_installed", lambda: installed)
+        monkeypatch.setattr(oidn, "check_installed", load)
+        monkeypatch.setattr(oidn, "denoise", lambda radiance, albedo, normal: radiance)
+
+    return be
+
+
 def job_of(*words):
     return make_job(parse(COMMANDS, ["render", BOX, "-o", "picture.png", *words])[1])
 
@@ -279,33 +296,24 @@ def job_of(*words):
     ([], None, True),
 ])  # fmt: skip
 @pytest.mark.parametrize("installed", [True, False])
-def test_the_mode_follows_from_options_and_oidn(monkeypatch, words, mode, denoises, installed):
+def test_the_mode_follows_from_options_and_oidn(oidn_that, words, mode, denoises, installed):
     """Without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
-    monkeypatch.setattr(oidn, "is_installed", lambda: installed)
-    monkeypatch.setattr(oidn, "check_installed", lambda: None)
+    oidn_that(installed)
     job = job_of(*words)
     assert job.mode == (mode or ("reference" if installed else "realtime"))
     assert job.denoise == (denoises and installed)
-    assert isinstance(job, StillJob)
 
 
-def test_oidn_that_does_not_load_is_done_without(monkeypatch, capsys):
+def test_oidn_that_does_not_load_is_done_without(oidn_that, capsys):
     """The plain command then renders in realtime, and one line says why."""
-
-    def load():
-        raise sv.SolariError("denoise: libOpenImageDenoise.so: no such file")
-
-    monkeypatch.setattr(oidn, "is_installed", lambda: True)
-    monkeypatch.setattr(oidn, "check_installed", load)
+    oidn_that(True, "libOpenImageDenoise.so: no such file")
     assert job_of().mode == "realtime"
     said = capsys.readouterr().err
-    assert said == "the picture isn't denoised by OIDN: denoise: libOpenImageDenoise.so: no such file\n"
+    assert said == "the picture isn't denoised by OIDN: libOpenImageDenoise.so: no such file\n"
 
 
-def test_the_plain_command_denoises(render, monkeypatch):
-    monkeypatch.setattr(oidn, "denoise", lambda radiance, albedo, normal: radiance)
-    monkeypatch.setattr(oidn, "is_installed", lambda: True)
-    monkeypatch.setattr(oidn, "check_installed", lambda: None)
+def test_the_plain_command_denoises(render, oidn_that):
+    oidn_that(True)
     assert ", denoised" in render(*SMALL, "--samples", "2")[0]
 
 
@@ -466,44 +474,34 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch):
 # ---- lists ------------------------------------------------------------------------------------------
 
 
-def test_info_names_devices_compiler_and_cache(any_device, monkeypatch, capsys, tmp_path):
-    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
+def test_info_names_what_there_is_what_is_missing_and_the_command(any_device, monkeypatch, capsys, tmp_path):
+    """Of what is installed, a library fails, and one ends the process that tries it."""
+    absent = {"pyoidn", "imageio_ffmpeg", "distributed"}
+    (tmp_path / "DracoPy.py").write_text("raise ImportError('no libdraco.so')")
+    (tmp_path / "meshopt.py").write_text("import os; os._exit(9)")
     for name in ("a.spv", "b.spv", "c.pipelines", "d.txt"):
         (tmp_path / name).write_bytes(bytes(500_000))
-    assert main(["info"]) == 0
-    said = capsys.readouterr().out
-    for word in ("device 0", "compiler", "usable", "--rays query: ", "--rays pipeline: ", "gbuffer=auto: "):
-        assert word in said
-    assert f"cache: {tmp_path}, shaders: 2, pipeline caches: 1, 1.5 MB\n" in said
-
-
-def test_info_names_what_is_missing_and_the_command(any_device, monkeypatch, capsys):
-    absent = {"pyoidn", "imageio_ffmpeg", "distributed"}
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: None if name in absent else name)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("solari_vk.viewer.window.glfw.init", lambda: 0)
+    info._why_not.cache_clear()
     assert main(["doctor"]) == 0
+    info._why_not.cache_clear()
     said = capsys.readouterr().out
-    for extra in ("oidn", "video", "cluster"):
-        assert said.count(f": missing: pip install 'solari-vk[{extra}]'\n") == 1
+    for words in (
+        "device 0", "compiler", "usable", "--rays query: ", "--rays pipeline: ", "gbuffer=auto: ",
+        f"cache: {tmp_path}, shaders: 2, pipeline caches: 1, 1.5 MB\n",
+        "meshes of Draco: installed, but it doesn't work: ImportError: no libdraco.so\n",
+        "meshes of meshopt: installed, but it doesn't work: it ends Python with code 9\n",
+        "\nwindows: GLFW does not start (without a display: xvfb-run",
+        *(f": missing: pip install 'solari-vk[{extra}]'\n" for extra in ("oidn", "video", "cluster")),
+    ):  # fmt: skip
+        assert words in said
     assert said.count(": missing: ") == 3
-    assert "\nwindows: GLFW does not start (without a display: xvfb-run" in said
     project = tomllib.loads(Path(__file__).parents[1].joinpath("pyproject.toml").read_text())["project"]
     assert {part.extra for part in info.PARTS} <= set(project["optional-dependencies"])
-
-
-def test_info_names_what_is_installed_and_does_not_work(any_device, monkeypatch, tmp_path, capsys):
-    """A library that fails, and one that ends the process."""
-    (tmp_path / "DracoPy.py").write_text("raise ImportError('no libdraco.so')")
-    (tmp_path / "meshopt.py").write_text("import os; os._exit(9)")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: name)
-    info._why_not.cache_clear()
-    assert main(["info"]) == 0
-    info._why_not.cache_clear()
-    said = capsys.readouterr().out
-    assert "meshes of Draco: installed, but it doesn't work: ImportError: no libdraco.so\n" in said
-    assert "meshes of meshopt: installed, but it doesn't work: it ends Python with code 9\n" in said
 
 
 def test_render_names_the_way_to_trace(render):
