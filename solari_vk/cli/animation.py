@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob
-from solari_vk.cli.subject import Subject
+from solari_vk.cli.subject import Subject, expose
 from solari_vk.files import make_folder
 from solari_vk.output.movie import write_movie
 from solari_vk.settings import Settings
@@ -38,9 +38,7 @@ def run(job: MovieJob, subject: Subject, settings: Settings) -> int:
         subject.scene.animate(0.0, style.clip)
     with open_pool(job) as pool:
         if subject.auto_exposure:
-            ev100 = metered(pool, subject, subject.cameras[:1], job.size)
-            for camera in subject.cameras:
-                camera.ev100 = ev100
+            expose(subject.cameras, metered(pool, subject, subject.cameras[:1], job.size))
         views = _views(job, subject, style.clip, ".png" if job.is_movie else output.suffix)
         tasks = blocks(style, views)
         journal = open_journal(folder / f"{output.stem}.jsonl", pool, subject.scene, tasks)

@@ -9,7 +9,7 @@ import solari_vk as sv
 from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.realtime import check_parts
-from solari_vk.cli.subject import Subject, check_aovs, load
+from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.cluster import RenderTask, Style, View, blocks
 from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
 from solari_vk.cluster.journal import open_journal
@@ -35,8 +35,7 @@ def run(job: DatasetJob) -> int:
     cameras, shown = _cameras(subject, job)
     with open_pool(job) as pool:
         ev100 = metered(pool, subject, shown, job.size) if subject.auto_exposure else subject.cameras[0].ev100
-        for camera in cameras:
-            camera.ev100 = ev100
+        expose(cameras, ev100)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = views_of(cameras, f".{job.format}")
         tasks = _tasks(style, views, job.cameras == "random")

@@ -6,14 +6,13 @@ import math
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 from solari_vk.cli import animation
 from solari_vk.cli.compiling import CompileNotes, open_device
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob, StillJob
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, load
+from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.errors import SolariError
 from solari_vk.frame_means import FrameMeans
 from solari_vk.gpu.device.rays import IN_WORDS
@@ -31,32 +30,25 @@ FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 STILL_FRAMES = 48
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The pictures to render: one for each camera, into the target of the same index."""
-
-    cameras: Sequence[Camera]
-    targets: Sequence[Path]
-    frames: int
-    """Frames of each picture."""
-    average: int
-    """A picture is the mean of this many last frames."""
-
-
-def make_plan(job: StillJob | MovieJob, cameras: Sequence[Camera], folder: Path | None) -> Plan:
-    """The plan for the cameras. folder: where to write the pictures of a movie, None without one."""
-    output, viewing = job.output, job.view != "picture"
+def frames_of(job: StillJob | MovieJob) -> tuple[int, int]:
+    """The frames of each picture after the warm-up, and how many of the last of them it is the mean of."""
+    viewing = job.view != "picture"
     if isinstance(job, MovieJob):
-        names = [f"{output.stem}.{index:04}" for index in range(len(cameras))]
-        targets = [folder / f"{n}.png" if folder else output.with_name(f"{n}{output.suffix}") for n in names]
-        frames = 1 if viewing else job.average or ANIMATION_AVERAGE
-        return Plan(cameras, targets, frames, frames)
+        return (1, 1) if viewing else (job.average or ANIMATION_AVERAGE,) * 2
     still = STILL_FRAMES if job.target_error is None else UNLIMITED
     frames = job.frames or (None if viewing else job.average) or still
     average = 1 if viewing else job.average or frames
     if average > frames:
         raise SolariError(f"--average {average}: there are only {frames} frames after the warm-up: see --frames")
-    return Plan(cameras, [output], frames, average)
+    return frames, average
+
+
+def targets_of(job: StillJob | MovieJob, count: int, folder: Path | None) -> list[Path]:
+    """The files of the pictures. folder: where those of a movie are, None without one."""
+    if not isinstance(job, MovieJob):
+        return [job.output]
+    names = [f"{job.output.stem}.{index:04}" for index in range(count)]
+    return [folder / f"{name}.png" if folder else job.output.with_name(f"{name}{job.output.suffix}") for name in names]
 
 
 def run(job: StillJob | MovieJob) -> int:
@@ -66,11 +58,12 @@ def run(job: StillJob | MovieJob) -> int:
         movie.check_encoder(job.output)
     settings = job.make_settings()
     check_parts(job.aov, job.size, settings)
+    frames, _ = frames_of(job)
     subject = load(job, clip=job.clip, time=job.time)
     if job.is_spread and isinstance(job, MovieJob):
         return animation.run(job, subject, settings)
     with frames_folder() if job.is_movie else nullcontext() as folder:
-        plan = make_plan(job, subject.cameras, folder)
+        cameras, targets = subject.cameras, targets_of(job, len(subject.cameras), folder)
         notes = CompileNotes()
         with open_device(job, notes) as device:
             print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
@@ -79,17 +72,17 @@ def run(job: StillJob | MovieJob) -> int:
             if subject.clip is not None:
                 subject.clip.apply(subject.scene, 0.0)
             if subject.auto_exposure:
-                _meter(renderer, plan.cameras)
-            count = renderer.frame_count + job.warm_up + plan.frames * len(plan.cameras)
-            with Progress("frames", None if plan.frames == UNLIMITED else count, job.time_limit, notes) as progress:
-                shooting = _Shooting(renderer, plan, job, subject, progress)
+                _meter(renderer, cameras)
+            count = renderer.frame_count + job.warm_up + frames * len(cameras)
+            with Progress("frames", None if frames == UNLIMITED else count, job.time_limit, notes) as progress:
+                shooting = _Shooting(renderer, job, subject, targets, progress)
                 written = shooting.run()
         if job.is_movie:
             movie.write_movie(job.output, written, job.fps)
     print(
         f"wrote {job.output if job.is_movie else written[-1]}: {job.size[0]}x{job.size[1]}, picture {len(written)} of "
-        f"{len(plan.targets)}, {renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s"
-        f"{notes.after}, EV100 {plan.cameras[0].ev100:.2f}",
+        f"{len(targets)}, {renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s"
+        f"{notes.after}, EV100 {cameras[0].ev100:.2f}",
         file=sys.stderr,
     )
     return 0
@@ -112,23 +105,19 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
     """Choose a first exposure by what the first camera sees: passes pack radiance relative to the exposure."""
     for _ in range(METERING_FRAMES):
         renderer.render(cameras[0])
-        _expose(cameras, renderer.auto_exposure())
-
-
-def _expose(cameras: Sequence[Camera], ev100: float) -> None:
-    for camera in cameras:
-        camera.ev100 = ev100
+        expose(cameras, renderer.auto_exposure())
 
 
 class _Shooting:
-    """Renders and writes the pictures of a plan. The first one decides the exposure of all, if it is automatic."""
+    """Renders and writes the pictures of a job. The first one decides the exposure of all, if it is automatic."""
 
     def __init__(
-        self, renderer: Renderer, plan: Plan, job: StillJob | MovieJob, subject: Subject, progress: Progress
+        self, renderer: Renderer, job: StillJob | MovieJob, subject: Subject, targets: list[Path], progress: Progress
     ) -> None:
-        self._renderer, self._plan, self._job, self._subject, self._progress = renderer, plan, job, subject, progress
+        self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
+        self._cameras, self._targets = subject.cameras, targets
         self._written: list[Path] = []
-        self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(plan.targets) == 1 else None
+        self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(targets) == 1 else None
         self._begin_mean()
 
     @property
@@ -138,21 +127,21 @@ class _Shooting:
 
     def run(self) -> list[Path]:
         """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
-        plan = self._plan
+        frames, average = frames_of(self._job)
         try:
-            self._render(plan.cameras[0], self._job.warm_up, averaged=0)
-            for number, (camera, target) in enumerate(zip(plan.cameras, plan.targets, strict=True)):
+            self._render(self._cameras[0], self._job.warm_up, averaged=0)
+            for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):
                 if self._subject.clip is not None:
                     self._subject.clip.apply(self._subject.scene, number / self._job.fps)
                 self._begin_mean()
-                self._render(camera, plan.frames, plan.average)
+                self._render(camera, frames, average)
                 self._write(camera, target)
         except Stopped as stopped:
             print(stopped, file=sys.stderr)
             if not self._written:
                 if not self._means.count:
                     self._means.add()
-                self._write(plan.cameras[0], plan.targets[0])
+                self._write(self._cameras[0], self._targets[0])
         return self._written
 
     def _begin_mean(self) -> None:
@@ -171,7 +160,7 @@ class _Shooting:
     def _write(self, camera: Camera, target: Path) -> None:
         radiance, job = self._means["radiance"], self._job
         if self._subject.auto_exposure and not self._written:
-            _expose(self._plan.cameras, self._renderer.auto_exposure(radiance))
+            expose(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]
             write_or_keep(target, lambda path: picture.write_png(path, codes))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,12 @@ def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
     for name in names:
         if name not in known:
             raise SolariError(f"--aov {name}: --mode {mode} has no such output; it has {', '.join(known)}")
+
+
+def expose(cameras: Iterable[Camera], ev100: float) -> None:
+    """Give cameras one exposure."""
+    for camera in cameras:
+        camera.ev100 = ev100
 
 
 @dataclass
@@ -65,8 +71,7 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     exposure = job.exposure or ("camera" if builtin or in_studio else "auto")
     if exposure not in ("auto", "camera"):
         try:
-            for camera in cameras:
-                camera.ev100 = float(exposure)
+            expose(cameras, float(exposure))
         except ValueError:
             raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
     for warning in scene.warnings:
