@@ -19,15 +19,21 @@ _OFF = ("", "0", "off", "no")
 
 
 def folder() -> Path | None:
-    """The folder of the cache: SOLARI_VK_CACHE, else the platform's; None if SOLARI_VK_CACHE turns the cache off."""
+    """The folder of the cache: SOLARI_VK_CACHE, else the platform's; None if SOLARI_VK_CACHE turns the cache off, and,
+    with a warning, for users without a home."""
     named = os.environ.get("SOLARI_VK_CACHE")
     if named is not None:
         return None if named.strip().lower() in _OFF else Path(named)
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "solari_vk"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "solari_vk" / "cache"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
+    try:
+        if sys.platform == "darwin":
+            return Path.home() / "Library" / "Caches" / "solari_vk"
+        if sys.platform == "win32":
+            return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "solari_vk" / "cache"
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
+    except RuntimeError:  # neither HOME nor an entry in the list of users
+        warnings.warn("compiled shaders and pipelines aren't kept: this user has no home folder: set SOLARI_VK_CACHE "
+                      "to a folder, or to 'off'", stacklevel=2)  # fmt: skip
+        return None
 
 
 def load(name: str) -> bytes | None:

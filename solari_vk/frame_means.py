@@ -8,18 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.output.error import ErrorEstimate, area_means
 from solari_vk.renderer import LIGHT, Renderer
 
 
 class FrameMeans:
     """Radiance and its parts as means of frames, taken in float64; other results are the latest frame's.
 
-    names: results beside the radiance.
+    names: results beside the radiance. estimate: that of a picture of many frames, by what the paths gave in them; it
+    looks at the size that is rendered.
     """
 
-    def __init__(self, renderer: Renderer, names: Iterable[str] = ()) -> None:
-        self._renderer = renderer
-        self._sums: dict[str, Any] = dict.fromkeys(["radiance", *(name for name in names if name in LIGHT)], 0.0)
+    def __init__(self, renderer: Renderer, names: Iterable[str] = (), estimate: ErrorEstimate | None = None) -> None:
+        self._renderer, self._estimate = renderer, estimate
+        self._raw = "raw_radiance" if "raw_radiance" in renderer.outputs else "radiance"
+        light = ["radiance", *(name for name in names if name in LIGHT), *([self._raw] if estimate else [])]
+        self._sums: dict[str, Any] = dict.fromkeys(light, 0.0)
         self.count = 0
         """The number of frames."""
 
@@ -28,6 +32,10 @@ class FrameMeans:
         for name in self._sums:
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
         self.count += 1
+        if self._estimate is not None and self.count >= self._estimate.next_count:
+            size = self._renderer.render_size
+            mean = self._sums[self._raw] / self.count
+            self._estimate.look_at_other(self.count, mean, lambda: area_means(self["radiance"], size))
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name in self._sums:

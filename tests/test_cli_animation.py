@@ -63,6 +63,7 @@ def test_pictures_of_a_moment(render, file, tmp_path):
     ("arguments", "words"),
     [
         (["--animate", "file", "--clip", "jump"], ["jump", "slide"]), (["--animate", "file", "--clip", "7"], ["7"]),
+        (["--clip", "9" * 5000, "--time", "1"], ["grow", "slide"]), (["--scene", "9" * 5000], ["scene"]),
         (["--clip", "slide"], ["--clip slide", "--time"]), (["--time", "nan"], ["finite"]),
         (["--animate", "file", "--time", "1"], ["--time 1", "--animate file"]),
     ],

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import argparse
-
+    from solari_vk.cli.jobs import PictureOptions
     from solari_vk.gpu.device.compiling import Compiling
     from solari_vk.gpu.device.device import Device
 
@@ -74,11 +73,11 @@ class CompileNotes:
             print(text, file=sys.stderr, flush=True)
 
 
-def open_device(options: argparse.Namespace, notes: CompileNotes | None = None) -> Device:
-    """The device that a command's options ask for."""
+def open_device(job: PictureOptions, notes: CompileNotes | None = None) -> Device:
+    """The device that a job asks for."""
     from solari_vk.gpu.device.device import Device
 
-    return Device(options.device, validation=options.validation or None, rays=options.rays, on_compile=notes)
+    return Device(job.device, validation=job.validation or None, rays=job.rays, on_compile=notes)
 
 
 def _show_in_place(text: str) -> None:

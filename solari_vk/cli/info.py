@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import functools
 import os
 import shutil
@@ -52,15 +51,7 @@ PARTS = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command to the parser of the command line."""
-    parser = commands.add_parser(
-        "info", aliases=["doctor"], help="what this machine can do, what is missing, and the command that mends it"
-    )
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> None:
+def run(job: object) -> None:
     """Print the report. Raises DeviceError if no device can be used."""
     from solari_vk import __version__
     from solari_vk.gpu.device.device import list_devices

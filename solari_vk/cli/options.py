@@ -1,62 +1,102 @@
-"""Options that several commands share, and the types of their values."""
+"""Words of a command line become typed jobs here: only this module knows argparse.
+
+A job is a frozen dataclass whose fields are the options of its command, with their defaults. The help lists them in the
+order of the fields, and those in its `GROUPS` below their titles, after the others.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from importlib import import_module
 from typing import Any
 
-from solari_vk.cli.environment import add_environment_options
 from solari_vk.errors import unknown_name
 
-
-def add_device_options(parser: Any, default: Any = None) -> None:
-    """Add --device and --rays."""
-    parser.add_argument("--device", default=default, help="part of a device's name, its index or its UUID")
-    parser.add_argument("--rays", default=default, choices=("auto", "query", "pipeline"),
-                        help="trace by ray queries or by ray tracing pipelines (auto: queries where there are any)")
+ON_OR_OFF = argparse.BooleanOptionalAction
 
 
-def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -> None:
-    """Add the options that say what a command renders. window_size: the default size of a window, None for pictures."""
-    width, height = window_size or (640, 360)
-    pixels = "of the window" if window_size else "in pixels"
-    parser.add_argument("source", metavar="FILE|builtin:NAME",
-                        help="a .gltf, .glb, .obj, .ply or .stl file, or a built-in scene")
-    parser.add_argument("--size", type=size, default=(width, height), metavar="WxH",
-                        help=f"width and height {pixels} ({width}x{height})")
-    parser.add_argument("--seed", type=count, default=0, help="seed of the random numbers, which choose the noise (0)")
-    parser.add_argument("--scene", help="a scene of the file, by index or name (the file's default)")
-    parser.add_argument("--variant", metavar="NAME", help="the materials of one of the file's variants")
-    parser.add_argument("--up", choices=("x", "y", "z"), help="the axis of an .obj, .ply or .stl file that points up "
-                        "(y; z for .stl)")
-    parser.add_argument("--unit", type=float, metavar="M", help="the unit of such a file, in meters (1)")
-    parser.add_argument("--strict", action="store_true", help="stop at an image that is missing or damaged")
-    parser.add_argument("--camera", metavar="N|NAME|JSON|FILE",
-                        help="a camera of the scene by index or name, or a pose, as JSON or in a file: "
-                        "{'position': [x, y, z], 'target': [x, y, z]}")
-    parser.add_argument("--exposure", metavar="EV100|auto",
-                        help="exposure value (the camera's; for files with lights auto)")
-    parser.add_argument("--tonemap", type=tonemap, default="agx", metavar="NAME",
-                        help="tone mapping: none, reinhard, aces or agx (agx)")
-    add_environment_options(parser)
-    parser.add_argument("--validation", action="store_true", help="use the Vulkan validation layer")
-    add_device_options(parser)
+def option(meaning: str, metavar: str | None = None, *, names: Sequence[str] = (), **how: Any) -> Any:
+    """A field of a job. how: `default`, and what argparse's add_argument takes; a `bool` is a flag."""
+    default = how.pop("default", MISSING if names or how.get("required") else None)
+    if metavar is not None:
+        how["metavar"] = metavar
+    return field(default=default, metadata={"names": names, "how": {"help": meaning, **how}})
 
 
-def file_words(options: argparse.Namespace) -> list[str]:
-    """The options that say how a file is read, as words of a command line."""
-    given = ((name, getattr(options, name)) for name in ("scene", "variant", "up", "unit"))
-    words = [f"--{name}={value}" for name, value in given if value is not None]
-    return [*words, "--strict"] if options.strict else words
+def flag(meaning: str) -> Any:
+    """A field of a job that is true if the option is given."""
+    return option(meaning, default=False, action="store_true")
 
 
-def add_realtime_options(parser: Any) -> None:
-    """Add the options of the realtime renderer, with None for those that are not given."""
-    parser.add_argument("--view", type=view, metavar="NAME", help="a debug view; `solari-vk views` lists all (picture)")
-    parser.add_argument("--quality", metavar="NAME", help="a preset: `solari-vk settings` lists them (medium)")
-    parser.add_argument("--settings", action="append", metavar="KEY=VALUE",
-                        help="change a setting: `solari-vk settings` lists them (repeatable)")
+@dataclass(frozen=True)
+class Command:
+    """A command: its name, its job, and the function of a module of this folder that does it, as MODULE:FUNCTION."""
+
+    name: str
+    meaning: str
+    does: str
+    job: type[Any]
+    description: str | None = None
+    aliases: tuple[str, ...] = ()
+    parts: tuple[Command, ...] = ()
+    """Commands below this one, each of which may stand behind its name."""
+
+    def run(self, job: Any) -> int:
+        """Do a job; returns the exit code."""
+        module, _, name = self.does.partition(":")
+        return getattr(import_module(f"solari_vk.cli.{module}"), name)(job) or 0
+
+
+def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
+    """The parser of all commands. Its result holds only what is given: jobs have the defaults."""
+    parser = argparse.ArgumentParser(
+        prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays."
+    )
+    _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, "PART")
+    return parser
+
+
+def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Command, Any]:
+    """The command that words ask for, and its job. Wrong usage ends the process with exit code 2."""
+    found = vars(make_parser(commands).parse_args(words))
+    command: Command = found.pop("command")
+    given = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
+    if "given" in command.job.__dataclass_fields__:
+        given["given"] = frozenset(found)
+    return command, command.job(**given)
+
+
+def _add_commands(place: Any, commands: Sequence[Command], below: str) -> None:
+    for command in commands:
+        parser = place.add_parser(
+            command.name, help=command.meaning, description=command.description, aliases=command.aliases,
+            argument_default=argparse.SUPPRESS,
+        )
+        parser.set_defaults(command=command)
+        _add_options(parser, command.job)
+        if command.parts:
+            _add_commands(parser.add_subparsers(metavar=below), command.parts, below)
+
+
+def _add_options(parser: argparse.ArgumentParser, job: type[Any]) -> None:
+    options = {part.name: part.metadata for part in fields(job) if part.metadata}
+    groups: dict[str, tuple[str, ...]] = getattr(job, "GROUPS", {})
+    first = options.keys() - {name for names in groups.values() for name in names}
+    for title, names in ((None, [name for name in options if name in first]), *groups.items()):
+        place = parser.add_argument_group(title) if title else parser
+        for name in names:
+            place.add_argument(*(options[name]["names"] or [spelled(name)]), **options[name]["how"])
+
+
+def spelled(name: str) -> str:
+    """The option of a job's field."""
+    return f"--{name.replace('_', '-')}"
+
+
+# ---- types of values --------------------------------------------------------------------------------
 
 
 def size(text: str) -> tuple[int, int]:
@@ -90,6 +130,11 @@ def _known(what: str, name: str, names: Iterable[str]) -> str:
     return name
 
 
+def words(text: str) -> tuple[str, ...]:
+    """The names in a list with commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def positive(text: str) -> int:
     """A whole number of at least 1."""
     return _integer(text, 1)
@@ -108,3 +153,21 @@ def _integer(text: str, minimum: int) -> int:
     if number < minimum:
         raise argparse.ArgumentTypeError(f"must be at least {minimum}, not {number}")
     return number
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
+    return value
+
+
+def factor(text: str) -> float:
+    """A finite number that isn't negative."""
+    if (value := number(text)) < 0:
+        raise argparse.ArgumentTypeError(f"must not be negative, as {text} is")
+    return value

@@ -11,6 +11,8 @@ from typing import Any
 from solari_vk.cli.compiling import CompileNotes
 from solari_vk.errors import SolariError
 
+UNLIMITED = 1 << 24
+
 
 class Stopped(Exception):
     """Ctrl-C was pressed or the time limit is over; what is rendered so far counts."""

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from solari_vk.cli import animation
-from solari_vk.cli.cluster import is_spread
 from solari_vk.cli.compiling import CompileNotes, open_device
-from solari_vk.cli.kept import frames_folder, write_or_keep
-from solari_vk.cli.plan import UNLIMITED, Plan, check_output, check_target_error, check_view, make_plan, make_settings
-from solari_vk.cli.progress import Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
+from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob, StillJob
+from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
+from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.errors import SolariError
 from solari_vk.frame_means import FrameMeans
 from solari_vk.gpu.device.rays import IN_WORDS
-from solari_vk.output.error import ErrorEstimate, area_means
-from solari_vk.output.movie import write_movie
-from solari_vk.output.picture import save_image, write_png
+from solari_vk.output import movie, picture
+from solari_vk.output.error import ErrorEstimate
+from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.taa import render_size
 from solari_vk.renderer import Renderer
@@ -33,58 +27,76 @@ from solari_vk.settings import Settings
 
 METERING_FRAMES = 4
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
+STILL_FRAMES = 48
 
 
-def run(options: argparse.Namespace) -> int:
-    """Render what the options ask for and write it; returns the exit code."""
-    is_movie = check_output(options)
-    spread = is_spread(options)
-    if spread:
-        animation.check(options)
-    check_view(options)
-    check_target_error(options)
-    names = names_of_aovs(options)
-    check_aovs(names, options.mode, [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
-    settings = make_settings(options)
-    check_parts(options, names, settings)
-    subject = load(options)
-    if spread:
-        return animation.run(options, subject, names, settings, is_movie)
-    with frames_folder() if is_movie else nullcontext() as folder:
-        plan = make_plan(options, subject.cameras, folder)
+def frames_of(job: StillJob | MovieJob) -> tuple[int, int]:
+    """The frames of each picture after the warm-up, and how many of the last of them it is the mean of."""
+    viewing = job.view != "picture"
+    if isinstance(job, MovieJob):
+        return (1, 1) if viewing else (job.average or ANIMATION_AVERAGE,) * 2
+    still = STILL_FRAMES if job.target_error is None else UNLIMITED
+    frames = job.frames or (None if viewing else job.average) or still
+    average = 1 if viewing else job.average or frames
+    if average > frames:
+        raise SolariError(f"--average {average}: there are only {frames} frames after the warm-up: see --frames")
+    return frames, average
+
+
+def targets_of(job: StillJob | MovieJob, count: int, folder: Path | None) -> list[Path]:
+    """The files of the pictures. folder: where those of a movie are, None without one."""
+    if not isinstance(job, MovieJob):
+        return [job.output]
+    names = [f"{job.output.stem}.{index:04}" for index in range(count)]
+    return [folder / f"{name}.png" if folder else job.output.with_name(f"{name}{job.output.suffix}") for name in names]
+
+
+def run(job: StillJob | MovieJob) -> int:
+    """Render a picture or an animation and write it; returns the exit code."""
+    picture.check_output(job.output, movie.SUFFIXES if job.is_movie else picture.SUFFIXES)
+    if job.is_movie:
+        movie.check_encoder(job.output)
+    settings = job.make_settings()
+    check_parts(job.aov, job.size, settings)
+    frames, _ = frames_of(job)
+    subject = load(job, clip=job.clip, time=job.time)
+    if job.is_spread and isinstance(job, MovieJob):
+        return animation.run(job, subject, settings)
+    with frames_folder() if job.is_movie else nullcontext() as folder:
+        cameras, targets = subject.cameras, targets_of(job, len(subject.cameras), folder)
         notes = CompileNotes()
-        with open_device(options, notes) as device:
-            print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
-            renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
-            renderer.view, renderer.tonemap = options.view, options.tonemap
+        with open_device(job, notes) as device:
+            print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
+            renderer = Renderer(device, subject.scene, job.size, settings, seed=job.seed)
+            renderer.view, renderer.tonemap = job.view, job.tonemap
             if subject.clip is not None:
                 subject.clip.apply(subject.scene, 0.0)
             if subject.auto_exposure:
-                _meter(renderer, plan.cameras)
-            total = None if plan.frames == UNLIMITED else renderer.frame_count + plan.frame_count
-            with Progress("frames", total, options.time_limit, notes) as progress:
-                shooting = _Shooting(renderer, plan, options, names, subject, progress)
+                _meter(renderer, cameras)
+            count = renderer.frame_count + job.warm_up + frames * len(cameras)
+            with Progress("frames", None if frames == UNLIMITED else count, job.time_limit, notes) as progress:
+                shooting = _Shooting(renderer, job, subject, targets, progress)
                 written = shooting.run()
-        if is_movie:
-            write_movie(options.output, written, options.fps)
-    target = options.output if is_movie else written[-1]
+        if job.is_movie:
+            movie.write_movie(job.output, written, job.fps)
     print(
-        f"wrote {target}: {options.size[0]}x{options.size[1]}, picture {len(written)} of {len(plan.targets)}, "
-        f"{renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s{notes.after}, "
-        f"EV100 {plan.cameras[0].ev100:.2f}",
+        f"wrote {job.output if job.is_movie else written[-1]}: {job.size[0]}x{job.size[1]}, picture {len(written)} of "
+        f"{len(targets)}, {renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s"
+        f"{notes.after}, EV100 {cameras[0].ev100:.2f}",
         file=sys.stderr,
     )
     return 0
 
 
-def check_parts(options: argparse.Namespace, names: Sequence[str], settings: Settings) -> None:
+def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings) -> None:
     """Raise SolariError for outputs that frames with these settings don't have, or have at another size."""
+    check_aovs(names, "realtime", [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     for name in names:
         if (needed := lighting.that_has(name)) not in ("", settings.lighting):
             raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
-        if name not in pathtracer.FIRST_HIT_AOVS and render_size(options.size, settings) != options.size:
+        if name not in pathtracer.FIRST_HIT_AOVS and render_size(size, settings) != size:
             raise SolariError(f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
                               "picture: leave one of the two out")
 
@@ -93,29 +105,19 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
     """Choose a first exposure by what the first camera sees: passes pack radiance relative to the exposure."""
     for _ in range(METERING_FRAMES):
         renderer.render(cameras[0])
-        _expose(cameras, renderer.auto_exposure())
-
-
-def _expose(cameras: Sequence[Camera], ev100: float) -> None:
-    for camera in cameras:
-        camera.ev100 = ev100
+        expose(cameras, renderer.auto_exposure())
 
 
 class _Shooting:
-    """Renders and writes the pictures of a plan. The first one decides the exposure of all, if it is automatic.
-
-    Radiance and its parts are the mean of a picture's last frames, in float64; other outputs are the last frame's. The
-    error of a still picture is estimated by comparing it with what the paths gave in later frames.
-    """
+    """Renders and writes the pictures of a job. The first one decides the exposure of all, if it is automatic."""
 
     def __init__(
-        self, renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str],
-        subject: Subject, progress: Progress,
-    ) -> None:  # fmt: skip
-        self._renderer, self._plan, self._options, self._names = renderer, plan, options, names
-        self._subject, self._progress = subject, progress
+        self, renderer: Renderer, job: StillJob | MovieJob, subject: Subject, targets: list[Path], progress: Progress
+    ) -> None:
+        self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
+        self._cameras, self._targets = subject.cameras, targets
         self._written: list[Path] = []
-        self._estimate = ErrorEstimate(FIRST_LOOK) if options.view == "picture" and len(plan.targets) == 1 else None
+        self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(targets) == 1 else None
         self._begin_mean()
 
     @property
@@ -125,64 +127,46 @@ class _Shooting:
 
     def run(self) -> list[Path]:
         """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
-        plan = self._plan
+        frames, average = frames_of(self._job)
         try:
-            self._render(plan.cameras[0], plan.warm_up, averaged=0)
-            for number, (camera, target) in enumerate(zip(plan.cameras, plan.targets, strict=True)):
+            self._render(self._cameras[0], self._job.warm_up, averaged=0)
+            for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):
                 if self._subject.clip is not None:
-                    self._subject.clip.apply(self._subject.scene, number / self._options.fps)
+                    self._subject.clip.apply(self._subject.scene, number / self._job.fps)
                 self._begin_mean()
-                self._render(camera, plan.frames, plan.average)
+                self._render(camera, frames, average)
                 self._write(camera, target)
         except Stopped as stopped:
             print(stopped, file=sys.stderr)
             if not self._written:
                 if not self._means.count:
-                    self._add_frame()
-                self._write(plan.cameras[0], plan.targets[0])
+                    self._means.add()
+                self._write(self._cameras[0], self._targets[0])
         return self._written
 
     def _begin_mean(self) -> None:
-        self._means = FrameMeans(self._renderer, self._names)
-        self._raw_sum: Any = 0.0
-
-    def _add_frame(self) -> None:
-        self._means.add()
-        if (estimate := self._estimate) is not None:
-            self._raw_sum = self._raw_sum + self._renderer[self._raw].astype("float64")
-            count = self._means.count
-            if count >= estimate.next_count:
-                estimate.look_at_other(count, self._raw_sum / count, self._rendered_result)
-
-    @property
-    def _raw(self) -> str:
-        """The name of the light that the paths gave."""
-        return "raw_radiance" if "raw_radiance" in self._renderer.outputs else "radiance"
-
-    def _rendered_result(self) -> NDArray[Any]:
-        """The picture at the size that is rendered."""
-        return area_means(self._means["radiance"], self._renderer.render_size)
+        self._means = FrameMeans(self._renderer, self._job.aov, self._estimate)
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""
         for index in range(count):
             self._renderer.render(camera)
             if index >= count - averaged:
-                self._add_frame()
-                if self.error <= (self._options.target_error or 0.0):
+                self._means.add()
+                if self.error <= (self._job.target_error or 0.0):
                     break
             self._progress(self._renderer.frame_count, self.error)
 
     def _write(self, camera: Camera, target: Path) -> None:
-        radiance, options = self._means["radiance"], self._options
+        radiance, job = self._means["radiance"], self._job
         if self._subject.auto_exposure and not self._written:
-            _expose(self._plan.cameras, self._renderer.auto_exposure(radiance))
-        if options.view != "picture":
+            expose(self._cameras, self._renderer.auto_exposure(radiance))
+        if job.view != "picture":
             codes = self._renderer["display"][..., :3]
-            write_or_keep(target, lambda path: write_png(path, codes))
+            write_or_keep(target, lambda path: picture.write_png(path, codes))
         else:
-            layers = {name: self._means[name] for name in self._names}
-            write_or_keep(target, lambda path: save_image(
-                path, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers
+            layers = {name: self._means[name] for name in job.aov}
+            write_or_keep(target, lambda path: picture.save_image(
+                path, radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=layers
             ))  # fmt: skip
         self._written.append(target)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -11,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk.cli.cluster import is_spread, open_pool, render_spread, words_on
+from solari_vk.cli.cluster import Reporter, open_pool, words_on
 from solari_vk.cli.compiling import CompileNotes, open_device
-from solari_vk.cli.kept import write_or_keep
-from solari_vk.cli.plan import UNLIMITED
-from solari_vk.cli.progress import Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
+from solari_vk.cli.jobs import StillJob
+from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
+from solari_vk.cli.subject import Subject, check_aovs, load
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
+from solari_vk.output.kept import write_or_keep
 
 SAMPLES, DENOISED_SAMPLES = 256, 64
 
@@ -38,65 +37,70 @@ class _Result:
     """That something was compiled before."""
 
 
-def run(options: argparse.Namespace) -> int:
+def run(job: StillJob) -> int:
     """Render a picture and write it; returns the exit code, 0."""
-    sv.check_output(options.output)
-    names = names_of_aovs(options)
-    check_aovs(names, options.mode, sv.PathTracer.OUTPUTS[1:])
-    if options.denoise:
+    sv.check_output(job.output)
+    check_aovs(job.aov, job.mode, sv.PathTracer.OUTPUTS[1:])
+    if job.denoise:
         oidn.check_installed()
-    total = options.samples
-    if total is None and options.target_error is None:
-        total = DENOISED_SAMPLES if options.denoise else SAMPLES
-    spread = is_spread(options)
-    subject = load(options)
+    total = job.samples
+    if total is None and job.target_error is None:
+        total = DENOISED_SAMPLES if job.denoise else SAMPLES
+    subject = load(job, clip=job.clip, time=job.time)
     camera = subject.cameras[0]
-    result = (_render_spread if spread else _render)(options, subject, names, total)
+    result = (_render_spread if job.is_spread else _render)(job, subject, total)
     if result.ev100 is not None:
         camera.ev100 = result.ev100
-    write_or_keep(options.output, lambda path: sv.save_image(
-        path, result.radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=result.layers
+    write_or_keep(job.output, lambda path: sv.save_image(
+        path, result.radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=result.layers
     ))  # fmt: skip
     print(
-        f"wrote {options.output}: {options.size[0]}x{options.size[1]}, {result.samples} samples a pixel"
-        f"{', denoised' if options.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s"
-        f"{result.after}, EV100 {camera.ev100:.2f}",
+        f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples} samples a pixel"
+        f"{', denoised' if job.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s{result.after}, "
+        f"EV100 {camera.ev100:.2f}",
         file=sys.stderr,
     )
     return 0
 
 
-def _render(options: argparse.Namespace, subject: Subject, names: list[str], total: int | None) -> _Result:
+def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
     """On one device, in this process."""
     notes = CompileNotes()
-    with open_device(options, notes) as device:
-        print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
-        choices = {"seed": options.seed, "max_bounces": options.max_bounces}
-        renderer = sv.PathTracer(device, subject.scene, options.size, **choices)
-        with Progress("samples a pixel", total, options.time_limit, notes) as progress:
+    with open_device(job, notes) as device:
+        print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
+        renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
+        with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
                 renderer.render(
-                    subject.cameras[0], samples=total or UNLIMITED, denoise=options.denoise,
-                    target_error=options.target_error or 0.0, progress=lambda done: progress(done, renderer.error),
+                    subject.cameras[0], samples=total or UNLIMITED, denoise=job.denoise,
+                    target_error=job.target_error or 0.0, progress=lambda done: progress(done, renderer.error),
                 )  # fmt: skip
             except Stopped as stopped:
                 print(stopped, file=sys.stderr)
         radiance, seconds = renderer["radiance"], progress.seconds
         ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
-        layers = {name: renderer[name] for name in names}
+        layers = {name: renderer[name] for name in job.aov}
         return _Result(radiance, layers, renderer.samples, renderer.error, seconds, ev100, notes.after)
 
 
-def _render_spread(options: argparse.Namespace, subject: Subject, names: list[str], total: int | None) -> _Result:
+def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Result:
     """On several devices."""
-    wanted = [name for name in names if name != "raw_radiance"]
-    with open_pool(options) as pool:
-        print(f"rendering {options.source} with {words_on(pool)}", file=sys.stderr)
-        with Progress("samples a pixel", total, options.time_limit) as progress:
-            picture = render_spread(pool, subject, options, [*wanted, "depth"], total, progress)
+    from solari_vk.cluster import render_reference
+
+    with open_pool(job) as pool:
+        print(f"rendering {job.source} with {words_on(pool)}", file=sys.stderr)
+        with Progress("samples a pixel", total, job.time_limit) as progress:
+            report = Reporter(progress)
+            picture = render_reference(
+                pool, subject.scene, job.size, camera=subject.cameras[0], samples=total, seed=job.seed,
+                max_bounces=job.max_bounces, layers=[*(name for name in job.aov if name != "raw_radiance"), "depth"],
+                denoise=job.denoise, target_error=job.target_error or 0.0, progress=report,
+            )  # fmt: skip
+    if report.reason:
+        print(report.reason, file=sys.stderr)
     radiance, seconds, ev100 = picture.radiance, progress.seconds, None
     if subject.auto_exposure:
         surfaces = None if subject.scene.environment is None else np.isfinite(picture.layers["depth"])
         ev100 = sv.auto_exposure(radiance, surfaces)
     found = {"raw_radiance": picture.raw_radiance, **picture.layers}
-    return _Result(radiance, {name: found[name] for name in names}, picture.samples, picture.error, seconds, ev100)
+    return _Result(radiance, {name: found[name] for name in job.aov}, picture.samples, picture.error, seconds, ev100)

@@ -1,27 +1,23 @@
-"""What a command renders: the scene, the cameras and the exposure, from the command's options."""
+"""What a command renders: the scene, the cameras and the exposure."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import solari_vk as sv
-from solari_vk.cli.environment import add_environment
+from solari_vk.cli.jobs import MovieJob, SceneOptions
 from solari_vk.errors import SolariError
-from solari_vk.output.animation import load_path, orbit
+from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit
 from solari_vk.scene.model import Animation, Camera, Scene
+from solari_vk.scene.surroundings import surround
 
 ORBIT_PICTURES = 48
-
-
-def names_of_aovs(options: argparse.Namespace) -> list[str]:
-    """The names in --aov."""
-    return [name.strip() for name in options.aov.split(",") if name.strip()]
+MAX_DIGITS = 10  # of an index: Python refuses to read numbers with thousands
 
 
 def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
@@ -29,6 +25,12 @@ def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
     for name in names:
         if name not in known:
             raise SolariError(f"--aov {name}: --mode {mode} has no such output; it has {', '.join(known)}")
+
+
+def expose(cameras: Iterable[Camera], ev100: float) -> None:
+    """Give cameras one exposure."""
+    for camera in cameras:
+        camera.ev100 = ev100
 
 
 @dataclass
@@ -40,37 +42,36 @@ class Subject:
     """One camera, or those of an animation."""
     auto_exposure: bool
     """Whether the picture chooses the exposure, not the cameras."""
-    clip: Animation | None = None
+    clip: Animation | None
     """What --animate file plays."""
 
 
-def load(options: argparse.Namespace) -> Subject:
-    """The scene, the cameras and the exposure that the options ask for."""
-    builtin = options.source.startswith("builtin:")
-    if builtin:
-        for name in ("scene", "variant", "up", "unit"):
-            if getattr(options, name) is not None:
-                raise SolariError(f"--{name} {getattr(options, name)}: a built-in scene has none: leave the option out")
-        scene = sv.builtin(options.source.removeprefix("builtin:"))
-    else:
-        which = options.scene
-        scene = sv.load(
-            options.source, scene=int(which) if which and which.isdecimal() else which, variant=options.variant,
-            up=options.up, unit=options.unit, strict=options.strict,
-        )  # fmt: skip
-    clip = _find_clip(options, scene)
-    if clip is not None and options.time is not None:
-        clip.apply(scene, options.time, loop=False)
-    played = clip if options.animate == "file" else None
-    front = scene.camera_for(options.size[0] / options.size[1], played)
-    camera = front if options.camera is None else _find_camera(scene, options.camera)
-    cameras = [camera] if options.animate is None else _path(options, scene, camera, clip)
-    in_studio = add_environment(scene, front, options)
-    exposure = options.exposure or ("camera" if builtin or in_studio else "auto")
+def load(job: SceneOptions, *, clip: str | None = None, time: float | None = None) -> Subject:
+    """The scene, the cameras and the exposure of a job; a still one is posed as it is at a time in a clip."""
+    movie = job if isinstance(job, MovieJob) else None
+    builtin = job.source.startswith("builtin:")
+    scene = _load_scene(job)
+    played = _find_clip(scene, job.source, clip, time, movie is not None and movie.animate == "file")
+    if played is not None and time is not None:
+        played.apply(scene, time, loop=False)
+        played = None
+    front = scene.camera_for(job.size[0] / job.size[1], played)
+    camera = front if job.camera is None else _find_camera(scene, job.camera)
+    # Before added lights widen the scene's bounds:
+    cameras = [camera] if movie is None else _path(movie, scene, camera, played)
+    given, in_studio = surround(scene, front, job.environment)  # by `front`: --camera doesn't turn the light
+    if given:
+        print(f"{job.source} has no light of its own: it is {given}", file=sys.stderr)
+    if job.environment_rotation or job.environment_intensity != 1:
+        if scene.environment is None:
+            raise SolariError("--environment-rotation and -intensity: there is no environment: give one by "
+                              "--environment")  # fmt: skip
+        scene.environment.turn(math.radians(job.environment_rotation))
+        scene.environment.intensity *= job.environment_intensity
+    exposure = job.exposure or ("camera" if builtin or in_studio else "auto")
     if exposure not in ("auto", "camera"):
         try:
-            for camera in cameras:
-                camera.ev100 = float(exposure)
+            expose(cameras, float(exposure))
         except ValueError:
             raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
     for warning in scene.warnings:
@@ -78,45 +79,62 @@ def load(options: argparse.Namespace) -> Subject:
     return Subject(scene, cameras, exposure == "auto", played)
 
 
-def _find_clip(options: argparse.Namespace, scene: Scene) -> Animation | None:
-    """The clip that the options name, the first if they only need one. Raises SolariError for an unknown one."""
-    if options.clip is None and options.time is None and options.animate != "file":
+def _load_scene(job: SceneOptions) -> Scene:
+    if job.source.startswith("builtin:"):
+        for name in ("scene", "variant", "up", "unit"):
+            if (value := getattr(job, name)) is not None:
+                raise SolariError(f"--{name} {value}: a built-in scene has none: leave the option out")
+        return sv.builtin(job.source.removeprefix("builtin:"))
+    scene = job.scene if job.scene is None or (index := _index(job.scene)) is None else index
+    return sv.load(job.source, scene=scene, variant=job.variant, up=job.up, unit=job.unit, strict=job.strict)
+
+
+def _index(text: str) -> int | None:
+    """The number that a text is, None if it is none."""
+    return int(text) if text.isdecimal() and len(text) < MAX_DIGITS else None
+
+
+def _find_clip(scene: Scene, source: str, name: str | None, time: float | None, plays: bool) -> Animation | None:
+    """The clip that --clip names, the first if only --time or --animate file need one, None if none does."""
+    if name is None and time is None and not plays:
         return None
     if not scene.animations:
-        name = "--clip" if options.clip is not None else "--time" if options.time is not None else "--animate file"
-        raise SolariError(f"{name}: {options.source} has no animations")
-    if options.animate == "file" and options.time is not None:
-        raise SolariError(f"--time {options.time:g}: --animate file plays the whole clip: leave one of the two out")
-    if options.animate != "file" and options.time is None:
-        raise SolariError(f"--clip {options.clip}: give --animate file for a movie of it, or --time for a picture")
-    text = options.clip or "0"
-    if text.isdecimal() and text not in scene.animations:
-        return scene.animations[int(text)]
-    return scene.animations[text]
+        given = "--clip" if name is not None else "--time" if time is not None else "--animate file"
+        raise SolariError(f"{given}: {source} has no animations")
+    if plays and time is not None:
+        raise SolariError(f"--time {time:g}: --animate file plays the whole clip: leave one of the two out")
+    if not plays and time is None:
+        raise SolariError(f"--clip {name}: give --animate file for a movie of it, or --time for a picture")
+    text = name or "0"
+    index = None if text in scene.animations else _index(text)
+    return scene.animations[text if index is None else index]
 
 
-def _path(options: argparse.Namespace, scene: Scene, camera: Camera, clip: Animation | None) -> list[Camera]:
-    """The cameras of an animation that starts at `camera`. Call it before added lights widen the scene's bounds."""
-    if options.animate == "file" and clip is not None:
-        return [camera] * (options.frames or max(round(clip.duration * options.fps), 1))
-    kind, colon, sweep = options.animate.partition(":")
+def _path(movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None) -> list[Camera]:
+    """The cameras of an animation that starts at `camera`."""
+    count = movie.frames or (ORBIT_PICTURES if clip is None else max(round(clip.duration * movie.fps), 1))
+    if count > MAX_CAMERAS:
+        raise SolariError(f"--frames {count}: an animation has at most {MAX_CAMERAS:,} pictures")
+    if clip is not None:
+        return [camera] * count
+    kind, colon, sweep = movie.animate.partition(":")
     if kind != "orbit":
-        return load_path(options.animate, camera, fps=options.fps, count=options.frames)
+        return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
     try:
         degrees = float(sweep) if colon else None
     except ValueError:
         degrees = math.nan
     if degrees is not None and not math.isfinite(degrees):
-        raise SolariError(f"--animate {options.animate}: give an angle such as orbit:30")
-    return orbit(camera, scene.bounds.center, options.frames or ORBIT_PICTURES, degrees)
+        raise SolariError(f"--animate {movie.animate}: give an angle such as orbit:30")
+    return orbit(camera, scene.bounds.center, count, degrees)
 
 
 def _find_camera(scene: Scene, text: str) -> Camera:
     """The camera that the option --camera names."""
-    if text.isdecimal():
-        if int(text) >= len(scene.cameras):
+    if (index := _index(text)) is not None:
+        if index >= len(scene.cameras):
             raise SolariError(f"--camera {text}: {scene.describe()} has {len(scene.cameras)} cameras, counted from 0")
-        return scene.cameras[int(text)]
+        return scene.cameras[index]
     if text in scene.cameras:
         return scene.cameras[text]
     try:

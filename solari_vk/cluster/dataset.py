@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from solari_vk.cluster.tasks import Style, View
 from solari_vk.errors import SolariError
 from solari_vk.files import write_whole
-from solari_vk.output.animation import orbit
+from solari_vk.output.animation import MAX_CAMERAS, orbit
 from solari_vk.scene.framing import ROOM_FOV, extent, find_room, fit, trace
 from solari_vk.scene.model import Camera, Scene
 
@@ -41,6 +41,8 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
         return _read_poses(Path(kind), count, aspect)
     if count is None:
         raise SolariError(f"--cameras {kind}: give the number of views by --views")
+    if count > MAX_CAMERAS:
+        raise SolariError(f"--views {count}: a data set has at most {MAX_CAMERAS:,} views")
     if kind == "orbit":
         return orbit(camera, scene.bounds.center, count)
     shown = [instance for instance in scene if instance.visible and instance is not scene.backdrop]
@@ -113,7 +115,7 @@ def _poses_of_nerf(given: dict[str, Any], path: Path, aspect: float) -> list[dic
             poses.append({"transform": frame["transform_matrix"],
                           "vertical_fov_degrees": math.degrees(2 * math.atan(slope))})  # fmt: skip
         return poses
-    except (KeyError, TypeError, ZeroDivisionError) as error:
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise SolariError(f"--cameras {path}: it lacks a field of {NAME}, or has a wrong one: {error}") from None
 
 

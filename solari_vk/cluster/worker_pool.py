@@ -49,16 +49,22 @@ def _next_task(source: Iterator[Any]) -> _Task | None:
 
 
 def _check_address(address: str) -> None:
-    """Raise SolariError for what can't be the address of a scheduler, which dask would try for long."""
+    """Raise SolariError for what can't be the address of a scheduler, which dask would try for long or not get over."""
     from distributed.comm.addressing import parse_address, parse_host_port
+    from distributed.comm.inproc import global_manager
     from distributed.comm.registry import get_backend
+    from distributed.security import Security
 
     try:
         scheme, place = parse_address(address)
-        get_backend(scheme)
-        if scheme != "inproc" and not (parse_host_port(place)[0] and 0 < parse_host_port(place)[1] < 65536):
+        get_backend(scheme).get_connector()  # a TypeError without the library of the scheme
+        if scheme == "inproc":
+            global_manager.validate_address(place)
+        elif not (parse_host_port(place)[0] and 0 < parse_host_port(place)[1] < 65536):
             raise ValueError("it needs a host and a port")
-    except ValueError as error:
+        if scheme in ("tls", "wss") and Security().get_connection_args("client").get("ssl_context") is None:
+            raise ValueError("dask's configuration has no certificates for TLS")
+    except (ValueError, TypeError, ImportError) as error:
         raise SolariError(f"{address!r} isn't the address of a scheduler, such as tcp://host:8786: {error}") from None
 
 

@@ -76,7 +76,7 @@ class Look:
 
 
 def run(
-    select: str | None, files: list[Path], *, rays: str | None = None, markdown: Path | None = None,
+    select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
     pictures: Path | None = None, references: Path | None = None, seeds: int = 1, quick: bool = False,
 ) -> None:  # fmt: skip
     """Measure and print everything.

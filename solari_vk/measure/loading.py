@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ NOTE = (
 )
 
 
-def run(select: str | None, files: list[Path], *, rays: str | None = None, markdown: Path | None = None) -> None:
+def run(select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None) -> None:
     """Measure and print a table; markdown: a page to write too.
 
     Raises SolariError for files that can't be loaded, and without a folder for the page.

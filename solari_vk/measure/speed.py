@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -36,7 +37,9 @@ INTRO = (
 )
 
 
-def run(select: str | None, files: list[Path], markdown: Path | None = None, *, rays: str | None = None) -> None:
+def run(
+    select: str | None, files: Sequence[Path] = (), markdown: Path | None = None, *, rays: str | None = None
+) -> None:
     """Measure and print everything; markdown: a page to write as well. `select` and `rays`: those of `Device`.
 
     Raises SolariError without a folder for the page.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from solari_vk.scene.studio import studio_lights
 BUILTIN = ("cornell_box", "many_lights")
 
 
-def subjects(files: list[Path]) -> list[Scene]:
+def subjects(files: Sequence[Path]) -> list[Scene]:
     """The built-in scenes of BUILTIN, and those in files."""
     return [*map(builtin, BUILTIN), *map(from_file, files)]
 

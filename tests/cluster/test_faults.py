@@ -96,7 +96,8 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
     command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "x.png"), "--no-denoise"]
     assert main([*command, "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "no scheduler of dask answers at tcp://127.0.0.1:9" in capsys.readouterr().err
-    for address in ("host", "", "foo://host:1", "tcp://host:x", "tcp://:8786", "tcp://host:0"):
+    for address in ("host", "", "foo://host:1", "tcp://host:x", "tcp://:8786", "tcp://host:0", "inproc://a/b/c",
+                    "ucx://host:1", "tls://host:1"):
         assert main([*command, "--cluster", address]) == 2
         assert f"{address!r} isn't the address of a scheduler" in capsys.readouterr().err
     for more, words in (

@@ -36,7 +36,7 @@ INTRO = (
 
 
 def run(
-    select: str | None, files: list[Path], *, rays: str | None = None, markdown: Path | None = None,
+    select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
     pictures: Path | None = None, quick: bool = False,
 ) -> None:  # fmt: skip
     """Measure and print everything.

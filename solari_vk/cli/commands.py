@@ -1,0 +1,57 @@
+"""The commands, and the functions that do them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from solari_vk.cli import bench
+from solari_vk.cli.conformance import EXIT_CODES, ConformanceJob
+from solari_vk.cli.jobs import DatasetJob, RenderOptions, ViewJob
+from solari_vk.cli.options import Command
+
+
+@dataclass(frozen=True)
+class NoOptions:
+    """A command without options."""
+
+
+def _part(name: str, meaning: str, job: type[bench.Measurement]) -> Command:
+    return Command(name, meaning, "bench:run", job)
+
+
+COMMANDS = (
+    Command(
+        "render", "render a glTF file or a built-in scene to a picture or an animation", "render:run", RenderOptions,
+        "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far.",
+    ),
+    Command("view", "open a window on a scene: fly around, edit, compare", "view:run", ViewJob),
+    Command(
+        "dataset", "render many views of a scene, with transforms.json and further outputs", "dataset:run", DatasetJob,
+        "Render many views of a scene into a folder, with transforms.json in the convention of NeRF. All views have "
+        "one exposure. The command goes on where it was stopped.",
+    ),
+    Command("settings", "list the settings and qualities, with meaning, range and default", "lists:settings",
+            NoOptions),
+    Command("views", "list the debug views, with meaning", "lists:views", NoOptions),
+    Command("info", "what this machine can do, what is missing, and the command that mends it", "info:run", NoOptions,
+            aliases=("doctor",)),
+    Command(
+        "bench", "measure speed, loading, the realtime frame, or the claims of the posts about Solari", "bench:run",
+        bench.Measurement,
+        "Measure speed (without a PART), loading, the realtime frame, or the claims of posts about Solari.",
+        parts=(
+            _part("speed", "rays and samples a second, host time, loading", bench.Speed),
+            _part("load", "sizes of files, and the times from a file to a scene on the device", bench.Load),
+            _part("claims", "what the posts about Solari claim, as pairs of settings", bench.Claims),
+            _part("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", bench.Frame),
+            _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
+            _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
+        ),
+    ),
+    Command(
+        "conformance", "measure whether a device keeps the rules of the specification", "conformance:run",
+        ConformanceJob,
+        "Measure whether a device keeps the rules of the specification. Checks run in processes of their own, so that "
+        f"a driver that crashes or hangs ends one check only. {EXIT_CODES}",
+    ),
+)

@@ -1,0 +1,52 @@
+"""What surrounds a scene: its own environment or another one, and light for files that have none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solari_vk.scene.emission import mean_emission
+from solari_vk.scene.framing import extent, find_room
+from solari_vk.scene.lights.environment import Environment
+from solari_vk.scene.lights.sky import Sky
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.studio import add_floor, add_lamp, heading, studio_lights
+
+# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls. Weaker ones are signs and screens.
+LEAST_EMISSION = 0.04
+SUN_HEADING, SUN_HEIGHT = math.radians(-50), math.radians(40)  # from the camera's heading, and above the horizon
+
+
+def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
+    """Surround a scene by "studio", "sky", "none" or a picture in a file; "auto" keeps what the scene has, and gives a
+    scene without light a studio, or a lamp if it is a closed room.
+
+    camera: what turns with it. Returns what the scene got for want of light, "" if it has some, and whether a studio
+    alone lights it, which suits EV100 0.
+    """
+    lit, given = any(light.emits for light in scene.lights) or mean_emission(scene) >= LEAST_EMISSION, ""
+    if kind == "auto" and not lit:
+        visible = [instance for instance in scene if instance.visible]
+        room = find_room(visible, extent(visible)) if visible else None
+        kind, given = ("studio", "shown in a studio") if room is None else ("auto", "a room, and gets a lamp")
+        if room is not None:
+            add_lamp(scene, room)
+    if kind == "none":
+        scene.environment = None
+    elif kind == "studio":
+        studio_lights(scene, camera=camera, ground=not lit)
+    elif kind == "sky":
+        _add_sky(scene, camera, lit)
+    elif kind != "auto":
+        scene.environment = Environment(kind)
+    return given, kind == "studio" and not lit
+
+
+def _add_sky(scene: Scene, camera: Camera, lit: bool) -> None:
+    """A sky whose sun stands behind the camera's left shoulder, over a floor if the scene has no light of its own."""
+    turn, across = heading(camera) + SUN_HEADING, math.cos(SUN_HEIGHT)
+    sky = Sky(np.array((across * math.sin(turn), math.sin(SUN_HEIGHT), across * math.cos(turn)), np.float32))
+    if not lit:
+        add_floor(scene, float(sky.ground_albedo.mean()))
+    scene.environment = sky
