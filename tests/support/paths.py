@@ -9,7 +9,6 @@ import numpy as np
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import sixteenths, student_quantile
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb
 from support.frames import path_tracer_at_centers
@@ -24,6 +23,7 @@ from support.realtime import (
     run_pictures,
     trace,
 )
+from support.statistics import sixteenths, student_quantile
 
 _PATHS = (SUITE, "Paths")
 ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean", *_PATHS)

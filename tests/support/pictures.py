@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.statistics import compare
 from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
+from support.statistics import compare
 
 
 @dataclass

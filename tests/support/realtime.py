@@ -13,8 +13,6 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.partial import PartialRenderer
-from solari_vk.measure.replication import observe_runs
-from solari_vk.measure.statistics import relative_interval, sixteenths, student_quantile
 from solari_vk.reference import PathTracer
 from solari_vk.rendered import RenderedFrame
 from solari_vk.renderer import Renderer
@@ -22,6 +20,8 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, place, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
 from solari_vk.settings import RAW, Settings
+from support.replication import observe_runs
+from support.statistics import relative_interval, sixteenths, student_quantile
 
 Image = NDArray[Any]
 # Fewer tiles and cells than by default, for speed; they don't change means.

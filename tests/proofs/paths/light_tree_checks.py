@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, rgb
 

@@ -20,12 +20,11 @@ from support.realtime import (
     trace,
 )
 from support.seeded_bugs import Bug, bug_tests, seeded
-from support.statistics import replicates
+from support.statistics import relative_interval, replicates, sixteenths
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.matrices import transform_directions

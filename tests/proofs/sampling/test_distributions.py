@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.statistics import uniform_p
-
-from solari_vk.measure.statistics import sidak
+from support.statistics import sidak, uniform_p
 
 COUNT = 1_000_000
 CONES = [2.0, 1.0, 0.01, 1.1e-5, 1.25e-11]  # 1 - cos: a sphere, a hemisphere, ..., the sun, the smallest light

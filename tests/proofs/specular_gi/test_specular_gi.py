@@ -12,10 +12,10 @@ from support.oracles.closed_forms import camera_rays
 from support.paths import metal_gallery
 from support.realtime import GBUFFER, SMALL, SPLIT, add_up, make_renderer
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import NORMAL_95
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import NORMAL_95
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, matte, place, rgb
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene

@@ -10,9 +10,10 @@ import pytest
 from PIL import Image
 from support.frames import differing, left_of, settle
 from support.realtime import SPLIT, get_jitter, make_renderer
+from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse, sixteenths
+from solari_vk.measure.statistics import relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, place
 

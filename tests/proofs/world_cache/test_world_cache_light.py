@@ -10,13 +10,13 @@ import pytest
 from support.measured import hold
 from support.realtime import SPLIT, add_up, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import relative_interval
 from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
 from solari_vk.bound.projection import CameraUniforms
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.measure.statistics import relative_interval
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
 from solari_vk.settings import uniform_values
