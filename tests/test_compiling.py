@@ -34,6 +34,7 @@ def test_a_device_names_what_it_compiles(device, monkeypatch):
         assert seen == []
 
 
+@pytest.mark.slow
 def test_a_device_names_ray_pipelines(any_device):
     seen: list[Compiling] = []
     with (
@@ -58,32 +59,19 @@ def test_an_error_ends_the_list():
     assert str(seen[1]) == "compiling shaders 2 of 2: b"
 
 
-@pytest.fixture
-def shown(monkeypatch):
-    monkeypatch.setattr(compiling, "PATIENCE", 0.05)
-    return []
-
-
-def test_what_is_quick_is_not_shown(shown, monkeypatch):
-    monkeypatch.setattr(compiling, "PATIENCE", 60.0)
-    notes = compiling.CompileNotes()
-    notes.show_by(shown.append)
-    for done in range(4):
-        notes(Compiling("shaders", done, 3, "x" if done < 3 else ""))
-    assert shown == []
-
-
-def test_what_takes_long_is_shown_until_it_is_done(shown):
+@pytest.mark.parametrize("patience", [60.0, 0.05])
+def test_only_what_takes_long_is_shown_until_it_is_done(monkeypatch, patience):
+    monkeypatch.setattr(compiling, "PATIENCE", patience)
+    shown: list[str] = []
     notes = compiling.CompileNotes()
     notes.show_by(shown.append)
     notes(Compiling("pipelines", 0, 3, "a"))
-    while not shown:
+    while patience < 1 and not shown:
         time.sleep(0.01)
-    notes(Compiling("pipelines", 1, 3, "b"))
-    notes(Compiling("pipelines", 3, 3, ""))
-    notes(Compiling("machine code", 0, 1, "c"))
-    notes(Compiling("machine code", 1, 1, ""))
-    assert shown == ["compiling pipelines 1 of 3: a", "compiling pipelines 2 of 3: b", ""]
+    for state in (("pipelines", 1, 3, "b"), ("pipelines", 3, 3, ""), ("machine code", 0, 1, "c"),
+                  ("machine code", 1, 1, "")):  # fmt: skip
+        notes(Compiling(*state))
+    assert shown == (["compiling pipelines 1 of 3: a", "compiling pipelines 2 of 3: b", ""] if patience < 1 else [])
 
 
 def test_a_command_says_what_takes_long(any_device, tmp_path):

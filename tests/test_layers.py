@@ -71,10 +71,6 @@ OF_NO_MACHINE = re.compile(r"\bexample\.(?:org|com)$|^127\.0\.0\.1\b|^localhost\
 PUBLIC_HOSTS = {"github.com", "registry.khronos.org", "jms55.github.io", "doi.org", "jcgt.org", "arxiv.org"}
 
 
-def name_of(path: Path) -> str:
-    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
-
-
 SIZE = runpy.run_path(str(ROOT / "tools" / "size.py"))
 IMPORTS, circles = SIZE["import_graph"](PACKAGE), SIZE["circles"]
 
@@ -88,21 +84,20 @@ def part_of(name: str) -> str:
 def committed_files() -> list[Path]:
     """The files of the project that people write, without asking git, which an sdist doesn't have."""
     tops = [ROOT / name for name in ("solari_vk", "glsl", "tests", "tools", ".ci", "docs")]
-    made = re.compile(r"/\.\w+_cache/|__pycache__")
+    made = re.compile(r"/\.\w+_cache/|__pycache__|/\.git$")
     files = [*ROOT.glob("*.*"), *(path for top in tops for path in top.rglob("*"))]
     return sorted(p for p in files if p.is_file() and p.suffix in TEXT and not made.search(p.as_posix()))
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_point_one_way(path):
-    name = name_of(path)
-    part = part_of(name)
-    if part == "gpu":
-        assert not IMPORTS[name], "gpu/ itself holds folders only"
-        return
-    assert part in MAY_IMPORT, f"{part} is new: it needs a line in MAY_IMPORT"
-    wrong = {part_of(other) for other in IMPORTS[name]} - MAY_IMPORT[part] - {part}
-    assert not wrong, f"{part} must not import {sorted(wrong)}"
+def test_imports_point_one_way():
+    for name, imported in IMPORTS.items():
+        part = part_of(name)
+        if part == "gpu":
+            assert not imported, "gpu/ itself holds folders only"
+            continue
+        assert part in MAY_IMPORT, f"{part} is new: it needs a line in MAY_IMPORT"
+        wrong = {part_of(other) for other in imported} - MAY_IMPORT[part] - {part}
+        assert not wrong, f"{name}: {part} must not import {sorted(wrong)}"
 
 
 def test_no_modules_import_each_other():
@@ -148,17 +143,17 @@ SUITE = GLSL / "passes" / "conformance"
 KERNELS = {"scene/deform.comp"}  # run outside of frames, and write by address: gpu/frame/kernel.py
 
 
+def naming(word: str) -> set[Path]:
+    """The shaders, but for the suite's, in which this matches."""
+    return {path for path in SHADERS if SUITE not in path.parents and re.search(word, path.read_text(encoding="utf-8"))}
+
+
 def test_only_trace_names_ray_queries():
     """Passes trace by trace.glsl, by queries or by pipelines. ray_query.glsl and its debug build have the functions
     of the wgpu document, for users and the suite; no pass of the renderer reaches them."""
-    word = re.compile(r"rayQuery\w*EXT|GL_EXT_ray_query")
-    found = [path for path in SHADERS if word.search(path.read_text(encoding="utf-8"))]
-    library = [path for path in found if SUITE not in path.parents]
-    queries = [GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl")]
-    assert library == [*queries, TRACE]
-    word = re.compile(r"rayPayload\w*EXT|traceRayEXT|GL_EXT_ray_tracing\b")
-    found = [path for path in SHADERS if word.search(path.read_text(encoding="utf-8"))]
-    assert {path for path in found if SUITE not in path.parents} == {*TRACE.parent.glob("trace.*")}
+    queries = {GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl")}
+    assert naming(r"rayQuery\w*EXT|GL_EXT_ray_query") == {*queries, TRACE}
+    assert naming(r"rayPayload\w*EXT|traceRayEXT|GL_EXT_ray_tracing\b") == {*TRACE.parent.glob("trace.*")}
     users = [path for path in ENTRY_POINTS if not reached(path).isdisjoint(queries)]
     assert users
     assert all(SUITE in path.parents for path in users)
@@ -191,19 +186,18 @@ def test_shader_lines_have_at_most_120_columns():
     assert SIZE["wide_lines"](ROOT) == []
 
 
-@pytest.mark.parametrize("path", SHADERS, ids=lambda path: str(path.relative_to(GLSL)))
-def test_shader_keeps_the_rules(path):
-    text = path.read_text(encoding="utf-8")
-    assert not re.search(r"#\s*pragma\s+once", text), "glslang has no #pragma once: use #ifndef"
-    if path.suffix == ".glsl":
-        assert re.search(r"^#ifndef (\w+)\n#define \1$", text, re.MULTILINE), "a library is guarded by #ifndef"
-    top = path.relative_to(GLSL).parts[0]
-    for name in included(path):
-        if is_generated(name):
-            assert header_text(name, str(path))
-            continue
-        assert (GLSL / name).is_file(), f"{name}: includes are paths from the glsl root"
-        assert re.match(GLSL_MAY_INCLUDE[top], name), f"{top} must not include {name}"
+def test_shaders_keep_the_rules():
+    for path in SHADERS:
+        text, top = path.read_text(encoding="utf-8"), path.relative_to(GLSL).parts[0]
+        assert not re.search(r"#\s*pragma\s+once", text), f"{path}: glslang has no #pragma once: use #ifndef"
+        guarded = re.search(r"^#ifndef (\w+)\n#define \1$", text, re.MULTILINE)
+        assert guarded or path.suffix != ".glsl", f"{path}: a library is guarded by #ifndef"
+        for name in included(path):
+            if is_generated(name):
+                assert header_text(name, str(path))
+                continue
+            assert (GLSL / name).is_file(), f"{path}: {name}: includes are paths from the glsl root"
+            assert re.match(GLSL_MAY_INCLUDE[top], name), f"{path}: {top} must not include {name}"
 
 
 def test_files_stay_short():
@@ -228,8 +222,7 @@ def test_no_machine_is_named():
 def test_the_denoiser_has_one_door():
     """Other shaders know the functions of its api.glsl, and not how its buffers are packed."""
     inside = GLSL / "passes" / "denoise"
-    used = {(path.name, name) for path in SHADERS if inside not in path.parents
-            for name in re.findall(r'"passes/denoise/(\w+)\.glsl"', path.read_text())}  # fmt: skip
-    assert {name for _, name in used} == {"api"}
-    assert not [path for path in SHADERS if inside not in path.parents and re.search(r"\bdenoise_(?!settings)\w+\.at\b",
-                                                                                     path.read_text())]  # fmt: skip
+    others = {path: path.read_text(encoding="utf-8") for path in SHADERS if inside not in path.parents}
+    used = {name for text in others.values() for name in re.findall(r'"passes/denoise/(\w+)\.glsl"', text)}
+    assert used == {"api"}
+    assert not [path for path, text in others.items() if re.search(r"\bdenoise_(?!settings)\w+\.at\b", text)]

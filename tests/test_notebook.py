@@ -10,6 +10,7 @@ import base64
 import io
 import shutil
 import sys
+from unittest.mock import Mock
 
 import comm
 import numpy as np
@@ -19,7 +20,7 @@ from PIL import Image
 
 import solari_vk as sv
 from solari_vk.notebook.widget import SETTLED
-from solari_vk.viewer.camera_control import TURN, WHEEL
+from solari_vk.viewer.camera_control import TURN, WHEEL, CameraControl
 
 SIZE = 64, 48
 QUIET = 2000  # milliseconds in which a page that still asks does so, on a busy machine too
@@ -33,15 +34,21 @@ class Line(BaseComm):
         self.__dict__.setdefault("sent", []).append((msg_type, data, buffers))
 
     def custom(self):
-        """The contents and buffers of the own messages of the widget since the last call."""
-        taken = [(data, buffers or []) for _, data, buffers in self.sent if data and data.get("method") == "custom"]
+        """The contents and buffers of the widget's own messages since the last call."""
+        taken = [(data["content"], buffers or []) for _, data, buffers in self.sent
+                 if data and data.get("method") == "custom"]  # fmt: skip
         self.sent.clear()
-        return [(data["content"], buffers) for data, buffers in taken]
+        return taken
 
     def tell(self, **content):
         """Deliver a page's message; returns what the widget answered."""
         self.handle_msg({"content": {"data": {"method": "custom", "content": content}}, "buffers": []})
         return self.custom()
+
+    def ask(self, **movement):
+        """The answer to the request of a page, without its picture."""
+        ((answer, _),) = self.tell(page="a", **STILL | movement)
+        return answer
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +70,11 @@ def widget(renderer, monkeypatch):
     shown.close()
 
 
-def settle(line, page="a"):
+def settle(line):
     """Ask until the picture has settled; returns the answers."""
     answers = []
     while not answers or not answers[-1][0]["settled"]:
-        answers += line.tell(page=page, **STILL)
+        answers += line.tell(page="a", **STILL)
         assert "error" not in answers[-1][0], answers[-1]
     return answers
 
@@ -97,50 +104,37 @@ def test_the_page_gets_the_script_and_frames_until_they_settle(widget, renderer)
     assert renderer.frame_count - before == len(answers) == SETTLED
     for answer, (content,) in answers:
         picture = Image.open(io.BytesIO(content))
-        assert answer["page"] == "a"
-        assert picture.size == SIZE
+        assert (answer["page"], picture.size) == ("a", SIZE)
         assert picture.format == ("PNG" if answer["settled"] else "JPEG")
         assert answer["type"] == picture.get_format_mimetype()
     assert np.array_equal(np.asarray(picture), renderer["display"][..., :3])
+    widget.refresh()
+    assert widget.comm.custom() == [({"refresh": True}, [])]
+    assert not widget.comm.ask()["settled"]
 
 
 def test_movements_move_the_camera_and_begin_anew(widget, scene, renderer):
     settle(widget.comm)
     home, (center, distance) = position(widget), center_of(widget, renderer)
     camera = scene.camera.transform.copy()
-
-    def move(**movement):
-        settle(widget.comm)
-        ((answer, _),) = widget.comm.tell(page="a", **STILL | movement)
-        assert not answer["settled"]
-
-    move(right=40)
+    assert not widget.comm.ask(right=40)["settled"]
     first, now = home - center, position(widget) - center
     turned = np.arctan2(np.cross(first, now)[1], first[[0, 2]] @ now[[0, 2]])
     assert turned == pytest.approx(-40 * TURN, abs=1e-6)
     assert np.linalg.norm(now) == pytest.approx(distance)
-    move(notches=2)
-    assert np.linalg.norm(position(widget) - center) == pytest.approx(distance / WHEEL**2)
-    move(home=True)
+    for movement in ({"notches": 2}, {"home": True}):
+        settle(widget.comm)
+        assert not widget.comm.ask(**movement)["settled"]
+        if "notches" in movement:
+            assert np.linalg.norm(position(widget) - center) == pytest.approx(distance / WHEEL**2)
     assert position(widget) == pytest.approx(home)
     assert np.array_equal(scene.camera.transform, camera), "the scene's camera stays where it is"
 
 
-def test_an_orthographic_camera_zooms_by_its_height(device, monkeypatch):
-    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
-    scene = sv.builtin("cornell_box")
-    scene.camera = sv.Camera.look_at((0, 1, 4), (0, 1, 0), orthographic_height=2.0)
-    with sv.Renderer(device, scene, (8, 8)) as renderer:
-        widget = sv.notebook.show(renderer)
-        widget._move(STILL | {"notches": 1})
-        assert widget.camera.orthographic_height == pytest.approx(2 / WHEEL)
-
-
-def test_an_edit_is_shown_after_refresh(widget, scene, renderer):
-    settle(widget.comm)
-    widget.refresh()
-    assert widget.comm.custom() == [({"refresh": True}, [])]
-    assert len(settle(widget.comm)) == SETTLED
+def test_an_orthographic_camera_zooms_by_its_height():
+    control = CameraControl(sv.Camera.look_at((0, 1, 4), (0, 1, 0), orthographic_height=2.0), 1.0)
+    control.zoom(1)
+    assert control.camera.orthographic_height == pytest.approx(2 / WHEEL)
 
 
 def test_errors_are_told_and_frames_go_on_afterwards(widget, renderer, monkeypatch):
@@ -149,25 +143,17 @@ def test_errors_are_told_and_frames_go_on_afterwards(widget, renderer, monkeypat
     assert "only PathTracer renders depth of field" in answer["error"]
     assert (answer["page"], buffers) == ("a", [])
     widget._control.camera.aperture = 0.0
-    for mistake, words in ((KeyboardInterrupt(), "KeyboardInterrupt"), (ValueError("odd"), "ValueError: odd")):
+
+    said = {KeyboardInterrupt(): "KeyboardInterrupt: ", ValueError("odd"): "ValueError: odd",
+            sv.SolariError("closed"): "closed"}  # fmt: skip
+    for mistake, words in said.items():
         with monkeypatch.context() as patch:
-            patch.setattr(sv.Renderer, "render", lambda *_, mistake=mistake: (_ for _ in ()).throw(mistake))
-            ((answer, _),) = widget.comm.tell(page="a", **STILL)
-        assert words in answer["error"]
-    assert "settled" in widget.comm.tell(page="a", **STILL)[0][0]
+            patch.setattr(sv.Renderer, "render", Mock(side_effect=mistake))
+            assert widget.comm.ask()["error"] == words
+    assert "settled" in widget.comm.ask()
 
 
-def test_a_closed_renderer_is_an_error(device, scene, monkeypatch):
-    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
-    with sv.Renderer(device, scene, (8, 8)) as renderer:
-        widget = sv.notebook.show(renderer)
-    ((answer, _),) = widget.comm.tell(page="a", **STILL)
-    assert "closed" in answer["error"]
-
-
-def test_a_closed_widget_renders_nothing(renderer, monkeypatch):
-    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
-    widget = sv.notebook.show(renderer)
+def test_a_closed_widget_renders_nothing(widget, renderer):
     line, before = widget.comm, renderer.frame_count
     widget.close()
     assert line.sent[-1][0] == "comm_close"
@@ -226,8 +212,7 @@ class Page:
     """The widget in a browser's page."""
 
     def __init__(self, page, widget):
-        self.page, self._line = page, widget.comm
-        self.asked = []
+        self.page, self.widget, self.asked = page, widget, []
         _, data, _ = widget.comm.sent[0]
         page.expose_function("tell", self._tell)
         page.set_content("<!doctype html><body style='margin: 0; height: 4000px'>")
@@ -239,11 +224,11 @@ class Page:
 
     def _tell(self, content):
         self.asked.append(content)
-        return self._as_text(self._line.tell(**content))
+        return self._as_text(self.widget.comm.tell(**content))
 
-    def push(self):
-        """Deliver what the widget sent by itself."""
-        self.page.evaluate("(messages) => window.receive(messages)", self._as_text(self._line.custom()))
+    def refresh(self):
+        self.widget.refresh()
+        self.page.evaluate("(messages) => window.receive(messages)", self._as_text(self.widget.comm.custom()))
 
     def settle(self):
         """Wait until the page asks no more; returns what it asked since the last call."""
@@ -254,12 +239,9 @@ class Page:
         asked, self.asked = self.asked, []
         return asked
 
-    def pixels(self):
-        return np.array(self.page.evaluate(PIXELS)).reshape(*SIZE[::-1], 4)
-
-    @property
-    def note(self):
-        return self.page.inner_text("pre")
+    def shows(self, renderer):
+        pixels = np.array(self.page.evaluate(PIXELS)).reshape(renderer["display"].shape)
+        return np.array_equal(pixels, renderer["display"])
 
 
 @pytest.fixture(scope="module")
@@ -279,17 +261,28 @@ def browser():
 @pytest.fixture
 def page(browser, widget):
     errors, opened = [], browser.new_page()
-    opened.on("pageerror", lambda error: errors.append(error))
+    opened.on("pageerror", errors.append)
     yield Page(opened, widget)
     opened.close()
     assert not errors
 
 
 @pytest.mark.slow
-def test_the_page_shows_frames_until_they_settle(page, renderer):
+def test_the_page_shows_frames_errors_and_edits(page, widget, renderer):
     assert len(page.settle()) == SETTLED
-    assert page.note == ""
-    assert np.array_equal(page.pixels(), renderer["display"])
+    assert page.page.inner_text("pre") == ""
+    assert page.shows(renderer)
+    widget._control.camera.aperture = 0.1
+    page.refresh()
+    assert len(page.settle()) == 1
+    assert "only PathTracer renders depth of field" in page.page.inner_text("pre")
+    widget._control.camera.aperture = 0.0
+    renderer.resize((32, 24))
+    page.refresh()
+    assert len(page.settle()) == SETTLED
+    assert page.page.inner_text("pre") == ""
+    assert page.shows(renderer)
+    renderer.resize(SIZE)
 
 
 @pytest.mark.slow
@@ -304,13 +297,11 @@ def test_the_mouse_orbits_and_zooms(page, widget, renderer):
     mouse.move(60, 20, steps=4)
     mouse.up()
     asked = page.settle()
-    assert sum(request["right"] for request in asked) == 40
-    assert sum(request["down"] for request in asked) == 0
+    assert [sum(request[way] for request in asked) for way in ("right", "down")] == [40, 0]
     assert len(asked) >= SETTLED
     assert page.page.evaluate("window.most_requests") == 1
     angle = np.arccos((position(widget) - center) @ (home - center) / distance**2)
     assert angle > 20 * TURN
-    assert np.array_equal(page.pixels(), renderer["display"])
     mouse.wheel(0, 200)
     asked = page.settle()
     assert sum(request["notches"] for request in asked) == pytest.approx(-2)
@@ -319,29 +310,11 @@ def test_the_mouse_orbits_and_zooms(page, widget, renderer):
     mouse.dblclick(30, 30)
     page.settle()
     assert position(widget) == pytest.approx(home)
-    assert np.array_equal(page.pixels(), renderer["display"])
+    assert page.shows(renderer)
 
 
 @pytest.mark.slow
-def test_the_page_shows_errors_and_edits(page, widget, renderer):
-    page.settle()
-    widget._control.camera.aperture = 0.1
-    widget.refresh()
-    page.push()
-    assert len(page.settle()) == 1
-    assert "only PathTracer renders depth of field" in page.note
-    widget._control.camera.aperture = 0.0
-    renderer.resize((32, 24))
-    widget.refresh()
-    page.push()
-    assert len(page.settle()) == SETTLED
-    assert page.note == ""
-    assert page.page.evaluate("document.querySelector('canvas').width") == 32
-    renderer.resize(SIZE)
-
-
-@pytest.mark.slow
-def test_two_views_take_turns_and_a_closed_one_asks_no_more(page, widget, renderer):
+def test_two_views_take_turns_and_a_closed_one_asks_no_more(page, renderer):
     page.page.evaluate("() => { window.close_other = window.open_view(); }")
     asked = page.settle()
     assert len({request["page"] for request in asked}) == 2
@@ -349,7 +322,6 @@ def test_two_views_take_turns_and_a_closed_one_asks_no_more(page, widget, render
     page.page.evaluate("() => { window.close_view(); window.close_other(); }")
     before = renderer.frame_count
     page.page.mouse.wheel(0, 100)
-    widget.refresh()
-    page.push()
+    page.refresh()
     page.page.wait_for_timeout(QUIET)
     assert (page.asked, renderer.frame_count) == ([], before)

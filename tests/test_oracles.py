@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from support import brdf, rays
+from support import brdf, rays, statistics
 from support.encodings import encode_rgb9e5, pcg_hash
 from support.oracles import closed_forms, encodings
-from support.statistics import assert_equal, holm, replicates
 
 from solari_vk.conformance import embree_checks
-from solari_vk.measure import statistics
+from solari_vk.measure.statistics import interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.scene.model import Camera, Instance, Material, Scene
@@ -21,45 +20,40 @@ def direction(cosine):
     return np.array((np.sqrt(1 - cosine**2), 0.0, cosine))
 
 
-@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
-@pytest.mark.parametrize("cosine", [0.1, 0.6])
-def test_albedo_by_visible_normals_is_the_hemisphere_integral(roughness, cosine):
+@pytest.mark.parametrize("roughness", [0.3, 1.0])
+def test_albedo_by_visible_normals_is_the_hemisphere_integral(roughness):
     alpha = brdf.alpha_of(roughness)
     wi, solid = brdf.hemisphere_grid(600, 800)
-    for f0 in (0.0, 1.0):
-        values = brdf.single_scattering(direction(cosine), wi, f0, alpha)[..., 0]
+    for cosine in (0.1, 0.6):
         a, b = brdf.directional_albedo_terms(alpha, cosine)
-        assert (values * wi[..., 2] * solid).sum() == pytest.approx(f0 * a + b, abs=4e-4)
+        for f0 in (0.0, 1.0):
+            values = brdf.single_scattering(direction(cosine), wi, f0, alpha)[..., 0]
+            assert (values * wi[..., 2] * solid).sum() == pytest.approx(f0 * a + b, abs=4e-4)
 
 
 @pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
 def test_white_furnace_is_white_by_brute_force(metallic):
-    wi, solid = brdf.hemisphere_grid(600, 600)
-    for roughness in (0.5, 1.0):
-        surface = brdf.Surface(1.0, metallic, roughness)
-        for cosine in (0.15, 0.8):
-            values = surface.value(direction(cosine), wi)
-            np.testing.assert_allclose((values * (wi[..., 2:] * solid[..., None])).sum(axis=(0, 1)), 1, atol=5e-4)
+    wi, solid = brdf.hemisphere_grid(300, 400)
+    for roughness, cosine in ((0.5, 0.8), (1.0, 0.15)):
+        values = brdf.Surface(1.0, metallic, roughness).value(direction(cosine), wi)
+        np.testing.assert_allclose((values * (wi[..., 2:] * solid[..., None])).sum(axis=(0, 1)), 1, atol=5e-4)
 
 
 def test_diffuse_is_reciprocal():
-    surface = brdf.Surface((0.3, 0.6, 0.9), 0.0, 0.4)
+    surface = brdf.Surface((0.3, 0.6, 0.9), 0.0, 0.5)
     wo, wi = direction(0.2), np.array((0.0, 0.8, 0.6))
     np.testing.assert_allclose(surface.diffuse(wo, wi), surface.diffuse(wi, wo))
 
 
 def test_polygon_irradiance_is_the_integral():
     corners = np.array([(0.5, 2, -0.3), (0.5, 2, 0.7), (-0.5, 1.5, 0.7), (-0.5, 1.5, -0.3)])
-    u, v = ((np.arange(400) + 0.5) / 400 for _ in range(2))
-    grid = (
-        corners[0] + u[:, None, None] * (corners[1] - corners[0]) + v[None, :, None] * (corners[3] - corners[0])
-    ).reshape(-1, 3)
-    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
-    area, normal = np.linalg.norm(normal), normal / np.linalg.norm(normal)
+    along, across = corners[1] - corners[0], corners[3] - corners[0]
+    steps = (np.arange(400) + 0.5) / 400
+    grid = (corners[0] + steps[:, None, None] * along + steps[None, :, None] * across).reshape(-1, 3)
+    normal = np.cross(along, across)  # as long as the area
     for point in ((0.0, 0, 0.0), (3.0, 0, 1.0)):
         ray = grid - point
-        squared = (ray**2).sum(axis=1)
-        brute = 5.0 * (ray[:, 1] * np.abs(ray @ normal) / squared**2).mean() * area
+        brute = 5.0 * (ray[:, 1] * np.abs(ray @ normal) / (ray**2).sum(axis=1) ** 2).mean()
         assert closed_forms.polygon_irradiance(point, (0, 1, 0), corners, 5.0)[0] == pytest.approx(brute, rel=1e-5)
 
 
@@ -92,9 +86,9 @@ def test_embree_brute_force_and_camera_agree():
     origins, directions = (x.reshape(-1, 3) for x in rays.camera_rays(camera, 40, 30))
     embree = world.embree_hits(origins, directions)
     brute, distance = rays.closest_by_brute_force(world.corners, origins, directions)
-    assert (embree == brute).mean() > 0.999
-    assert 0.1 < (embree >= 0).mean() < 0.9
     same = embree == brute
+    assert same.mean() > 0.999
+    assert 0.1 < (embree >= 0).mean() < 0.9
     found, _ = embree_checks.meet(world.corners, embree, origins, directions)
     np.testing.assert_allclose(found[same], distance[same], rtol=1e-9)
     hit = (embree >= 0) & same
@@ -107,7 +101,7 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     assert statistics.chi_squared_p(random.poisson(expected), expected) > 0.001
     assert statistics.chi_squared_p(random.poisson(expected * np.linspace(0.8, 1.2, 1000)), expected) < 1e-6
     assert statistics.chi_squared_p([1, 10], [0, 11]) == 0
-    np.testing.assert_array_equal(holm([0.001, 0.04, 0.03, 0.2], 0.05), [True, False, False, False])
+    np.testing.assert_array_equal(statistics.holm([0.001, 0.04, 0.03, 0.2], 0.05), [True, False, False, False])
     truth = np.ones((64, 64, 3))
     rejections = 0
     for _ in range(100):
@@ -117,33 +111,22 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     assert rejections <= 4
     biased = statistics.compare(1.02 * truth, np.full(truth.shape, 0.01), truth, np.zeros(truth.shape))
     with pytest.raises(AssertionError):
-        assert_equal(biased, 0.003)
+        statistics.assert_equal(biased, 0.003)
     runs = 1 + random.normal(scale=0.01, size=(16, 20))
-    assert replicates(runs, np.ones(20), 0.005) == (0, True)
-    assert replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
+    assert statistics.replicates(runs, np.ones(20), 0.005) == (0, True)
+    assert statistics.replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
 
 
-def test_distributions_are_scipys():
-    t = np.array([0.0, 0.1, 1.0, 2.5, 8.0])
-    for degrees in (1, 2, 3, 4, 7, 15, 40):
-        np.testing.assert_allclose(statistics.student_p(t, degrees), 2 * stats.t.sf(t, degrees), rtol=1e-6, atol=1e-14)
-        assert statistics.student_quantile(degrees) == pytest.approx(stats.t.ppf(0.975, degrees))
-    random = np.random.default_rng(1)
-    for cells in (2, 3, 50, 1601):
-        expected = random.uniform(6, 40, cells)
-        observed = random.poisson(1.02 * expected)
-        p_value = stats.chi2.sf(((observed - expected) ** 2 / expected).sum(), cells - 1)
-        assert statistics.chi_squared_p(observed, expected) == pytest.approx(p_value)
-        assert statistics.standard_deviations(p_value) == pytest.approx(stats.norm.isf(p_value))
+def test_small_cells_are_pooled():
     assert statistics.chi_squared_p([2, 1, 9], [1, 3, 8]) == 1, "the small cells' sum is small: all are pooled"
     pooled = stats.chi2.sf(4**2 / 8 + 4**2 / 40, 1)
     assert statistics.chi_squared_p([4, 8, 36], [3, 5, 40]) == pytest.approx(pooled), "a small cell joins the next"
 
 
 def test_interval_is_students():
-    values = np.array([1.0, 2.0, 4.0, 5.0])
-    mean, half_width = statistics.interval(values)
-    assert mean == 3
-    assert half_width == pytest.approx(stats.t.ppf(0.975, 3) * values.std(ddof=1) / 2)
-    assert statistics.interval([7.0]) == (7.0, np.inf)
-    assert statistics.interval([2.0] * 40) == (2.0, 0.0)
+    for count in (2, 3, 4, 9, 10, 41):
+        values = np.arange(count) ** 2.0
+        half_width = stats.t.ppf(0.975, count - 1) * values.std(ddof=1) / count**0.5
+        assert interval(values) == pytest.approx((values.mean(), half_width))
+    assert interval([7.0]) == (7.0, np.inf)
+    assert interval([2.0] * 40) == (2.0, 0.0)

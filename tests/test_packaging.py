@@ -1,4 +1,7 @@
-"""The sdist, the wheel that is built from it, and shaders that run without a compiler."""
+"""The sdist, the wheel that is built from it, and shaders that run without a compiler.
+
+By default with a few shaders of each kind; with all of them, which takes minutes, where tests are slow.
+"""
 
 from __future__ import annotations
 
@@ -21,17 +24,21 @@ STAGES = {"." + stage for stage in shaderc.STAGES}
 NO_COMPILER = {"SOLARI_VK_SHADERC": os.devnull, "PATH": "", "SOLARI_VK_CACHE": "off"}
 PAGES = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"]
 PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "LICENSE", *PAGES]
+# Shaders without rays, with trace.glsl, with features of scenes, and with ray queries of their own.
+FEW = re.compile(r"scene/|passes/(bare_rays/|display/|conformance/trace\.comp)")
 
 # Later Pythons ask for a filter, which Python 3.11.2 of Debian 12 doesn't know yet.
 SAFELY = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}
 
 
+def run(*command: str | Path, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *command], cwd=cwd, env=os.environ | environment, capture_output=True,
+                          text=True, check=False)  # fmt: skip
+
+
 def build(folder: Path, target: str, **environment: str) -> Path:
     """The file that hatchling builds from a source tree."""
-    done = subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", target],
-        cwd=folder, env=os.environ | environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = run("-m", "hatchling", "build", "-t", target, cwd=folder, **environment)
     assert done.returncode == 0, done.stdout + done.stderr
     (made,) = (folder / "dist").glob("*.whl" if target == "wheel" else "*.tar.gz")
     return made
@@ -40,14 +47,18 @@ def build(folder: Path, target: str, **environment: str) -> Path:
 def test_addresses_can_be_filled_in():
     """The lines that are comments for whoever publishes the package are right once the signs are removed."""
     text = (ROOT / "pyproject.toml").read_text()
-    start = text.index("# [project.urls]")
-    lines = text[start:].partition("\n\n")[0]
+    lines = text[text.index("# [project.urls]") :].partition("\n\n")[0]
     filled = text.replace(lines, re.sub("(?m)^# ", "", lines).replace('""', '"https://example.org"'))
     assert len(tomllib.loads(filled)["project"]["urls"]) == 5
 
 
-@pytest.fixture(scope="module")
-def tree(tmp_path_factory):
+def entry_points(tree: Path) -> list[str]:
+    glsl = tree / "glsl"
+    return sorted(path.relative_to(glsl).as_posix() for path in glsl.rglob("*") if path.suffix in STAGES)
+
+
+@pytest.fixture(scope="module", params=["few", pytest.param("all", marks=pytest.mark.slow)])
+def tree(request, tmp_path_factory):
     """A copy of the sources, with a compiled module that belongs to no shader."""
     copy = tmp_path_factory.mktemp("tree")
     ignored = shutil.ignore_patterns("__pycache__", "*.spv", "shipped.json", ".*_cache", "*.npz")
@@ -57,6 +68,9 @@ def tree(tmp_path_factory):
         elif (ROOT / name).is_file():
             shutil.copy(ROOT / name, copy / name)
     shutil.copy(ROOT / ".gitignore", copy)
+    for path in entry_points(copy) if request.param == "few" else ():
+        if not FEW.match(path):
+            (copy / "glsl" / path).unlink()
     (copy / "glsl" / "gone.comp.spv").write_bytes(b"from an earlier build")
     return copy
 
@@ -76,52 +90,47 @@ def wheel(unpacked_sdist):
     return build(unpacked_sdist, "wheel", **NO_COMPILER)
 
 
-def entry_points() -> list[str]:
-    glsl = ROOT / "glsl"
-    return sorted(path.relative_to(glsl).as_posix() for path in glsl.rglob("*") if path.suffix in STAGES)
-
-
-def compiled_modules() -> set[str]:
+def compiled_modules(tree: Path) -> set[str]:
     """The files of all modules: each shader's, for shaders that trace another one for ray pipelines, and those for
     scenes without features, which shaders of scenes have."""
-    paths = {path: shader_cache.Sources([ROOT / "glsl"]).closure(path) for path in entry_points()}
+    sources = shader_cache.Sources([tree / "glsl"])
+    paths = {path: sources.closure(path) for path in entry_points(tree)}
     traces = {path for path, closure in paths.items() if "scene/trace.glsl" in closure}
     plain = {path for path, closure in paths.items() if "generated/bound/features.glsl" in closure}
-    assert 10 < len(traces) < len(plain) < len(paths) / 2
+    assert 1 < len(traces) < len(plain) < len(paths)
     names = {*paths, *(f"{path}.plain" for path in plain)}
     tracing = {f"{name}.rgen" for name in names if name.removesuffix(".plain") in traces}
     return {f"{name}.spv" for name in names | tracing}
 
 
-def test_sdist_has_sources_and_compiled_shaders(unpacked_sdist):
+def test_sdist_has_sources_and_compiled_shaders(tree, unpacked_sdist):
     for name in ("LICENSE", *PAGES, "pyproject.toml", "hatch_build.py", "tools/test", "tests/test_packaging.py"):
         assert (unpacked_sdist / name).is_file(), name
     compiled = {path.relative_to(unpacked_sdist / "glsl").as_posix() for path in unpacked_sdist.rglob("*.spv")}
-    assert compiled == compiled_modules()
+    assert compiled == compiled_modules(tree)
 
 
-def test_wheel_has_package_glsl_and_compiled_shaders(wheel):
+def test_wheel_has_package_glsl_and_compiled_shaders(tree, wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    sources = [path for suffix in ("py", "js") for path in (ROOT / "solari_vk").rglob(f"*.{suffix}")]
-    modules = {path.relative_to(ROOT).as_posix() for path in sources}
-    glsl = {f"solari_vk/glsl/{path.relative_to(ROOT / 'glsl').as_posix()}" for path in (ROOT / "glsl").rglob("*.glsl")}
-    shaders = {f"solari_vk/glsl/{path}" for path in entry_points()}
-    compiled = {f"solari_vk/glsl/{path}" for path in compiled_modules()}
-    assert modules | glsl | shaders | compiled | {"solari_vk/py.typed", "solari_vk/glsl/shipped.json"} <= names
+    modules = {path.relative_to(ROOT).as_posix() for suffix in ("py", "js")
+               for path in (ROOT / "solari_vk").rglob(f"*.{suffix}")}  # fmt: skip
+    libraries = {path.relative_to(tree / "glsl").as_posix() for path in (tree / "glsl").rglob("*.glsl")}
+    compiled = compiled_modules(tree)
+    shaders = {f"solari_vk/glsl/{path}" for path in {*libraries, *entry_points(tree), *compiled, "shipped.json"}}
+    assert modules | shaders | {"solari_vk/py.typed"} <= names
     assert all(name.startswith(("solari_vk/", "solari_vk-")) for name in names)
-    assert {name for name in names if name.endswith(".spv")} == compiled
+    assert {name for name in names if name.endswith(".spv")} == {f"solari_vk/glsl/{path}" for path in compiled}
 
 
 def test_wheel_metadata(wheel):
     with zipfile.ZipFile(wheel) as archive:
         texts = {Path(name).name: archive.read(name).decode() for name in archive.namelist() if ".dist-info/" in name}
-    assert "solari-vk = solari_vk.cli:main" in texts["entry_points.txt"]
-    assert "License-Expression: MIT" in texts["METADATA"]
-    assert "MIT License" in texts["LICENSE"]
-    assert "Root-Is-Purelib: true" in texts["WHEEL"]
+    for file, text in (("entry_points.txt", "solari-vk = solari_vk.cli:main"), ("LICENSE", "MIT License"),
+                       ("METADATA", "License-Expression: MIT"), ("WHEEL", "Root-Is-Purelib: true")):  # fmt: skip
+        assert text in texts[file]
 
 
-def test_installed_wheel_needs_no_compiler(wheel, tmp_path):
+def test_installed_wheel_needs_no_compiler(tree, wheel, tmp_path):
     """Every shader of the wheel is there as SPIR-V for both ways to trace rays; a changed one needs a compiler."""
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
@@ -148,24 +157,23 @@ try:
 except SolariError:
     print("done")
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program, tmp_path, *entry_points()],
-        cwd=tmp_path, env=os.environ | NO_COMPILER, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = run("-c", program, tmp_path, *entry_points(tree), cwd=tmp_path, **NO_COMPILER)
     assert done.stdout.strip() == "done", done.stdout + done.stderr
 
 
-def test_build_without_compiler_and_without_modules_warns(tree, tmp_path):
-    copy = tmp_path / "tree"
-    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("*.spv", "shipped.json", "dist"))
-    names = zipfile.ZipFile(build(copy, "wheel", **NO_COMPILER)).namelist()
-    assert f"solari_vk/glsl/{entry_points()[0]}" in names
+@pytest.fixture
+def uncompiled(tree, tmp_path):
+    ignored = shutil.ignore_patterns("*.spv", "shipped.json", "dist")
+    return Path(shutil.copytree(tree, tmp_path / "tree", ignore=ignored))
+
+
+def test_build_without_compiler_and_without_modules_has_sources(uncompiled):
+    names = zipfile.ZipFile(build(uncompiled, "wheel", **NO_COMPILER)).namelist()
+    assert f"solari_vk/glsl/{entry_points(uncompiled)[0]}" in names
     assert not [name for name in names if name.endswith(".spv")]
 
 
-def test_shader_that_does_not_compile_ends_the_build(tree, tmp_path):
-    copy = tmp_path / "tree"
-    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("*.spv", "shipped.json", "dist"))
-    (copy / "glsl" / "broken.comp").write_text("#version 460\nvoid main() { nonsense }\n")
+def test_shader_that_does_not_compile_ends_the_build(uncompiled):
+    (uncompiled / "glsl" / "broken.comp").write_text("#version 460\nvoid main() { nonsense }\n")
     with pytest.raises(AssertionError, match=r"broken\.comp:2"):
-        build(copy, "wheel", SOLARI_VK_CACHE="off")
+        build(uncompiled, "wheel", SOLARI_VK_CACHE="off")

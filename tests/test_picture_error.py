@@ -15,40 +15,37 @@ def gray(luminance):
     return np.repeat(np.asarray(luminance)[..., None], 3, axis=2)
 
 
-def noisy(count, seed=0, spread=1.0):
-    """Samples (count, height, width) of luminance, a third of which is dark."""
+def noisy(count, seed=0):
+    """Samples (count, height, width) of luminance, a third of which is dark, and their expected values."""
     truth = np.full(SIZE, LIGHT)
     truth[: SIZE[0] // 3] = LIGHT / 10
-    return truth, truth * (1 + spread * np.random.default_rng(seed).standard_normal((count, *SIZE)))
+    return truth, truth * (1 + np.random.default_rng(seed).standard_normal((count, *SIZE)))
 
 
 def mean_of(samples):
     return gray(samples.mean(axis=0))
 
 
-@pytest.mark.parametrize("size", [SIZE, (61, 95), (1, 1), (3, 2)])
+@pytest.mark.parametrize("size", [(61, 95), (1, 1)])
 def test_noise_of_a_mean(size):
     """A standard error of 10 % everywhere is an error of 10 %, for sizes that are no multiple of a block too."""
-    picture = np.full((*size, 3), LIGHT)
-    error = error_of_mean(picture, np.full(size, (0.1 * LIGHT) ** 2))
+    error = error_of_mean(np.full((*size, 3), LIGHT), np.full(size, (0.1 * LIGHT) ** 2))
     assert error == pytest.approx(0.1, rel=0.01)  # 1 % of the squared mean is added to the square
 
 
 def test_noise_counts_relative_to_luminance():
     truth, samples = noisy(25)
     # 1 / sqrt(25) where it is bright; where luminance is a tenth of that, the added 1 % counts.
-    added = 1e-2 * truth.mean() ** 2
-    expected = np.sqrt((truth**2 / 25 / (truth**2 + added)).mean())
-    variance = samples.var(axis=0, ddof=1) / len(samples)
-    assert error_of_mean(mean_of(samples), variance) == pytest.approx(expected, rel=0.05)
+    expected = np.sqrt((truth**2 / 25 / (truth**2 + 1e-2 * truth.mean() ** 2)).mean())
+    assert error_of_mean(mean_of(samples), samples.var(axis=0, ddof=1) / 25) == pytest.approx(expected, rel=0.05)
 
 
 @pytest.mark.parametrize(("off", "low", "high"), [(0.0, 0.0, 0.05), (0.1, 0.08, 0.11), (0.3, 0.21, 0.25)])
 def test_a_picture_that_is_off(off, low, high):
     """Noisy samples without the offset show it, relative to the picture; their own noise is not counted."""
     truth, samples = noisy(16)
-    picture = gray(truth + off * truth)
-    assert low <= error_of_other(picture, mean_of(samples[:8]), mean_of(samples[8:])) < high
+    error = error_of_other(gray(truth + off * truth), mean_of(samples[:8]), mean_of(samples[8:]))
+    assert low <= error < high
 
 
 def test_black_pictures_have_no_error():

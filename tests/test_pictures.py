@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
+from PIL import Image
 
 from solari_vk.errors import SolariError
 from solari_vk.output.picture import check_output, save_image
@@ -20,7 +20,7 @@ RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.fl
 
 
 @pytest.mark.parametrize("name", list(CURVES))
-def test_curves_rise_from_black_to_white(name: str) -> None:
+def test_curves_rise_from_black_to_white(name):
     gray = np.geomspace(1e-6, 1e6, 400, dtype=np.float32)[:, None].repeat(3, axis=1)
     mapped = tonemap(gray, curve=name)
     assert mapped.dtype == np.float32
@@ -30,30 +30,21 @@ def test_curves_rise_from_black_to_white(name: str) -> None:
     assert mapped[0].max() < 0.01
     assert mapped[-1].min() > 0.93
     np.testing.assert_allclose(mapped, mapped[:, :1].repeat(3, axis=1), atol=2e-3)
+    broken = tonemap([[np.nan, np.inf, -np.inf], [-1, 0, 1e38]], exposure=1e3, curve=name)
+    assert np.isfinite(broken).all()
 
 
-def test_known_values() -> None:
-    def mapped(name: str, value: float) -> float:
-        return float(tonemap(np.full(3, value), curve=name)[1])
-
-    assert mapped("none", 0.25) == 0.25
-    assert mapped("reinhard", 1) == pytest.approx(0.5)
-    assert mapped("aces", 1 / 0.6) == pytest.approx((2.51 + 0.03) / (2.43 + 0.59 + 0.14))
-    assert mapped("agx", 0.18) == pytest.approx(0.2145, abs=2e-3)
-
-
-def test_nan_and_infinity_become_finite() -> None:
-    for name in CURVES:
-        found = tonemap([[np.nan, np.inf, -np.inf], [-1, 0, 1e38]], exposure=1e3, curve=name)
-        assert np.isfinite(found).all()
-
-
-def test_unknown_curves_are_refused() -> None:
+def test_known_values():
+    for name, value, expected in (
+        ("none", 0.25, 0.25), ("reinhard", 1, 0.5), ("agx", 0.18, 0.2145),
+        ("aces", 1 / 0.6, (2.51 + 0.03) / (2.43 + 0.59 + 0.14)),
+    ):  # fmt: skip
+        assert tonemap(np.full(3, value), curve=name)[1] == pytest.approx(expected, abs=2e-3 if name == "agx" else 1e-6)
     with pytest.raises(SolariError, match="there is no tone mapping 'film'; there are none, reinhard, aces, agx"):
         tonemap(RADIANCE, curve="film")
 
 
-def test_srgb_round_trip() -> None:
+def test_srgb_round_trip():
     codes = np.arange(256) / 255
     np.testing.assert_allclose(encode_srgb(decode_srgb(codes)), codes, atol=1e-6)
     assert encode_srgb(0.5) == pytest.approx(0.7353569)
@@ -64,12 +55,12 @@ def test_srgb_round_trip() -> None:
 
 
 @pytest.mark.parametrize("luminance", [1e-6, 1.0, 5e8])
-def test_auto_exposure_shows_the_average_as_middle_gray(luminance: float) -> None:
+def test_auto_exposure_shows_the_average_as_middle_gray(luminance):
     ev100 = auto_exposure(np.full((4, 4, 3), luminance))
     assert luminance / (1.2 * 2**ev100) == pytest.approx(0.18)
 
 
-def test_auto_exposure_leaves_black_and_broken_pixels_out() -> None:
+def test_auto_exposure_leaves_black_and_broken_pixels_out():
     picture = np.zeros((10, 10, 3))
     picture[0] = 7
     expected = auto_exposure(np.full((1, 1, 3), 7.0))
@@ -82,28 +73,24 @@ def test_auto_exposure_leaves_black_and_broken_pixels_out() -> None:
 # ---- files ------------------------------------------------------------------------------------------
 
 
-def test_png(tmp_path: Path) -> None:
-    from PIL import Image
-
+def test_png(tmp_path):
     save_image(tmp_path / "a.png", RADIANCE, exposure=0.3, tonemap="aces")
     expected = encode_srgb(tonemap(RADIANCE, exposure=0.3, curve="aces")) * 255
     np.testing.assert_allclose(np.asarray(Image.open(tmp_path / "a.png")), expected, atol=0.501)
 
 
-def test_npy_and_layers_beside_it(tmp_path: Path) -> None:
-    layers: dict[str, Any] = {"depth": RADIANCE[..., 0], "normal": RADIANCE}
-    save_image(tmp_path / "a.npy", RADIANCE, layers=layers)
-    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), RADIANCE)
-    np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), RADIANCE[..., 0])
-    save_image(tmp_path / "b.png", RADIANCE, layers=layers)
+def test_npy_and_layers_beside_it(tmp_path):
+    layers = {"depth": RADIANCE[..., 0], "normal": RADIANCE}
+    for name in ("a.npy", "b.png"):
+        save_image(tmp_path / name, RADIANCE, layers=layers)
     assert sorted(os.listdir(tmp_path)) == [
         "a.depth.npy", "a.normal.npy", "a.npy", "b.depth.npy", "b.normal.npy", "b.png",
     ]  # fmt: skip
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), RADIANCE)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), RADIANCE[..., 0])
 
 
-def test_exr_holds_everything_exactly(tmp_path: Path) -> None:
-    import OpenEXR
-
+def test_exr_holds_everything_exactly(tmp_path):
     ids = np.linspace(0, 2**32 - 1, 54).astype(np.uint32).reshape(6, 9)
     layers = {
         "depth": RADIANCE[..., 0].astype(np.float64), "geometric_normal": RADIANCE, "albedo": RADIANCE,
@@ -129,7 +116,7 @@ def test_exr_holds_everything_exactly(tmp_path: Path) -> None:
     [("a.jpg", "written as .png, .exr, .npy, not '.jpg'"), ("a", "not ''"), ("no/a.png", "no folder"),
      ("folder.png", "is a folder")],
 )  # fmt: skip
-def test_paths_that_can_not_be_written(tmp_path: Path, name: str, message: str) -> None:
+def test_paths_that_can_not_be_written(tmp_path, name, message):
     (tmp_path / "folder.png").mkdir()
     for attempt in (check_output, lambda path: save_image(path, RADIANCE)):
         with pytest.raises(SolariError, match=message):
@@ -137,7 +124,7 @@ def test_paths_that_can_not_be_written(tmp_path: Path, name: str, message: str) 
     check_output(tmp_path / "A.PNG")
 
 
-def test_shapes_that_do_not_fit(tmp_path: Path) -> None:
+def test_shapes_that_do_not_fit(tmp_path):
     for picture, layers in (
         (RADIANCE[..., 0], {}), (RADIANCE[:0], {}), (RADIANCE, {"depth": RADIANCE[:2]}),
         (RADIANCE, {"x": np.zeros((6, 9, 5))}),
@@ -145,18 +132,3 @@ def test_shapes_that_do_not_fit(tmp_path: Path) -> None:
         with pytest.raises(SolariError, match="shape"):
             save_image(tmp_path / "a.exr", picture, layers=layers)
     assert not os.listdir(tmp_path)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
-def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
-    path = tmp_path / f"a{suffix}"
-    path.write_text("old")
-
-    def fail(*_: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(SolariError, match="can't be written: No space left on device"):
-        save_image(path, RADIANCE)
-    assert os.listdir(tmp_path) == [path.name]
-    assert path.read_text() == "old"

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import solari_vk as sv
 from solari_vk.passes.pathtracer import FIRST_HIT_AOVS
@@ -14,81 +15,80 @@ KINDS = [sv.Renderer, sv.PathTracer]
 SIZE = (16, 12)
 
 
-def render(device, kind, scene, **options):
-    renderer = kind(device, scene, SIZE, **options)
-    return renderer, renderer.render() if kind is sv.Renderer else renderer.render(samples=2)
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param
 
 
-@pytest.mark.parametrize(
-    ("kind", "option", "words"),
-    [
-        (sv.Renderer, "quality", r"no option 'quality'; .*; give settings=Settings.preset\('solari'\), or"),
-        (sv.Renderer, "sed", "did you mean 'seed'"),
-        (sv.PathTracer, "quality", "PathTracer has no option 'quality'; there are device, scene, size, max_bounces, "),
-        (sv.PathTracer, "max_bounce", "did you mean 'max_bounces'"),
-        (sv.RayTracer, "any_hit", "RayTracer has no option 'any_hit'; there are device, scene$"),
-        (sv.SceneFrame, "glsl_rot", "SceneFrame has no option 'glsl_rot'; did you mean 'glsl_root'"),
-        (sv.Device, "validate", "did you mean 'validation'"),
-        (sv.Viewer, "frames", "Viewer has no option 'frames'; there are device, "),
-        (sv.Settings, "di_candidate", "no setting 'di_candidate'; did you mean 'di_candidates'"),
-    ],
-)
-def test_unknown_options_are_refused(device, kind, option, words):
+@pytest.fixture
+def renderer(device, kind):
+    with kind(device, sv.builtin("cornell_box"), SIZE) as made:
+        yield made
+
+
+def render(renderer):
+    return renderer.render() if isinstance(renderer, sv.Renderer) else renderer.render(samples=renderer.samples + 2)
+
+
+@pytest.mark.parametrize(("owner", "option", "words"), [
+    (sv.Renderer, "quality", r"no option 'quality'; .*; give settings=Settings.preset\('solari'\), or"),
+    (sv.Renderer, "sed", "did you mean 'seed'"),
+    (sv.PathTracer, "quality", "PathTracer has no option 'quality'; there are device, scene, size, max_bounces, "),
+    (sv.RayTracer, "any_hit", "RayTracer has no option 'any_hit'; there are device, scene$"),
+    (sv.SceneFrame, "glsl_rot", "SceneFrame has no option 'glsl_rot'; did you mean 'glsl_root'"),
+    (sv.Device, "validate", "did you mean 'validation'"),
+    (sv.Viewer, "frames", "Viewer has no option 'frames'; there are device, "),
+    (sv.Settings, "di_candidate", "no setting 'di_candidate'; did you mean 'di_candidates'"),
+])  # fmt: skip
+def test_unknown_options_are_refused(device, owner, option, words):
     scene = sv.Scene()
     given = {sv.Device: [], sv.Settings: [], sv.RayTracer: [device, scene], sv.SceneFrame: [device, scene, []]}
     with pytest.raises(sv.SolariError, match=words):
-        kind(*given.get(kind, [device, scene, SIZE]), **{option: 1})
+        owner(*given.get(owner, [device, scene, SIZE]), **{option: 1})
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_results_by_name(device, kind):
-    renderer, frame = render(device, kind, sv.builtin("cornell_box"))
-    with renderer:
-        assert frame.wait() is frame
-        assert frame.size == SIZE
-        assert frame.keys()[0] == "radiance"
-        assert set(FIRST_HIT_AOVS) < set(frame)
-        assert "depth" in frame
-        assert "smell" not in frame
-        for name in frame.keys():  # noqa: SIM118
-            assert frame[name].shape[:2] == SIZE[::-1], name
-        np.testing.assert_array_equal(np.asarray(frame), frame["radiance"])
-        assert np.asarray(frame, np.float64).dtype == np.float64
-        with pytest.raises(sv.SolariError, match=r"no result 'deph'; did you mean 'depth'\? there are radiance"):
-            frame["deph"]
+def test_results_by_name(renderer):
+    frame = render(renderer)
+    assert frame.wait() is frame
+    assert frame.size == SIZE
+    assert frame.keys()[0] == "radiance"
+    assert set(FIRST_HIT_AOVS) < set(frame)
+    assert "depth" in frame
+    assert "smell" not in frame
+    for name in frame.keys():  # noqa: SIM118
+        assert frame[name].shape[:2] == SIZE[::-1], name
+    np.testing.assert_array_equal(np.asarray(frame), frame["radiance"])
+    assert np.asarray(frame, np.float64).dtype == np.float64
+    with pytest.raises(sv.SolariError, match=r"no result 'deph'; did you mean 'depth'\? there are radiance"):
+        frame["deph"]
 
 
 def test_first_hits_are_the_same_from_both(device):
     scene = sv.builtin("cornell_box")
-    (realtime, first), (reference, second) = (render(device, kind, scene) for kind in KINDS)
-    with realtime, reference:
+    with sv.Renderer(device, scene, SIZE) as realtime, sv.PathTracer(device, scene, SIZE) as reference:
+        first, second = render(realtime), render(reference)
         for name in FIRST_HIT_AOVS:
             np.testing.assert_array_equal(first[name], second[name], err_msg=name)
         np.testing.assert_allclose(second["position"][..., 2].max(), scene.bounds.max[2], atol=1e-3)
         scene.camera.look_at((1, 1, -2), (1, 1, 0))
         np.testing.assert_array_equal(first["depth"], second["depth"], err_msg="the camera that was rendered with")
-        moved = realtime.render()
-        assert (moved["depth"] != second["depth"]).any()
+        assert (realtime.render()["depth"] != second["depth"]).any()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_masks_show_instances(device, kind):
-    scene = sv.builtin("cornell_box")
+def test_masks_show_instances(renderer):
+    scene = renderer.binder.scene
     scene.remove(scene.instances["left wall"])  # numbers of instances aren't their places in the collection
-    renderer, frame = render(device, kind, scene)
-    with renderer:
-        masks = [frame.mask(instance) for instance in scene]
-        np.testing.assert_array_equal(np.sum(masks, axis=0), np.isfinite(frame["depth"]))
-        np.testing.assert_array_equal(frame.mask("tall block"), masks[3])
-        assert masks[3].any()
-        with pytest.raises(sv.SolariError, match="no instance 'left wall'"):
-            frame.mask("left wall")
+    frame = render(renderer)
+    masks = [frame.mask(instance) for instance in scene]
+    np.testing.assert_array_equal(np.sum(masks, axis=0), np.isfinite(frame["depth"]))
+    np.testing.assert_array_equal(frame.mask("tall block"), masks[3])
+    assert masks[3].any()
+    with pytest.raises(sv.SolariError, match="no instance 'left wall'"):
+        frame.mask("left wall")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_frames_go_with_the_next_and_with_their_renderer(device, kind):
-    renderer, first = render(device, kind, sv.builtin("cornell_box"))
-    second = renderer.render() if kind is sv.Renderer else renderer.render(samples=3)
+def test_frames_go_with_the_next_and_with_their_renderer(renderer, kind):
+    first, second = render(renderer), render(renderer)
     for name in ("radiance", "depth"):
         with pytest.raises(sv.SolariError, match=f"'{name}' must be read earlier: this frame's {kind.__name__} has"):
             first[name]
@@ -101,51 +101,41 @@ def test_frames_go_with_the_next_and_with_their_renderer(device, kind):
         renderer["radiance"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_frames_are_saved(device, kind, tmp_path):
-    scene = sv.builtin("cornell_box")
-    renderer, frame = render(device, kind, scene)
-    with renderer:
-        radiance = frame["radiance"]
-        frame.save(tmp_path / "a.npy", ["depth"])
-        np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), radiance)
-        np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), frame["depth"])
-        frame.save(tmp_path / "one.npy", "depth")
-        np.testing.assert_array_equal(np.load(tmp_path / "one.depth.npy"), frame["depth"])
-        frame.save(tmp_path / "a.exr", frame.keys())
-        frame.save(tmp_path / "a.png")
-        sv.save_image(tmp_path / "b.png", radiance, exposure=scene.camera.exposure)
-        assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-        scene.camera.ev100 = sv.auto_exposure(radiance)
-        frame.save(tmp_path / "a.png")
-        frame.save(tmp_path / "b.png", exposure="auto")
-        assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-        with pytest.raises(sv.SolariError, match="exposure is a factor or 'auto', not 'much'"):
-            frame.save(tmp_path / "a.png", exposure="much")
-        with pytest.raises(sv.SolariError, match="no result 'smell'"):
-            frame.save(tmp_path / "a.exr", ["smell"])
+def test_frames_are_saved(renderer, tmp_path):
+    frame, camera = render(renderer), renderer.binder.scene.camera
+    radiance = frame["radiance"]
+    frame.save(tmp_path / "a.npy", ["depth"])
+    frame.save(tmp_path / "one.npy", "depth")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), radiance)
+    for name in ("a", "one"):
+        np.testing.assert_array_equal(np.load(tmp_path / f"{name}.depth.npy"), frame["depth"])
+    frame.save(tmp_path / "a.exr", frame.keys())
+
+    def same(**options):
+        frame.save(tmp_path / "a.png", **options)
+        sv.save_image(tmp_path / "b.png", radiance, exposure=camera.exposure)
+        return (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+    assert same()
+    camera.ev100 = sv.auto_exposure(radiance)
+    assert same(exposure="auto")
+    assert not same(exposure=2 * camera.exposure)
+    with pytest.raises(sv.SolariError, match="exposure is a factor or 'auto', not 'much'"):
+        frame.save(tmp_path / "a.png", exposure="much")
+    with pytest.raises(sv.SolariError, match="no result 'smell'"):
+        frame.save(tmp_path / "a.exr", ["smell"])
 
 
-def test_a_debug_view_is_saved_as_it_is_shown(device, tmp_path):
-    from PIL import Image
-
-    with sv.Renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
-        renderer.view = "shading_normal"
-        frame = renderer.render()
-        frame.save(tmp_path / "view.png")
-        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "view.png")), frame["display"][..., :3])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_notebooks_show_what_is_saved(device, kind, tmp_path):
-    renderer, frame = render(device, kind, sv.builtin("cornell_box"))
+def test_notebooks_show_what_is_saved(renderer, tmp_path):
+    """A debug view is saved as it is shown."""
     renderer.tonemap = "aces"
-    for view in ("picture", "shading_normal") if kind is sv.Renderer else ("picture",):
+    for view in ("picture", "shading_normal") if isinstance(renderer, sv.Renderer) else ("picture",):
         renderer.view = view
-        frame = renderer.render()
+        frame = render(renderer)
         frame.save(tmp_path / "shown.png")
         assert frame._repr_png_() == (tmp_path / "shown.png").read_bytes()
-    renderer.close()
+        if view == "shading_normal":
+            np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "shown.png")), frame["display"][..., :3])
 
 
 def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):

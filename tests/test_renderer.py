@@ -14,23 +14,19 @@ def scene():
 
 
 @pytest.mark.parametrize("kind", [sv.PathTracer, sv.Renderer])
-@pytest.mark.parametrize("size", [640, (1, 2, 3), (float("nan"), 2), (4.5, 4), (0, 5), (5, -1), (1 << 20, 1 << 20),
-                                  ("a", 2), None])  # fmt: skip
-def test_sizes_they_refuse(device, scene, kind, size):
+def test_sizes_they_refuse(device, scene, kind):
     live = device.objects_in_use
-    with pytest.raises(sv.SolariError, match=f"{kind.__name__}: "):
-        kind(device, scene, size)
+    for size in (640, (1, 2, 3), (float("nan"), 2), (4.5, 4), (0, 5), (5, -1), (1 << 20, 1 << 20), ("a", 2), None):
+        with pytest.raises(sv.SolariError, match=f"{kind.__name__}: "):
+            kind(device, scene, size)
     assert device.objects_in_use == live
 
 
-@pytest.mark.parametrize(("name", "value"), [("seed", "a"), ("seed", -1), ("max_bounces", 1.5), ("light_strategy", "x"),
-                                             ("layering", "x"), ("pixel_filter", 3)])  # fmt: skip
-def test_settings_it_refuses(device, scene, name, value):
-    with pytest.raises(sv.SolariError, match=name):
-        sv.PathTracer(device, scene, (4, 4), **{name: value})
-
-
-def test_what_render_refuses(device, scene):
+def test_what_it_refuses(device, scene):
+    for name, value in (("seed", "a"), ("seed", -1), ("max_bounces", 1.5), ("light_strategy", "x"), ("layering", "x"),
+                        ("pixel_filter", 3)):  # fmt: skip
+        with pytest.raises(sv.SolariError, match=name):
+            sv.PathTracer(device, scene, (4, 4), **{name: value})
     with sv.PathTracer(device, scene, (4, 4), max_bounces=0) as renderer:
         for samples in (0, -1, 2.5, "4", None):
             with pytest.raises(sv.SolariError, match="samples"):
@@ -51,23 +47,22 @@ def test_a_refused_resize_changes_nothing(device, scene):
 
 def test_a_resize_that_fails_on_the_device_changes_nothing(device, scene, monkeypatch):
     """Also the number of rows in a dispatch stays, which may have been reduced since the start."""
-    renderer = sv.PathTracer(device, scene, (8, 24), max_bounces=1)
-    renderer._band_rows = 8
-    renderer._frame.rebuild(renderer._stages(renderer.size))
-    renderer.render(scene.camera, samples=1)
+    other, size = sv.Camera.look_at((0.3, 1.2, 2.5), (0, 1, 0)), (8, 24)
+    with (
+        sv.PathTracer(device, scene, size, max_bounces=1) as renderer,
+        sv.PathTracer(device, scene, size, max_bounces=1) as fresh,
+    ):
+        renderer._band_rows = 8
+        renderer._frame.rebuild(renderer._stages(renderer.size))
+        renderer.render(scene.camera, samples=1)
+        with monkeypatch.context() as patch:
+            patch.setattr(renderer._frame, "rebuild", lambda *_: 1 / 0)
+            with pytest.raises(ZeroDivisionError):
+                renderer.resize((9, 25))
+        np.testing.assert_array_equal(renderer.render(other, samples=2), fresh.render(other, samples=2))
 
-    with monkeypatch.context() as patch:
-        patch.setattr(renderer._frame, "rebuild", lambda *_: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            renderer.resize((9, 25))
-    other = sv.Camera.look_at((0.3, 1.2, 2.5), (0, 1, 0))
-    fresh = sv.PathTracer(device, scene, (8, 24), max_bounces=1)
-    np.testing.assert_array_equal(renderer.render(other, samples=2), fresh.render(other, samples=2))
-    renderer.close()
-    fresh.close()
 
-
-@pytest.mark.parametrize("bands", [1, 3, 7])
+@pytest.mark.parametrize("bands", [1, 3])
 def test_dispatches_grow_towards_their_time(device, scene, bands, monkeypatch):
     """With any number of bands, a dispatch takes more samples of pictures that are fast to trace."""
     monkeypatch.setattr("solari_vk.passes.pathtracer.MAX_FIRST_PIXELS", 16 * 8)

@@ -23,7 +23,6 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -81,14 +80,10 @@ def run(
         report.table(f"A scheduler whose workers' jobs take {SIMULATED_SECONDS:g} s", facts, rows)
 
 
-def _tasks(folder: str, views: int, size: tuple[int, int], samples: int) -> tuple[Scene, list[RenderTask]]:
-    scene = builtin(SCENE)
-    cameras = orbit(scene.camera, scene.bounds.center, views, 40.0)
-    style = Style(size, samples=samples)
-    return scene, [
-        RenderTask(style, number, (View(f"{number}.npy", camera),), folder=folder)
-        for number, camera in enumerate(cameras)
-    ]
+def _tasks(scene: Scene, folder: str, views: int, size: tuple[int, int], samples: int) -> list[RenderTask]:
+    cameras, style = orbit(scene.camera, scene.bounds.center, views, 40.0), Style(size, samples=samples)
+    return [RenderTask(style, number, (View(f"{number}.npy", camera),), folder=folder)
+            for number, camera in enumerate(cameras)]  # fmt: skip
 
 
 def _measure(
@@ -97,13 +92,13 @@ def _measure(
     """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a pool."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        scene, tasks = _tasks(folder, views, size, samples)
+        scene = builtin(SCENE)
+        tasks = _tasks(scene, folder, views, size, samples)
         pool = stack.enter_context(WorkerPool(count, device=opening.device, rays=opening.rays))
         lines = []
         for number in range(count):
             line, other = spawn.Pipe()
-            share = _Share(folder, views, size, samples, number, count)
-            process = spawn.Process(target=_apart, args=(other, opening, share))
+            process = spawn.Process(target=_apart, args=(other, opening, count, tasks[:1], tasks[number::count]))
             process.start()
             stack.callback(process.join)
             stack.callback(line.send, False)
@@ -124,28 +119,16 @@ def _measure(
     return np.array(apart), np.array(together)
 
 
-@dataclass(frozen=True)
-class _Share:
-    """What one of `count` processes apart renders."""
-
-    folder: str
-    views: int
-    size: tuple[int, int]
-    samples: int
-    number: int
-    count: int
-
-
-def _apart(line: Any, opening: Opening, share: _Share) -> None:
-    """A process that renders its share of the views whenever it is told to."""
-    os.environ.update(software_threads(share.count))
-    scene, tasks = _tasks(share.folder, share.views, share.size, share.samples)
+def _apart(line: Any, opening: Opening, count: int, first: list[RenderTask], share: list[RenderTask]) -> None:
+    """One of `count` processes, which renders its share of the tasks whenever it is told to."""
+    os.environ.update(software_threads(count))
+    scene = builtin(SCENE)
     with OneDevice(opening.device, opening.rays) as one:
-        _finish(one.map(scene, tasks[:1]))
+        _finish(one.map(scene, first))
         line.send(None)
         while line.recv():
             before = time.process_time()
-            _finish(one.map(scene, tasks[share.number :: share.count]))
+            _finish(one.map(scene, share))
             line.send(time.process_time() - before)
 
 

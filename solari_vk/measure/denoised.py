@@ -154,20 +154,19 @@ def _measure(
     device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], seed: int
 ) -> list[Look]:
     """The pictures of a case at some frames, without OIDN's."""
-    found, total, total_albedo, total_normal = [], np.zeros(3), np.zeros(3), np.zeros(3)
+    found, totals = [], [np.zeros(3)] * 3
     with Renderer(device, scene, size, seed=seed) as renderer:
         for index in range(max(looks)):
             frame = renderer.render(case.place(index))
             raw = np.asarray(frame["raw_radiance"], np.float64)
-            albedo, normal = _guides(frame)
-            total, total_albedo, total_normal = total + raw, total_albedo + albedo, total_normal + normal
+            guides = _guides(frame)
+            totals = [total + picture for total, picture in zip(totals, (raw, *guides), strict=True)]
             if index + 1 in looks:
-                denoised = np.asarray(frame["radiance"], np.float64)
+                mean = None
                 if case.name == "still":
-                    mean, *guides = (picture / (index + 1) for picture in (total, total_albedo, total_normal))
-                    found.append(Look(index + 1, raw, mean, denoised, (guides[0], guides[1])))
-                else:
-                    found.append(Look(index + 1, raw, None, denoised, (albedo, normal)))
+                    mean, *means = (total / (index + 1) for total in totals)
+                    guides = means[0], means[1]
+                found.append(Look(index + 1, raw, mean, np.asarray(frame["radiance"], np.float64), guides))
     return found
 
 

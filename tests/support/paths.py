@@ -7,13 +7,13 @@ import numpy as np
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb
 from support import realtime
 from support.frames import path_tracer_at_centers
 from support.pictures import take_picture
 from support.realtime import PATHS, PLAIN, Effort, make_renderer, read_radiance, run_pictures, trace
+from support.statistics import sixteenths
 
 _PATHS = (SUITE, "Paths")
 ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean", *_PATHS)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from solari_vk.conformance.rules import Measurement, Rule
-from solari_vk.measure.statistics import compare
 from solari_vk.reference import PathTracer
+from support.statistics import compare
 
 
 @dataclass

@@ -7,14 +7,14 @@ from scipy import stats
 
 from solari_vk.conformance.rules import Measurement
 from solari_vk.measure.partial import PartialRenderer
-from solari_vk.measure.replication import observe_runs
-from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, place
 from solari_vk.scene.model import Instance, Material, Mesh
 from solari_vk.settings import RAW, Settings
+from support.replication import observe_runs
+from support.statistics import relative_interval, sixteenths
 
 # Fewer tiles and cells than by default, for speed; they don't change means.
 SMALL = {"light_tile_count": 16, "world_cache_cells": 1 << 18}

@@ -3,10 +3,58 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
-from solari_vk.measure.statistics import ALPHA, chi_squared_p, relative_interval, student_p
+from solari_vk.measure.statistics import interval
+
+Floats = NDArray[np.float64]
+ALPHA = 0.005  # family-wise level of the tiles of one picture
+NORMAL_95 = 1.96
+
+
+# ---- samplers and runs ------------------------------------------------------------------------------
+
+
+def chi_squared_p(observed: ArrayLike, expected: ArrayLike, min_expected: float = 5.0) -> float:
+    """Pearson's p value of counts against expected counts; cells below `min_expected` are pooled.
+
+    Counts where nothing is expected give 0.
+    """
+    counts, means = (np.ravel(np.asarray(values, np.float64)) for values in (observed, expected))
+    if counts[means <= 0].any():
+        return 0.0
+    order = np.argsort(means)
+    counts, means = counts[order], means[order]
+    pooled = max(int(np.searchsorted(means, min_expected)), int(np.searchsorted(means.cumsum(), min_expected)) + 1)
+    if means[0] < min_expected:
+        counts, means = (np.append(values[pooled:], values[:pooled].sum()) for values in (counts, means))
+    return float(stats.chi2.sf(((counts - means) ** 2 / means).sum(), len(means) - 1)) if len(means) > 1 else 1.0
+
+
+def standard_deviations(p_value: float) -> float:
+    """How many standard deviations above its mean a normal variable has this one-sided p value; infinite for 0."""
+    return float(stats.norm.isf(p_value))
+
+
+def student_quantile(degrees: int, confidence: float = 0.95) -> float:
+    """The t that bounds the two-sided interval of this confidence."""
+    return float(stats.t.ppf((1 + confidence) / 2, degrees))
+
+
+def sidak(alpha: float, count: int) -> float:
+    """The level of each of `count` independent tests for a family-wise level alpha."""
+    return float(1 - (1 - alpha) ** (1 / max(count, 1)))
+
+
+def relative_interval(observations: ArrayLike, expected: ArrayLike) -> tuple[float, float]:
+    """Relative error of the mean of runs (R, ...) against the mean of `expected`, and its 95 % half width."""
+    runs = np.asarray(observations, np.float64)
+    return interval(runs.reshape(len(runs), -1).mean(axis=1) / float(np.mean(np.asarray(expected, np.float64))) - 1)
 
 
 def uniform_p(x, y):
@@ -42,7 +90,84 @@ def replicates(observations, expected, bar):
     error = cells.std(axis=0, ddof=1) / math.sqrt(len(runs))
     t = (cells.mean(axis=0) - truth) / np.maximum(error, 1e-7 * np.abs(truth) + 1e-30)
     mean, half_width = relative_interval(runs, truth)
-    return int(holm(student_p(t, len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
+    return int(holm(2 * stats.t.sf(np.abs(t), len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
+
+
+# ---- pictures ---------------------------------------------------------------------------------------
+
+
+def tile_means(images: ArrayLike, size: int) -> Floats:
+    """Means (..., rows, columns, channels) of size x size tiles of pictures (..., height, width, channels).
+
+    Pixels at the right and bottom edge that fill no tile are left out.
+    """
+    pixels = np.asarray(images, np.float64)
+    *front, height, width, channels = pixels.shape
+    rows, columns = height // size, width // size
+    cut = pixels[..., : rows * size, : columns * size, :]
+    means: Floats = cut.reshape(*front, rows, size, columns, size, channels).mean(axis=(-4, -2))
+    return means
+
+
+def sixteenths(images: ArrayLike) -> Floats:
+    """Means (..., 4, 4, channels) over the 4 x 4 parts of square pictures (..., side, side, channels)."""
+    height, width, _ = np.shape(images)[-3:]
+    assert height == width
+    assert height % 4 == 0
+    return tile_means(images, height // 4)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two pictures' tiles: z scores, the relative difference of the global means, and its 95 % half width."""
+
+    z: Floats
+    relative: float
+    relative_half_width: float
+
+    @property
+    def max_z(self) -> float:
+        """The largest absolute z score."""
+        return float(np.abs(self.z).max())
+
+    @property
+    def z_bar(self) -> float:
+        """What `max_z` exceeds with probability ALPHA when the pictures agree (the first step of Holm's procedure)."""
+        return float(stats.norm.isf(ALPHA / (2 * self.z.size)))
+
+    @property
+    def reach(self) -> float:
+        """How far from 0 the interval of the relative difference reaches."""
+        return abs(self.relative) + self.relative_half_width
+
+    def __str__(self) -> str:
+        return (
+            f"global {100 * self.relative:+.3f} % +- {100 * self.relative_half_width:.3f} %, largest |z| "
+            f"{self.max_z:.2f} of {self.z.size}, bar {self.z_bar:.2f}, z rms {np.sqrt((self.z**2).mean()):.2f}"
+        )
+
+
+def compare(
+    first: NDArray[Any], first_variance: ArrayLike, second: ArrayLike, second_variance: ArrayLike = 0.0, tile: int = 16
+) -> Comparison:
+    """Compare pictures (h, w, 3), given with the variances of their pixels' means, in tiles.
+
+    Each channel of each tile is one normal test, since a tile averages hundreds of samples.
+    """
+    left, right, spread = (
+        np.broadcast_to(np.asarray(values, np.float64), np.shape(first))
+        for values in (first, second, np.add(first_variance, second_variance))
+    )
+    for image in (left, right, spread):
+        assert np.isfinite(image).all(), "a picture or variance is not finite"
+    mean_left, mean_right = tile_means(left, tile), tile_means(right, tile)
+    # Rounding to float32 is no evidence of a difference.
+    floor = (1e-6 * (np.abs(mean_left) + np.abs(mean_right))) ** 2 + 1e-30
+    z = (mean_left - mean_right) / np.sqrt(tile_means(spread, tile) / tile**2 + floor)
+    # A pixel's channels come from the same paths: take them as fully correlated, the worst case.
+    deviation = math.sqrt(float((np.sqrt(spread).sum(axis=-1) ** 2).sum())) / spread.size
+    total = float(right.mean())
+    return Comparison(z, float(left.mean()) / total - 1, NORMAL_95 * deviation / total)
 
 
 def assert_equal(comparison, bar, what=""):

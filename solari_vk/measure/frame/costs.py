@@ -102,26 +102,22 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> di
 def host_times(device: Device, frames: int) -> dict[str, float]:
     """Milliseconds of a call of `render` by case: medians over frames. Each call starts on an idle device."""
     scene = builtin("cornell_box")
-    camera = scene.camera
-    instance = list(scene.instances)[-2]  # a block
-    start, pose = np.array(instance.transform), np.array(camera.transform)
+    camera, block = scene.camera, list(scene.instances)[-2]
+    pose, start = np.array(camera.transform), np.array(block.transform)
 
-    def nothing(_: int) -> None:
-        pass
-
-    def move_camera(frame: int) -> None:
+    def move_camera(_: int) -> None:
         pose[0, 3] += 1e-4
         camera.transform = pose
 
-    def move_instance(frame: int) -> None:
+    def move_block(frame: int) -> None:
         moved = start.copy()
         moved[0, 3] += 1e-3 * (frame % 7)
-        instance.transform = moved
+        block.transform = moved
 
-    found = {}
     cases: dict[str, Callable[[int], None]] = {
-        "still": nothing, "camera moving": move_camera, "one instance moving": move_instance,
+        "still": lambda _: None, "camera moving": move_camera, "one instance moving": move_block,
     }  # fmt: skip
+    found = {}
     with Renderer(device, scene, (32, 32), Settings()) as renderer:
         for name, change in cases.items():
             spent = []

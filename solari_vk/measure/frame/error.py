@@ -61,25 +61,22 @@ class Errors:
     rays: float = float("nan")
     """Rays per pixel of a frame."""
 
-    def _of(self, picture: NDArray[Any]) -> float:
-        return relative_mse(picture, self.truth)
-
     @property
     def one(self) -> float:
-        return float(np.mean([self._of(picture) for picture in self.singles]))
+        return float(np.mean([relative_mse(picture, self.truth) for picture in self.singles]))
 
     @property
     def many(self) -> float:
         """The error of the mean of frames, averaged over runs."""
-        return float(np.mean([self._of(picture) for picture in self.means]))
+        return float(np.mean([relative_mse(picture, self.truth) for picture in self.means]))
 
     @property
     def noise(self) -> float:
         """The part of `many` that differs from run to run. The rest is bias, and noise of the reference."""
         if len(self.means) < 2:
             return float("nan")
-        middle = np.mean(self.means, axis=0)
-        return sum(self._of(self.truth + picture - middle) for picture in self.means) / (len(self.means) - 1)
+        off = self.truth - np.mean(self.means, axis=0)
+        return sum(relative_mse(picture + off, self.truth) for picture in self.means) / (len(self.means) - 1)
 
     @property
     def ms(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from solari_vk.bound.binder import SceneBinder
@@ -60,59 +60,52 @@ def run(
         _error(device, report, [*map(builtin, plan.error_scenes), *map(from_file, files)], plan)
 
 
+def _rows(found: Sequence[Mapping[str, float]], text: Callable[[float], str]) -> list[list[str]]:
+    """A row for each name, with the numbers of the scenes as text."""
+    names = dict.fromkeys(name for numbers in found for name in numbers)
+    return [[name, *(text(numbers.get(name, 0.0)) for numbers in found)] for name in names]
+
+
 def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, plan: Plan, pictures: Path | None) -> None:
     """Time and rays of each pass, and the frame against bare rays."""
-    times: dict[str, dict[str, float]] = {}
-    rays: dict[str, dict[str, float]] = {}
-    ratios: dict[str, tuple[float, float]] = {}
-    named = f"{size[0]}x{size[1]}"
-    streams: dict[str, dict[str, float]] = {}
+    named, head = f"{size[0]}x{size[1]}", [scene.name for scene in chosen]
+    times, frames, rays = (list[dict[str, float]]() for _ in range(3))
+    ratios = list[tuple[float, float]]()
     for scene in chosen:
         report.progress(f"{scene.name} {named}: passes, rays")
         binder = SceneBinder(device, scene)
         found = passes.count_rays(device, binder, scene.camera, size, plan.warm_up_frames, 2)
+        whole = sum(found.values())
+        rays.append({**found, "all": whole})
         with every_barrier():
             apart = Renderer(device, binder, size, Settings())
         with apart:
-            times[scene.name] = passes.frame_times(apart, scene.camera, plan.warm_up_frames, plan.frames, plan.seconds)
-        whole = sum(found.values()) * size[0] * size[1]
-        streams[scene.name] = {}
+            spent = passes.frame_times(apart, scene.camera, plan.warm_up_frames, plan.frames, plan.seconds)
+        frame = spent.pop("frame")
+        times.append(spent)
+        frames.append({"all passes": sum(spent.values()), "frame, from call to done": frame})
         for way in GBUFFERS:
             with Renderer(device, binder, size, Settings(gbuffer=way)) as renderer:
                 warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)  # noqa: B023
-                streams[scene.name][way] = passes.streamed_time(renderer, scene.camera, plan.frames)
-                if way != gbuffer.way_on(device.properties.kind):
-                    continue
-                ratios[scene.name] = passes.against_bare_rays(renderer, scene.camera, whole, plan.frames)
-                if pictures is not None and size == plan.sizes[0]:
-                    renderer.render(scene.camera).save(pictures / f"{scene.name}.png")
-        rays[scene.name] = found
+                streamed = passes.streamed_time(renderer, scene.camera, plan.frames)
+                frames[-1][f"frame in a stream, {way} G-buffer"] = streamed
+                if way == gbuffer.way_on(device.properties.kind):
+                    count = whole * size[0] * size[1]
+                    ratios.append(passes.against_bare_rays(renderer, scene.camera, count, plan.frames))
+                    if pictures is not None and size == plan.sizes[0]:
+                        renderer.render(scene.camera).save(pictures / f"{scene.name}.png")
         binder.destroy()
-    names = [scene.name for scene in chosen]
-    rows: dict[str, None] = {name: None for spent in times.values() for name in spent if name != "frame"}
-    table = [[row, *(milliseconds(times[name].get(row, 0.0)) for name in names)] for row in rows]
-    table.append(["all passes", *(milliseconds(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
-    table.append(["frame, from call to done", *(milliseconds(times[name]["frame"]) for name in names)])
-    for way in GBUFFERS:
-        table.append([f"frame in a stream, {way} G-buffer", *(milliseconds(streams[name][way]) for name in names)])
-    report.table(f"Passes at {named}, milliseconds", ["pass", *names], table,
+    report.table(f"Passes at {named}, milliseconds", ["pass", *head],
+                 _rows(times, milliseconds) + _rows(frames, milliseconds),
                  "With a barrier before each pass, so that its time includes no work of another pass. In a stream, "
                  "frames are submitted without waiting for the previous one and without those barriers.")  # fmt: skip
-
-    table = [[row, *(f"{rays[name][row]:.2f}" for name in names)] for row in rays[names[0]]]
-    table.append(["all", *(f"{sum(rays[name].values()):.2f}" for name in names)])
-    report.table(
-        f"Rays per pixel at {named}",
-        ["pass", *names],
-        table,
-        "Rays that a query of the world cache traces count for the pass that queries it.",
-    )
-
+    report.table(f"Rays per pixel at {named}", ["pass", *head], _rows(rays, "{:.2f}".format),
+                 "Rays that a query of the world cache traces count for the pass that queries it.")  # fmt: skip
     table = [
-        ["bare rays, million a second", *(f"{ratios[name][1]:.3f}" for name in names)],
-        ["time of the frame / time of as many bare rays", *(f"{ratios[name][0]:.2f}" for name in names)],
+        ["bare rays, million a second", *(f"{speed:.3f}" for _, speed in ratios)],
+        ["time of the frame / time of as many bare rays", *(f"{ratio:.2f}" for ratio, _ in ratios)],
     ]
-    report.table(f"Against bare rays at {named}", ["", *names], table, BARE_NOTE)
+    report.table(f"Against bare rays at {named}", ["", *head], table, BARE_NOTE)
 
 
 def _path_tracer(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
@@ -122,8 +115,7 @@ def _path_tracer(device: Device, report: Report, chosen: list[Scene], plan: Plan
         report.progress(f"{scene.name}: path tracer")
         binder = SceneBinder(device, scene)
         samples, rays, bare = passes.path_tracer_speed(device, binder, scene.camera, size, plan.seconds)
-        millions = (f"{value / 1e6:,.2f}" for value in (samples, rays, bare))
-        rows.append([scene.name, *millions, f"{rays / bare:.2f}"])
+        rows.append([scene.name, *(f"{value / 1e6:,.2f}" for value in (samples, rays, bare)), f"{rays / bare:.2f}"])
         binder.destroy()
     report.table(f"Path tracer at {size[0]}x{size[1]}",
                  ["scene", "million samples a second", "million rays", "million bare rays", "rays / bare rays"], rows,

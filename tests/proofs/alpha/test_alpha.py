@@ -10,6 +10,7 @@ import test_panes_and_masks as alpha_checks
 from support.measured import hold
 from support.realtime import GBUFFER, SPLIT, Effort, make_renderer, run_pictures, trace
 from support.seeded_bugs import Bug, bug_tests, seeded
+from support.statistics import relative_interval
 from test_panes_and_masks import (
     CAMERA,
     FLOOR_CAMERA,
@@ -24,7 +25,6 @@ from test_panes_and_masks import (
 )
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.settings import RAW

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from support import brdf_runs
 from support.measured import hold
 from support.seeded_bugs import Bug, bug_tests, with_shaders
+from support.statistics import chi_squared_p, sidak, standard_deviations
 
 from solari_vk.conformance.rules import Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.measure.statistics import chi_squared_p, sidak, standard_deviations
 
 Floats = NDArray[np.floating[Any]]
 _SOURCE = ("energy and probability", "scene/brdf.glsl")

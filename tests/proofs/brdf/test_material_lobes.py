@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from support import brdf_runs
 from support.measured import hold
 from support.seeded_bugs import Bug, bug_tests, with_shaders
+from support.statistics import chi_squared_p, sidak, standard_deviations
 
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.measure.statistics import chi_squared_p, sidak, standard_deviations
 
 Floats = NDArray[Any]
 _SOURCE = ("energy and probability", "scene/prepared_brdf.glsl")

@@ -9,9 +9,10 @@ import pytest
 from support.frames import find, frames_in_history, path_tracer_at_centers, settle
 from support.realtime import JITTER_PERIOD, make_renderer
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse, sixteenths, true_relative_mse
+from solari_vk.measure.statistics import relative_mse, true_relative_mse
 from solari_vk.output.animation import orbit
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, matte, place

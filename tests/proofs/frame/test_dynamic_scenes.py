@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from support.frames import SIZE, differing, each_lighting, find, left_of, settle, snapshot
 from support.realtime import add_up, make_renderer, trace_reflected
+from support.statistics import sixteenths
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 

@@ -19,11 +19,11 @@ from support.realtime import (
     trace_reflected,
 )
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import sixteenths
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.claims.scenes import ball_in_white
-from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene.builtin import closed_box, cornell_box, rgb
 
 OFF = Rule("little light is left ten frames after all lamps are switched off", SUITE, "Renderer")

@@ -18,10 +18,10 @@ from support.realtime import (
     run_pictures,
     trace,
 )
+from support.replication import replicate
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from support import mitsuba_scene
 from support.seeded_bugs import Bug, seeded
-from support.statistics import assert_equal
+from support.statistics import assert_equal, compare
 
 import solari_vk as sv
-from solari_vk.measure.statistics import compare
 from solari_vk.scene import shapes
 
 SIZE = (32, 32)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.direct_light import direct_light, direct_renderer
+from support.replication import replicate
 from support.seeded_bugs import Bug, bug_tests
 from support.statistics import replicates
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 

@@ -18,6 +18,7 @@ from support.oracles.encodings import decode_octahedral, decode_rgb9e5
 from support.packed_lights import decode, half_step, receive, step_and_rounding
 from support.realtime import OFF, make_renderer
 from support.seeded_bugs import Bug, bug_tests, seeded
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
@@ -25,7 +26,6 @@ from solari_vk.bound.lights.light_list import EQUAL_SHARE
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
 from solari_vk.scene.matrices import transform_points

@@ -17,11 +17,11 @@ from support.oracles import closed_forms, environments
 from support.pictures import compare_picture, take_picture
 from support.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place, rgb
 from solari_vk.scene.lights.environment import directions, luminances, solid_angles

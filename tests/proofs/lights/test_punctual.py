@@ -19,12 +19,11 @@ from support.realtime import (
     trace,
 )
 from support.seeded_bugs import Bug, seeded
-from support.statistics import assert_equal
+from support.statistics import assert_equal, compare
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
-from solari_vk.measure.statistics import compare
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 

@@ -12,10 +12,9 @@ from support.older_solari import LOBES_ADDED
 from support.oracles import closed_forms
 from support.oracles.closed_forms import over_pixels
 from support.seeded_bugs import Bug, seeded
-from support.statistics import assert_equal, replicates
+from support.statistics import assert_equal, compare, replicates, tile_means
 
 import solari_vk as sv
-from solari_vk.measure.statistics import compare, tile_means
 
 
 def lamp_over_surface(surface, points, eye):

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from support.statistics import assert_equal
+from support.statistics import assert_equal, compare
 
 import solari_vk as sv
-from solari_vk.measure.statistics import compare
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 

@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 from support import mitsuba_scene
 from support.references import BOUNCES, CASES, SIZE, fingerprint, load
-from support.statistics import assert_equal
-
-from solari_vk.measure.statistics import compare
+from support.statistics import assert_equal, compare
 
 
 @pytest.mark.parametrize(

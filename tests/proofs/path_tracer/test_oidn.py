@@ -7,10 +7,11 @@ import importlib.util
 
 import numpy as np
 import pytest
+from support.statistics import sixteenths
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.measure.statistics import relative_mse, sixteenths
+from solari_vk.measure.statistics import relative_mse
 from solari_vk.output import oidn
 from solari_vk.scene.builtin import builtin
 

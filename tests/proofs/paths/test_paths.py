@@ -11,11 +11,11 @@ from support.measured import hold
 from support.oracles import closed_forms
 from support.paths import CACHED, DEFAULT, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
 from support.realtime import JITTER_PERIOD, PATHS, PLAIN, Effort, make_renderer, measure_mean, read_radiance, trace
+from support.replication import replicate
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, closed_box, matte, rgb
 

@@ -7,11 +7,11 @@ from support.frames import SIZE, find, left_of, settle
 from support.measured import hold
 from support.paths import find_unlit, metal_gallery, observe_paths, trace_centers
 from support.realtime import PATHS, PLAIN, Effort, add_up, make_renderer, run_pictures, trace_reflected
+from support.replication import replicate
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 

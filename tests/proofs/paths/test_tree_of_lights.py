@@ -6,10 +6,10 @@ import numpy as np
 from support.bound_scenes import bound
 from support.measured import hold
 from support.seeded_bugs import Bug, bug_tests, with_shaders
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, rgb
 

@@ -11,12 +11,11 @@ from support.frames import find, path_tracer_at_centers
 from support.measured import hold
 from support.realtime import JITTER_PERIOD, Effort, make_renderer, measure_mean, measure_picture_tiles, trace
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import replicates
+from support.statistics import relative_interval, replicates, sixteenths
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.matrices import transform_directions

@@ -5,8 +5,7 @@ from math import comb
 import numpy as np
 import pytest
 from support.seeded_bugs import Bug, bug_tests, with_shaders
-
-from solari_vk.measure.statistics import chi_squared_p, sidak
+from support.statistics import chi_squared_p, sidak
 
 BITS = 32
 ALPHA = 1e-4  # of each test; the seeds are fixed

@@ -5,9 +5,10 @@ import pytest
 from support.frames import find, left_of, settle
 from support.pictures import take_picture
 from support.realtime import SPLIT, make_renderer
+from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse, sixteenths, true_relative_mse
+from solari_vk.measure.statistics import relative_mse, true_relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, place
 

@@ -13,10 +13,10 @@ from support.measured import hold
 from support.oracles import closed_forms
 from support.realtime import SPLIT, add_up, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests, with_shaders
+from support.statistics import relative_interval
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.settings.layering import LAYERINGS
 
