@@ -222,7 +222,7 @@ def test_reciprocity(shaders):
 
 
 @pytest.mark.parametrize(("base_color", "metallic", "roughness", "reflectance", "bar"), [
-    (0.8, 0.0, 0.9, 1.0, 2e-3), (0.6, 1.0, 0.2, 0.5, 2e-3), (0.5, 0.5, 0.6, 0.7, 2e-3),
+    (0.6, 1.0, 0.2, 0.5, 2e-3), (0.5, 0.5, 0.6, 0.7, 2e-3),
     (0.8, 0.0, 0.1, 1.0, 1e-2),  # by the table's interpolation
 ])  # fmt: skip
 def test_values(shaders, base_color, metallic, roughness, reflectance, bar):
@@ -235,7 +235,7 @@ def test_values(shaders, base_color, metallic, roughness, reflectance, bar):
     wo, wi = wo[inside], wi[inside]
     material = brdf_runs.materials(base_color, reflectance, metallic, roughness)
     rows = brdf_runs.run(shaders, "evaluate", len(wo), material, wo, wi)
-    surface = Surface(base_color, metallic, roughness, reflectance)
+    surface = Surface(base_color, metallic, roughness, reflectance, resolution=96)
     expected = surface.value(wo.astype(float), wi.astype(float)) * wi[:, 2:]
     np.testing.assert_allclose(rows[:, 1] + rows[:, 3], expected, rtol=bar)
 

@@ -54,7 +54,7 @@ def measure_closed_box(device, walls, effort, **settings):
     yield measure_picture_tiles(TILES, found, expected, 0.1, effort)
 
 
-LIGHT_FAST = (Effort(16, samples=4096), 0.02, 0.05)
+LIGHT_FAST = (Effort(12, samples=2048), 0.02, 0.05)
 LIGHT_FULL = (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)
 
 
@@ -73,9 +73,9 @@ def measure_light(device, profile=LIGHT_FAST, **settings):
     yield measure_picture_tiles(TILES, found, expected, tile_bar, effort)
 
 
-def measure_lights_off(device, scene=None, **settings):
+def measure_lights_off(device, name="cornell_box", **settings):
     """Switches all lamps off, and measures the share of light that is left in later frames."""
-    scene = scene or cornell_box()
+    scene = sv.builtin(name)
     with make_renderer(device, scene, **settings) as renderer:
         for _ in range(20):
             renderer.render(scene.camera)
@@ -87,30 +87,24 @@ def measure_lights_off(device, scene=None, **settings):
     yield Measurement(ALL_OFF, left[19], 0.01, "of the light is left")
 
 
-@pytest.mark.parametrize("settings", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
-def test_light_of_a_cornell_box(device, settings):
-    hold(measure_light(device, **settings))
+@pytest.mark.parametrize(("profile", "settings"), [
+    (LIGHT_FAST, {}), pytest.param(LIGHT_FAST, SPLIT, marks=pytest.mark.slow),
+    pytest.param(LIGHT_FULL, {}, marks=pytest.mark.slow),
+], ids=["paths", "split", "long runs"])  # fmt: skip
+def test_light_of_a_cornell_box(device, profile, settings):
+    hold(measure_light(device, profile, **settings))
 
 
-@pytest.mark.slow
-def test_light_of_a_cornell_box_in_long_runs(device):
-    hold(measure_light(device, LIGHT_FULL))
-
-
-@pytest.mark.parametrize("settings", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
-def test_lights_off(device, settings):
-    hold(measure_lights_off(device, **settings))
-
-
-@pytest.mark.slow  # many cells
 @each_lighting
-def test_lights_off_in_a_sphere_grid(device, lighting):
-    hold(measure_lights_off(device, sv.builtin("sphere_grid"), **lighting))
+@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow)])  # many cells
+def test_lights_off(device, name, lighting):
+    hold(measure_lights_off(device, name, **lighting))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("settings", "effort"), [({}, Effort(16, 24, 2 * JITTER_PERIOD, 512)), (SPLIT, BRIEF)],
-                         ids=["paths", "split"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("settings", "effort"), [({}, Effort(16, 24, 2 * JITTER_PERIOD, 512)), (SPLIT, BRIEF)], ids=["paths", "split"]
+)
 @pytest.mark.parametrize("walls", ["matte", "mirror"])
 def test_energy_is_kept_in_a_closed_box(device, walls, settings, effort):
     hold(measure_closed_box(device, walls, effort, **settings))
