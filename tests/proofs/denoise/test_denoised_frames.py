@@ -161,7 +161,7 @@ def test_the_switch_is_live(device):
 
 def test_reflections_in_balls_follow_the_camera(device):
     """In a mirror of metal, lights and what is behind all surfaces have no noise, so they are shown as they are."""
-    scene, size = builtin("sphere_grid"), (48, 48)
+    scene, size = builtin("sphere_grid"), (64, 64)
     path = orbit(scene.camera, scene.bounds.center, 96, 20.0)[:25]  # half a degree a frame
     with make(device, scene, size) as renderer:
         for camera in path:

@@ -9,7 +9,6 @@ from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.measure.replication import replicate
 from solari_vk.scene.builtin import builtin
 
 SIZE = (32, 32)
@@ -18,21 +17,21 @@ ALONE = {"denoise": True, "jitter": False, "world_cache": False, "paths_bounces"
 PATHS = 3
 
 
+def first_frames(device, samples):
+    """The light (SEEDS, h, w, 2) of both lobes in the first frames of independent runs: means of three channels."""
+    found = []
+    with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_short_history_samples=samples) as renderer:
+        for renderer.seed in range(1000 * samples, 1000 * samples + SEEDS):
+            renderer.reset()
+            frame = renderer.render()
+            lobes = [np.asarray(frame[name])[..., :3].mean(axis=-1) for name in ("paths_diffuse", "paths_specular")]
+            found.append(np.stack(lobes, axis=-1))
+    return np.array(found, np.float64).reshape(SEEDS, *SIZE[::-1], 2)
+
+
 def check_mean_and_noise(device):
     """With several paths the lobes' means are those of one path, and their variances fall."""
-
-    def observe():
-        """The light (h, w, 2) of both lobes in the first frame: means of three channels."""
-        frame = renderer.render()
-        lobes = [np.asarray(frame[name], np.float64) for name in ("paths_diffuse", "paths_specular")]
-        return np.stack([lobe.reshape(*SIZE[::-1], -1)[..., :3].mean(axis=-1) for lobe in lobes], axis=-1)
-
-    runs = []
-    for samples in (1, PATHS):
-        settings = ALONE | {"paths_short_history_samples": samples}
-        with make_renderer(device, builtin("cornell_box"), SIZE, **settings) as renderer:
-            renderer.frame_count = 1000 * samples  # so that both have random numbers of their own
-            runs.append(replicate(renderer, SEEDS, observe))
+    runs = [first_frames(device, samples) for samples in (1, PATHS)]
     means = [found.mean(axis=(1, 2)) for found in runs]
     noise = np.sqrt((means[0].var(axis=0, ddof=1) + means[1].var(axis=0, ddof=1)) / SEEDS)
     apart = np.abs(means[1].mean(axis=0) - means[0].mean(axis=0)) / noise
