@@ -148,10 +148,11 @@ def change(scene, random, number):
 def check_culling(device, orthographic_height=0.0):
     """Culling changes no pixel while a camera moves and jumps among walls, and instances move, appear and disappear.
     Each visible instance is counted once: drawn, or culled for one reason."""
-    frame_count, random = 24, np.random.default_rng(5)
+    frame_count, random = 32, np.random.default_rng(5)
     scene = walled(random)
     binder = SceneBinder(device, scene)
     sums = np.zeros(len(COUNTERS), int)
+    eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
     with ExitStack() as opened:
         opened.callback(binder.destroy)
         renderers = {
@@ -159,9 +160,9 @@ def check_culling(device, orthographic_height=0.0):
             for name, chosen in VARIANTS.items()
         }
         for number in range(frame_count):
-            if number % 7 == 0:  # a cut: visibility in the previous frame says nothing about this one
-                eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
             eye, target = (at + random.uniform(-0.2, 0.2, 3) for at in (eye, target))
+            if number % 7 == 6:  # a cut: visibility in the previous frame says nothing about this one
+                eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
             fov = random.uniform(1.0, 1.6)
             camera = sv.Camera.look_at(eye, target, vertical_fov=fov, orthographic_height=orthographic_height * fov)
             change(scene, random, number)
