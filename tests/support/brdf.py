@@ -135,12 +135,15 @@ class Layer:
 class Surface:
     """The BRDF of one material, with both lobes."""
 
-    def __init__(self, base_color=0.8, metallic=0.0, perceptual_roughness=0.5, reflectance=0.5, layering="conserving"):
+    def __init__(
+        self, base_color=0.8, metallic=0.0, perceptual_roughness=0.5, reflectance=0.5, layering="conserving",
+        resolution=160,
+    ):  # fmt: skip
         self.base_color = np.broadcast_to(np.asarray(base_color, np.float64), (3,))
         self.metallic = float(metallic)
         self.alpha = alpha_of(perceptual_roughness)
         self.dielectric_f0 = 0.16 * np.broadcast_to(np.asarray(reflectance, np.float64), (3,)) ** 2
-        self.layer = Layer(self.alpha)
+        self.layer = Layer(self.alpha, resolution=resolution)
         self.layering = layering
 
     def diffuse(self, wo, wi):

@@ -16,11 +16,17 @@ TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's", S
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
 # Tests of whole frames run with the raw light of paths and with the denoiser; when slow tests run, also with light that
 # pixels reuse and with Solari's passes. The parameter holds settings.
-each_lighting = pytest.mark.parametrize("lighting", [
-    pytest.param({}, id="raw"), pytest.param({"denoise": True, "antialiasing": True}, id="denoised"),
-    pytest.param({"restir": True}, id="reuse", marks=pytest.mark.slow),
-    pytest.param(SPLIT, id="split", marks=pytest.mark.slow),
-])  # fmt: skip
+def _lightings(*quick):
+    every = {"raw": {}, "denoised": {"denoise": True, "antialiasing": True}, "reuse": {"restir": True}, "split": SPLIT}
+    return pytest.mark.parametrize("lighting", [
+        pytest.param(settings, id=name, marks=() if name in quick else pytest.mark.slow)
+        for name, settings in every.items()
+    ])  # fmt: skip
+
+
+each_lighting = _lightings("raw", "denoised")
+# For what the denoiser would show too: whatever changes raw frames changes denoised ones.
+denoised_first = _lightings("denoised")
 
 
 def find(scene, name):

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.realtime import GBUFFER, OFF, make_renderer
+from support.realtime import OFF, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
-from test_panes_and_masks import CAMERA, quad
+from test_alpha import CAMERA, SHOWN, SIZE, quad
 
 import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.material import UNLIT_RADIANCE
 
-SIZE = (32, 32)
 # of the values 0 and 1, since devices decode other sRGB values with an error
 PIXELS = 255 * np.array([[[1, 0, 0], [0, 1, 1]], [[1, 0, 1], [1, 1, 1]]], np.uint8)
 COLOR = np.array([0.9, 0.5, 0.7], np.float32)
@@ -34,8 +33,7 @@ def card_over_a_floor(*lights):
 
 
 def traced(device, scene):
-    with sv.PathTracer(device, scene, SIZE) as tracer:
-        return tracer.render(CAMERA, 16)["radiance"]
+    return trace(device, scene, 16, SIZE, CAMERA)
 
 
 def rendered(device, scene, **settings):
@@ -47,7 +45,7 @@ def rendered(device, scene, **settings):
 
 def shown(device, scene):
     """Surfaces and visible emission alone."""
-    return rendered(device, scene, passes=(*GBUFFER, "solari019/compose", "display/", "taa/"), **OFF)
+    return rendered(device, scene, passes=SHOWN, **OFF)
 
 
 def denoised(device, scene):
@@ -90,7 +88,9 @@ def test_a_card_casts_a_shadow(device):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "other rays see it": (check_darkness, Bug("scene/surface.glsl", "make_unlit", "")),
+    "other rays see it": (check_darkness, Bug(
+        "scene/surface.glsl", "resolve_hit_full", "ResolvedRayHitFull found = correct(hit, mesh, ray_direction, "
+        "cone_width); found.emits = found.emits || found.unlit; return found;")),
     "it is lit": (check_color, Bug(
         "scene/surface.glsl", "make_unlit", "vec3 color = material.base_color; correct(material); "
         "material.base_color = color;")),

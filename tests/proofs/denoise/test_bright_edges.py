@@ -7,12 +7,14 @@ import math
 
 import numpy as np
 import pytest
-from support.realtime import make_renderer
+from support.realtime import make_renderer, trace
+from support.replication import replicate
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.measure.statistics import true_relative_mse
 from solari_vk.scene import shapes
+from solari_vk.scene.builtin import place
 from solari_vk.scene.matrices import rotation, turned_about
 
 SIZE = (48, 48)
@@ -22,10 +24,10 @@ LAMP_SIZE = (32, 24)
 LAMP_SPEED = 0.37  # pixels a frame
 
 
-def scene_under_lamp(place, radiance):
+def scene_under_lamp(at, radiance):
     """A dim sky and a square lamp, 0.7 m wide."""
     scene = sv.Scene()
-    scene.add(shapes.facing_quad(place, 0.35), sv.Material(base_color=BLACK, emissive=(radiance,) * 3), name="lamp")
+    scene.add(shapes.facing_quad(at, 0.35), sv.Material(base_color=BLACK, emissive=(radiance,) * 3), name="lamp")
     scene.environment = sv.Environment(np.full((8, 16, 3), 0.02))
     return scene
 
@@ -68,34 +70,26 @@ CASES = {
 }  # fmt: skip
 
 
-@functools.cache
-def references(device, case):
-    make, arguments, *_ = CASES[case]
-    scene, cameras = make(*arguments)
-    pictures = []
-    with sv.PathTracer(device, scene, SIZE) as tracer:
-        for tracer.seed in (1, 2):
-            pictures.append(np.asarray(tracer.render(cameras[-1], samples=512)["radiance"], np.float64))
-    return pictures
-
-
 def check(case, device):
     make, arguments, seeds, bar = CASES[case]
     scene, cameras = make(*arguments)
-    errors = []
+
+    def observe():
+        for camera in cameras:
+            frame = renderer.render(camera)
+        return true_relative_mse(np.asarray(frame["radiance"], np.float64), *references)
+
+    samples = 256 if make is pane else 512
+    references = [trace(device, scene, samples, SIZE, cameras[-1], seed=seed) for seed in (1, 2)]
     with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
-        for renderer.seed in range(seeds):
-            renderer.reset()
-            for camera in cameras:
-                frame = renderer.render(camera)
-            picture = np.asarray(frame["radiance"], np.float64)
-            errors.append(true_relative_mse(picture, *references(device, case)))
-    print(case, np.round(errors, 4), np.mean(errors))
-    assert np.mean(errors) < bar
+        errors = replicate(renderer, seeds, observe)
+    print(case, np.round(errors, 4), errors.mean())
+    assert errors.mean() < bar
 
 
-@pytest.mark.parametrize("case", [case if case == "blended surfaces in motion" else
-                                  pytest.param(case, marks=pytest.mark.slow) for case in CASES])  # fmt: skip
+@pytest.mark.parametrize("case", [
+    case if case == "blended surfaces in motion" else pytest.param(case, marks=pytest.mark.slow) for case in CASES
+])  # fmt: skip
 def test_error_is_small(device, case):
     check(case, device)
 
@@ -116,11 +110,10 @@ def check_moving_lamp(device):
         for renderer.seed in range(8):
             renderer.reset()
             for frame in range(-20, 20):
-                transform = lamp.transform.copy()
-                transform[0, 3] = frame * LAMP_SPEED * pixel
-                lamp.transform = transform
+                x = frame * LAMP_SPEED * pixel
+                lamp.transform = place(at=(x, 0, 0))
                 row = np.asarray(renderer.render(camera)["radiance"], np.float64)[height // 2, :, 0]
-                begin, end = width / 2 + (transform[0, 3] + np.array([-0.5, 0.5])) / pixel
+                begin, end = width / 2 + (x + np.array([-0.5, 0.5])) / pixel
                 covered = np.clip(np.minimum(left + 1, end) - np.maximum(left, begin), 0, 1)
                 truth = WALL + covered * (LAMP - WALL)
                 if frame >= -12:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.realtime import make_renderer
+from support.realtime import make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -18,25 +18,19 @@ FRAMES, SPEED = 32, 0.7  # pixels a frame by which the reflection moves
 BAR = 0.7  # error over that of Open Image Denoise of the same single frame
 
 
-def make_wall(metallic, perceptual_roughness):
-    material = sv.Material(base_color=(metallic,) * 3, metallic=metallic, perceptual_roughness=perceptual_roughness)
-    scene = sv.Scene()
-    scene.add(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), material)
-    return scene
-
-
-def hall(metallic, perceptual_roughness):
+def hall(material):
     """A wall that reflects a lit card before a darker wall behind the camera."""
-    scene = make_wall(metallic, perceptual_roughness)
     card, behind = (sv.Material(base_color=(0, 0, 0), emissive=(light,) * 3) for light in (1.0, 0.1))
-    scene.add(shapes.quad((0.6, 0, 3.0), (-0.6, 0, 0), (0, 3, 0)), card)
-    scene.add(shapes.quad((0, 0, 3.2), (-6, 0, 0), (0, 6, 0)), behind)
-    return scene
+    return sv.Scene(
+        sv.Instance(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), material),
+        sv.Instance(shapes.quad((0.6, 0, 3.0), (-0.6, 0, 0), (0, 3, 0)), card),
+        sv.Instance(shapes.quad((0, 0, 3.2), (-6, 0, 0), (0, 6, 0)), behind),
+    )
 
 
-def open_hall(metallic, perceptual_roughness):
+def open_hall(material):
     """A wall that reflects stripes at infinity."""
-    scene = make_wall(metallic, perceptual_roughness)
+    scene = sv.Scene(sv.Instance(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), material))
     stripes = np.full((64, 128, 3), 0.1)
     stripes[:, np.arange(128) % 8 < 4] = 1.0
     scene.environment = sv.Environment(stripes)
@@ -44,15 +38,14 @@ def open_hall(metallic, perceptual_roughness):
 
 
 def check(device, metallic=0.0, roughness=0.1, make=hall):
-    scene = make(metallic, roughness)
+    scene = make(sv.Material(base_color=(metallic,) * 3, metallic=metallic, perceptual_roughness=roughness))
     step = SPEED * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters, for what is 5 m away by way of the wall
     with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
         for index in range(FRAMES):
             camera = sv.Camera(transform=place(at=(index * step, 0, 2)), vertical_fov=0.6)
             frame = renderer.render(camera)
         picture, raw = (np.asarray(frame[name], np.float64)[..., :3] for name in ("radiance", "raw_radiance"))
-    with sv.PathTracer(device, scene, SIZE, seed=9) as tracer:
-        truth = np.asarray(tracer.render(camera, samples=512), np.float64)
+    truth = trace(device, scene, 512, SIZE, camera, seed=9)
     flat = np.full((*raw.shape[:2], 3), (0.0, 0.0, 1.0))
     denoised = oidn.denoise(raw, np.full_like(flat, 0.5), flat)
     errors = [relative_mse(found[16:48], truth[16:48]) for found in (picture, denoised)]
@@ -60,27 +53,17 @@ def check(device, metallic=0.0, roughness=0.1, make=hall):
     assert errors[0] / errors[1] < BAR
 
 
-def check_environment(device, metallic=0.0, roughness=0.1):
-    check(device, metallic, roughness, open_hall)
-
-
-@pytest.mark.parametrize(("metallic", "roughness"), [
-    (0.0, 0.1), *(pytest.param(*case, marks=pytest.mark.slow)
-                  for case in ((1.0, 0.2), (0.0, 0.2), (0.0, 0.3), (1.0, 0.1), (1.0, 0.3))),
+@pytest.mark.parametrize(("metallic", "roughness", "make"), [
+    (0.0, 0.1, hall), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        (1.0, 0.2, hall), (0.0, 0.3, hall), (1.0, 0.1, hall), (0.0, 0.1, open_hall), (1.0, 0.2, open_hall))),
 ])  # fmt: skip
-def test_reflections_follow_the_camera(device, metallic, roughness):
-    check(device, metallic, roughness)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("metallic", "roughness"), [(0.0, 0.1), (1.0, 0.1), (1.0, 0.2)])
-def test_reflections_of_the_environment_follow_the_camera(device, metallic, roughness):
-    check_environment(device, metallic, roughness)
+def test_reflections_follow_the_camera(device, metallic, roughness, make):
+    check(device, metallic, roughness, make)
 
 
 CONSTANTS = "passes/denoise/constants.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "reflections: they move like their surface": (check, Bug(CONSTANTS, "ONLY_SURFACE_MOTION", "0.0")),
-    "environment: infinity counts as unknown": (check_environment, Bug(
+    "environment: infinity counts as unknown": (lambda device: check(device, make=open_hall), Bug(
         CONSTANTS, "INVERSE_OF_INFINITY", "0.0")),
 })  # fmt: skip

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import pytest
+from support.frames import settle
 from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
@@ -20,29 +19,23 @@ PATHS = 3
 
 def first_frames(device, samples):
     """The light (SEEDS, h, w, 2) of both lobes in the first frames of independent runs: means of three channels."""
+    found = []
     with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_short_history_samples=samples) as renderer:
-        found = []
-        for seed in range(SEEDS):
-            renderer.seed = 1000 * samples + seed
+        for renderer.seed in range(1000 * samples, 1000 * samples + SEEDS):
             renderer.reset()
             frame = renderer.render()
-            found.append(np.stack([np.asarray(frame[f"paths_{lobe}"])[..., :3].mean(axis=-1)
-                                   for lobe in ("diffuse", "specular")], axis=-1))  # fmt: skip
-        return np.array(found, np.float64).reshape(SEEDS, SIZE[1], SIZE[0], 2)
-
-
-@functools.cache
-def one_path(device):
-    return first_frames(device, 1)
+            lobes = [np.asarray(frame[name])[..., :3].mean(axis=-1) for name in ("paths_diffuse", "paths_specular")]
+            found.append(np.stack(lobes, axis=-1))
+    return np.array(found, np.float64).reshape(SEEDS, *SIZE[::-1], 2)
 
 
 def check_mean_and_noise(device):
     """With several paths the lobes' means are those of one path, and their variances fall."""
-    one, several = one_path(device), first_frames(device, PATHS)
-    means = [found.mean(axis=(1, 2)) for found in (one, several)]
+    runs = [first_frames(device, samples) for samples in (1, PATHS)]
+    means = [found.mean(axis=(1, 2)) for found in runs]
     noise = np.sqrt((means[0].var(axis=0, ddof=1) + means[1].var(axis=0, ddof=1)) / SEEDS)
     apart = np.abs(means[1].mean(axis=0) - means[0].mean(axis=0)) / noise
-    spread = [found.var(axis=0, ddof=1).mean(axis=(0, 1)) for found in (one, several)]
+    spread = [found.var(axis=0, ddof=1).mean(axis=(0, 1)) for found in runs]
     variance = spread[1] / spread[0]
     print(apart, variance)
     assert (apart < 4).all(), f"the lobes' means are {apart} standard errors apart"
@@ -62,19 +55,14 @@ test_a_seeded_bug_is_noticed = bug_tests({
 def test_settled_pixels_take_one_path(device):
     """After nine frames of a still scene, all but the few pixels whose histories were cut have the light of one path,
     bit by bit."""
-    same = []
-    for frames in (9, 3):
-        found = []
-        for samples in (1, PATHS):
-            settings = ALONE | {"paths_short_history_samples": samples}
-            with make_renderer(device, builtin("cornell_box"), SIZE, **settings) as renderer:
-                for _ in range(frames):
-                    frame = renderer.render()
-                found.append(np.asarray(frame["raw_radiance"]))
-        same.append((found[0] == found[1]).all(axis=-1).mean())
-    print(same)
-    assert same[0] > 0.9
-    assert same[1] < 0.5
+    pictures = []
+    for samples in (1, PATHS):
+        settings = ALONE | {"paths_short_history_samples": samples}
+        with make_renderer(device, builtin("cornell_box"), SIZE, **settings) as renderer:
+            pictures.append([settle(renderer, None, frames)["raw_radiance"].copy() for frames in (3, 6)])
+    young, settled = ((one == several).all(axis=-1).mean() for one, several in zip(*pictures, strict=True))
+    assert settled > 0.9
+    assert young < 0.5
 
 
 def test_rays_are_counted_for_all_paths(device):

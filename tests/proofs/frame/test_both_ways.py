@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.frames import each_lighting, find, snapshot
-from support.realtime import GBUFFER, make_renderer
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
@@ -44,10 +44,10 @@ def frames_of(renderer, camera, count):
     return {f"{name} {at}": array for at, frame in enumerate(taken) for name, array in frame.items()}
 
 
-def check_frames(devices, name, lighting):
+def check_frames(devices, name, **settings):
     def pictures(way):
         scene = sv.builtin(name, **SCENES[name])
-        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="raster", **lighting) as renderer:
+        with make_renderer(devices[way], scene, SIZE, seed=5, **{"gbuffer": "raster", **settings}) as renderer:
             found = frames_of(renderer, scene.camera, 3)
         with sv.PathTracer(devices[way], scene, SIZE, seed=5) as tracer:
             frame = tracer.render(scene.camera, samples=2)
@@ -57,37 +57,19 @@ def check_frames(devices, name, lighting):
 
 
 def test_frames_and_paths_are_equal(devices):
-    check_frames(devices, "cornell_box", {})
+    check_frames(devices, "cornell_box")
 
 
 @pytest.mark.slow
 @each_lighting
 @pytest.mark.parametrize("name", SCENES)
 def test_frames_and_paths_of_all_scenes_are_equal(devices, name, lighting):
-    check_frames(devices, name, lighting)
-
-
-@pytest.mark.slow
-def test_traced_gbuffers_are_equal(devices):
-    scene = sv.builtin("mirror_hall")
-
-    def pictures(way):
-        with make_renderer(devices[way], scene, SIZE, gbuffer="traced", passes=GBUFFER) as renderer:
-            frame = renderer.render(scene.camera)
-            return {name: frame[name].copy() for name in ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")}
-
-    assert not differing(pictures)
+    check_frames(devices, name, **lighting)
 
 
 @pytest.mark.slow  # the driver compiles all pipelines anew, because their layout has no images of the drawn G-buffer
 def test_frames_with_a_traced_gbuffer_are_equal(devices):
-    scene = sv.builtin("mirror_hall")
-
-    def pictures(way):
-        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="traced") as renderer:
-            return frames_of(renderer, scene.camera, 3)
-
-    assert not differing(pictures)
+    check_frames(devices, "mirror_hall", gbuffer="traced")
 
 
 @pytest.mark.slow

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import SIZE, differing, each_lighting, find, left_of, settle, snapshot
+from support.frames import SIZE, denoised_first, differing, each_lighting, find, left_of, settle, snapshot
 from support.realtime import add_up, make_renderer, trace_reflected
+from support.replication import replicate
 from support.statistics import sixteenths
 
 import solari_vk as sv
@@ -15,7 +16,12 @@ from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
 SEEDS = 4
 SEEDS_OF_TRAILS = 24  # the trail of a seed has a standard deviation of 0.06
-STOPPED = 8  # number of frames after a motion's end when no trail of it may be left
+STEPS, STOPPED = 14, 8  # frames of a motion, and frames after its end when no trail of it may be left
+ELSEWHERE = sv.Camera.look_at((0.3, 1.6, 0.4), (1.3, 0.3, 1.6), vertical_fov=1.2, ev100=-1.0)
+
+
+def mean_of_next(renderer, camera, count):
+    return np.mean([add_up(renderer.render(camera)) for _ in range(count)], axis=0)
 
 
 # ---- motion -----------------------------------------------------------------------------------------
@@ -31,7 +37,7 @@ def slide_block(scene, step):
     find(scene, "short block").transform = place(at=(0.06 * step, 0.15, 0.0))
 
 
-def leaves_no_trail(device, move, size, seeds, bars, **settings):
+def leaves_no_trail(device, move, size, runs, bars, **settings):
     """A frame during the motion is as bright as the path tracer's picture of the same scene, and contains little of
     earlier pictures. Eight frames after the motion stopped, it contains almost nothing of them.
 
@@ -39,38 +45,35 @@ def leaves_no_trail(device, move, size, seeds, bars, **settings):
     bars: how much of it in motion, and how much after it.
     """
     scene = cornell_box()
-    moving, stopped = [], []
-    steps = 14
     move(scene, 0)
+
+    def observe():
+        move(scene, 0)
+        settle(renderer, scene.camera, 16)
+        for step in range(1, STEPS + 1):
+            move(scene, step)
+            frame = renderer.render(scene.camera)
+        in_motion = add_up(frame)
+        settle(renderer, scene.camera, STOPPED)
+        return in_motion, mean_of_next(renderer, scene.camera, 4)
+
     with make_renderer(device, scene, size, **settings) as renderer:
-        for seed in seeds:
-            renderer.seed = seed
-            renderer.reset()
-            move(scene, 0)
-            settle(renderer, scene.camera, 16)
-            for step in range(1, steps + 1):
-                move(scene, step)
-                frame = renderer.render(scene.camera)
-            moving.append(add_up(frame))
-            after = [add_up(renderer.render(scene.camera)) for _ in range(STOPPED + 4)]
-            stopped.append(np.mean(after[STOPPED:], axis=0))
-    now = trace_reflected(device, scene, 256, size)
-    move(scene, steps - STOPPED)
-    lately = trace_reflected(device, scene, 256, size)
-    move(scene, 0)
-    first = trace_reflected(device, scene, 256, size)
+        found = replicate(renderer, runs, observe).mean(axis=0)
+    references = {}
+    for name, step in (("now", STEPS), ("eight frames ago", STEPS - STOPPED), ("the start", 0)):
+        move(scene, step)
+        references[name] = trace_reflected(device, scene, 256, size)
+    now = references.pop("now")
     seen = now > 0
-    for name, pictures in (("in motion", moving), ("after it", stopped)):
-        error = np.mean(pictures, axis=0)[seen].mean() / now[seen].mean() - 1
-        print(f"mean {name}: {error:+.3f}")
-        assert abs(error) < 0.03, f"{name}: {error:+.3f}"
-    for name, earlier in (("eight frames ago", lately), ("the start", first)):
-        mask = seen & (earlier > 0)
-        lag = left_of(earlier[mask], now[mask], np.mean(moving, axis=0)[mask])
-        trail = left_of(earlier[mask], now[mask], np.mean(stopped, axis=0)[mask])
-        print(f"{name}: {lag:.3f} in motion, {trail:.3f} after it")
-        assert lag < bars[0], f"{name} in motion: {lag:.3f}"
-        assert abs(trail) < bars[1], f"{name} after the motion: {trail:.3f}"
+    for when, picture, bar in zip(("in motion", "after it"), found, bars, strict=True):
+        error = picture[seen].mean() / now[seen].mean() - 1
+        assert abs(error) < 0.03, f"mean {when}: {error:+.3f}"
+        for name, earlier in references.items():
+            mask = seen & (earlier > 0)
+            left = left_of(earlier[mask], now[mask], picture[mask])
+            print(f"{when}, mean {error:+.3f}, of {name} {left:.3f}")
+            assert left < bar, f"{name} {when}: {left:.3f}"
+            assert when == "in motion" or left > -bar, f"{name} {when}: {left:.3f}"
 
 
 LITTLE = 0.15, 0.05  # in motion, and after it
@@ -83,48 +86,46 @@ LITTLE_BUT_BLUR = 0.3, 0.16
 @pytest.mark.parametrize("move", [swing_lamp, slide_block])
 def test_what_moves_leaves_no_trail(device, move, lighting):
     bars = LITTLE_BUT_BLUR if "denoise" in lighting else LITTLE
-    leaves_no_trail(device, move, SIZE, range(SEEDS_OF_TRAILS), bars, **lighting)
+    leaves_no_trail(device, move, SIZE, SEEDS_OF_TRAILS, bars, **lighting)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("move", [swing_lamp, slide_block])
 def test_what_moves_leaves_no_trail_in_larger_denoised_pictures(device, move):
-    leaves_no_trail(device, move, (128, 128), range(500, 504), LITTLE, denoise=True)
+    leaves_no_trail(device, move, (128, 128), SEEDS, LITTLE, denoise=True)
 
 
-# ---- cameras that jump ------------------------------------------------------------------------------
-
-ELSEWHERE = sv.Camera.look_at((0.3, 1.6, 0.4), (1.3, 0.3, 1.6), vertical_fov=1.2, ev100=-1.0)
+# ---- cameras that jump, and resizes -----------------------------------------------------------------
 
 
-@each_lighting
-def test_a_cut_with_reset_is_a_new_renderers_frame(device, lighting):
-    """After a cut with reset(), frames equal those of a new renderer bit by bit: nothing of earlier frames is left,
-    neither in pixels nor in the world cache."""
+@denoised_first
+def test_a_reset_and_a_resize_leave_nothing(device, lighting):
+    """After a cut with reset(), and after a resize to a smaller size and back, frames equal those of a new renderer bit
+    by bit: nothing of earlier frames is left, neither in pixels nor in the world cache."""
     scene = cornell_box()
-    renderer, new = (make_renderer(device, scene, **lighting) for _ in range(2))
-    with renderer, new:
+    with make_renderer(device, scene, **lighting) as renderer:
         settle(renderer, scene.camera, 12)
-        renderer.reset()
-        new.frame_count = renderer.frame_count  # the frame count seeds the random numbers
-        for frame in range(6):
-            assert not differing(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), frame
+        for size in (None, (20, 12), SIZE):
+            renderer.resize(size) if size else renderer.reset()
+            with make_renderer(device, scene, size or SIZE, **lighting) as new:
+                new.frame_count = renderer.frame_count  # the frame count seeds the random numbers
+                for frame in range(4):
+                    assert not differing(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), (size, frame)
 
 
-@each_lighting
+@denoised_first
 def test_a_jump_without_reset_recovers(device, lighting):
     """30 frames after the camera jumped, the picture is the path tracer's, with nothing of the earlier view in it."""
     scene = cornell_box()
-    jumped = []
+
+    def observe():
+        before = add_up(settle(renderer, scene.camera, 16))
+        settle(renderer, ELSEWHERE, 28)
+        return before, mean_of_next(renderer, ELSEWHERE, 4)
+
     with make_renderer(device, scene, **lighting) as renderer:
-        for seed in range(SEEDS):
-            renderer.seed = seed
-            renderer.reset()
-            before = add_up(settle(renderer, scene.camera, 16))
-            settle(renderer, ELSEWHERE, 28)
-            jumped.append(np.mean([add_up(renderer.render(ELSEWHERE)) for _ in range(4)], axis=0))
+        before, jumped = replicate(renderer, SEEDS, observe).mean(axis=0)
     expected = trace_reflected(device, scene, 256, camera=ELSEWHERE)
-    jumped = np.mean(jumped, axis=0)
     mask = expected > 0
     left = left_of(before[mask], expected[mask], jumped[mask])
     error = np.abs(sixteenths(jumped) / sixteenths(expected) - 1).max()
@@ -161,48 +162,49 @@ def edit(scene, extra, step):
     find(scene, "left wall").material.base_color = (0.6, 0.02 * step % 1, 0.1)
 
 
-@each_lighting
+@denoised_first
 def test_after_many_edits_the_picture_is_right(device, lighting):
     """After many edits between frames, the picture is as bright as the path tracer's picture of the edited scene."""
-    found = []
     scene = cornell_box()
     extra = [small_lamp(index) for index in range(3)]
+
+    def observe():
+        for item in [item for item in extra if item in scene.instances]:
+            scene.remove(item)
+        for step in range(16):
+            edit(scene, extra, step)
+            assert np.isfinite(renderer.render(scene.camera)["radiance"]).all()
+        settle(renderer, scene.camera, 16)
+        return mean_of_next(renderer, scene.camera, 6)
+
     with make_renderer(device, scene, **lighting) as renderer:
-        for seed in range(SEEDS):
-            renderer.seed = seed
-            renderer.reset()
-            for item in extra:
-                if item in scene.instances:
-                    scene.remove(item)
-            for step in range(16):
-                edit(scene, extra, step)
-                assert np.isfinite(renderer.render(scene.camera)["radiance"]).all()
-            settle(renderer, scene.camera, 16)
-            found.append(np.mean([add_up(renderer.render(scene.camera)) for _ in range(6)], axis=0))
+        found = replicate(renderer, SEEDS, observe).mean(axis=0)
     expected = trace_reflected(device, scene, 512)
     mask = expected > 0
-    means = np.array([picture[mask].mean() for picture in found]) / expected[mask].mean() - 1
-    print(f"{means.mean():+.3f} +- {means.std() / np.sqrt(SEEDS):.3f}")
-    assert abs(means.mean()) < 0.03
+    assert abs(found[mask].mean() / expected[mask].mean() - 1) < 0.03
 
 
-@each_lighting
+@denoised_first
 def test_renderers_that_share_a_scene_do_not_disturb_each_other(device, lighting):
     """Two renderers of different sizes and cameras share a binder, and the scene is edited between frames: each frame
     equals, bit by bit, the frame of a renderer that has the scene to itself."""
     sizes, views = (SIZE, (24, 16)), (cornell_box().camera, ELSEWHERE)
+
+    def scene_and_lamps():
+        return cornell_box(), [small_lamp(index) for index in range(3)]
+
     alone = []
     for size, camera in zip(sizes, views, strict=True):
-        scene, extra = cornell_box(), [small_lamp(index) for index in range(3)]
+        scene, extra = scene_and_lamps()
         with make_renderer(device, scene, size, **lighting) as renderer:
             alone.append([])
-            for step in range(8):
+            for step in range(6):
                 edit(scene, extra, step)
                 alone[-1].append(snapshot(renderer.render(camera)))
-    scene, extra = cornell_box(), [small_lamp(index) for index in range(3)]
+    scene, extra = scene_and_lamps()
     binder = SceneBinder(device, scene)
     renderers = [make_renderer(device, binder, size, **lighting) for size in sizes]
-    for step in range(8):
+    for step in range(6):
         edit(scene, extra, step)
         for renderer, camera, expected in zip(renderers, views, alone, strict=True):
             assert not differing(renderer.render(camera), expected[step]), step
@@ -211,23 +213,7 @@ def test_renderers_that_share_a_scene_do_not_disturb_each_other(device, lighting
     binder.destroy()
 
 
-@each_lighting
-def test_resize_is_a_new_renderers_frame(device, lighting):
-    """After a resize to a smaller size, to a larger one and back, frames equal those of a new renderer bit by bit. The
-    world cache is emptied too."""
-    scene = cornell_box()
-    with make_renderer(device, scene, **lighting) as renderer:
-        settle(renderer, scene.camera, 4)
-        for size in ((20, 12), (40, 28), SIZE):
-            renderer.resize(size)
-            with make_renderer(device, scene, size, **lighting) as new:
-                new.frame_count = renderer.frame_count
-                for frame in range(3):
-                    names = differing(renderer.render(scene.camera), new.render(scene.camera))
-                    assert not names, (size, frame, names)
-
-
-@each_lighting
+@denoised_first
 def test_an_empty_scene_that_is_filled_and_emptied(device, lighting):
     """The scene goes from empty to a lit ball and back to empty."""
     scene = sv.Scene()

