@@ -202,7 +202,7 @@ def test_left_drag_orbits_around_the_grabbed_point(handle, control, called):
     assert [name for name, _ in called] == ["grab"]
     view = -control.camera.transform[:3, 2]
     assert position(control) == pytest.approx(SEEN - 4 * view), "the point stays in the center, as far away"
-    assert view[0] < -0.5
+    assert view[0] > 0.5
 
 
 def test_other_drags_do_not_move(handle, control, called):
@@ -263,7 +263,8 @@ def test_windows_are_minimized():
     glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
     try:
         window = Window((200, 100), "test")
-        for change, pixels in ((int, (200, 100)), (glfw.iconify_window, (0, 0)), (glfw.restore_window, (200, 100))):
+        assert window.pixels == (200, 100)
+        for change, pixels in ((glfw.iconify_window, (0, 0)), (glfw.restore_window, (200, 100))):
             change(window.handle)
             assert window.pixels == pixels
         window.take_events()
