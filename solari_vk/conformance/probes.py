@@ -69,7 +69,8 @@ def _instances() -> dict[str, Placed]:
         "sheared": _TURN @ _SHEAR, "inverted": -_TURN @ np.diag((0.5, 2.0, 1)), "tiny": np.eye(3) * 2.0**-10,
         "turned boxes": _TURN @ np.diag((1.0, 0.5, 2)), "flipped mirrored": np.diag((-1.0, 1, 1)),
     }  # fmt: skip
-    told: dict[str, dict[str, object]] = {name: {"shape": name} for name in SHAPES} | {
+    told: dict[str, dict[str, object]] = {
+        **{name: {"shape": name} for name in SHAPES},
         "many": {"shape": "many", "custom": 0x5A5A5A},
         "made opaque": {"shape": "glass", "flags": INSTANCE_OPAQUE},
         "made glass": {"flags": INSTANCE_NO_OPAQUE},
