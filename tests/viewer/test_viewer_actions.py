@@ -34,8 +34,11 @@ def test_keys_cycle_through_views_and_tone_mappings(viewer):
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
     assert viewer.pictures.view == views[-1]
+    viewer.settings.lighting = "split"
+    assert viewer.pictures.view == "picture", "a view that the lighting lacks"
 
 
+@pytest.mark.slow
 def test_a_view_that_the_lighting_lacks_is_the_picture(viewer):
     viewer.pictures.mode, viewer.pictures.view = "realtime", "paths_distance"
     viewer.settings.lighting = "split"
