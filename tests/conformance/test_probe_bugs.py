@@ -197,7 +197,7 @@ READ_BUGS = {  # damage to what was hit, and parts of the rules that fail by ray
     "object_to_world = FOUND.world_to_object": ("object_to_world", "gl_ObjectToWorldEXT"),
     "front_face ^= 1u": ("front_face", "FrontFacingTriangleEXT"),
     "barycentrics = FOUND.barycentrics.yx": ("barycentrics", "hitAttributeEXT of triangles"),
-    "t *= 1.00001": ("t", "gl_HitTEXT"),
+    "t *= 1.00001": ("RayIntersection.t", "gl_HitTEXT"),
 }
 TRIANGLE = "probe_triangle.rchit"
 QUERY_BUGS = {  # a part of the rule that must fail, and the bug
@@ -225,7 +225,7 @@ for found, (by_query, by_pipeline) in READ_BUGS.items():
     QUERY_BUGS[f"{by_query}, committed"] = answered("probe.glsl", damage)
     PIPELINE_BUGS[f"{by_pipeline} in closest-hit"] = answered(TRIANGLE, damage)
 SHADER_BUGS = {"query": QUERY_BUGS, "pipeline": PIPELINE_BUGS}
-QUICK = ("t, committed", "gl_HitTEXT in closest-hit")
+QUICK = ("RayIntersection.t, committed", "gl_HitTEXT in closest-hit")
 
 
 @pytest.mark.parametrize(
