@@ -34,7 +34,7 @@ def test_keys_cycle_through_views_and_tone_mappings(viewer):
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
     assert viewer.pictures.view == views[-1]
-    viewer.settings.lighting = "split"
+    viewer.pictures.view, viewer.settings.lighting = "paths_distance", "split"
     assert viewer.pictures.view == "picture", "a view that the lighting lacks"
 
 

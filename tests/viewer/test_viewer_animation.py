@@ -84,7 +84,11 @@ def test_keys_play_and_choose(open_viewer, scene):
 def test_the_panel_scrubs(open_viewer, scene, replace):
     viewer = open_viewer(scene, size=(160, 100))
     slider = panels.imgui.slider_float
-    replace(slider_float=lambda name, *given: (True, 1.5) if name == "seconds" else slider(name, *given))
+
+    def scrub(label, *given, **options):
+        return (True, 1.5) if label == "seconds" else slider(label, *given, **options)
+
+    replace(slider_float=scrub)
     viewer.run(frames=2)
     assert viewer.player.seconds == 1.5
     assert lean(scene) < -0.3
