@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,7 @@ _CAUGHT = Rule("the debug build counts each invalid ray", SUITE, "ray_query.glsl
 NOT_FINITE_RULES = (_NOT_FINITE, _REPLACED, _CAUGHT)
 _TRACE = "passes/conformance/trace"
 _HITS = [HitGroup(f"{_TRACE}.rchit"), HitGroup(f"{_TRACE}.rchit", intersection=f"{_TRACE}.rint")]
+_ONE: Shapes = {"one": [Triangles(np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]]))]}
 _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))
 
 
@@ -52,6 +53,15 @@ def trace(
     if shaders.device.rays == "pipeline":
         step = RayPass(step.name, threads=len(rays), misses=[f"{_TRACE}.rmiss"], hits=_HITS)
     return shaders.run_steps([step], {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
+
+
+def trace_world(
+    shaders: ShaderRunner, shapes: Shapes, placed: Sequence[Placed], origins: ArrayLike, directions: ArrayLike, *,
+    damage: Callable[[np.ndarray], None] | None = None, box_t: float = 0.0,
+) -> np.ndarray:  # fmt: skip
+    """`trace` in a world of its own; see `World`."""
+    with World(shaders.device, shapes, placed, damage=damage) as world:
+        return trace(shaders, world.tlas, origins, directions, box_t=box_t)
 
 
 def turn(random: np.random.Generator) -> NDArray[np.float64]:
@@ -120,8 +130,7 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
                     if of == shape:
                         origins = random.normal(size=points.shape) * 0.05 + eye
                         directions = transform_directions(matrix, points - origins)
-                        origins = transform_points(matrix, origins)
-                        hits = trace(shaders, world.tlas, origins, directions)
+                        hits = trace(shaders, world.tlas, transform_points(matrix, origins), directions)
                         through[name] += int((hits["t"] < 0).sum())
     for name, (_, points, _) in targets.items():
         rule = Rule(f"{_WATERTIGHT}: {name}", VULKAN, "Ray Traversal: Watertightness")
@@ -144,15 +153,13 @@ def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measur
     places = np.stack(np.unravel_index(np.arange(count), (side, side, side)), 1) * 4.0
     places = places[spatial_order(places)]
     custom = (np.arange(count) * 2654435761) & 0xFFFFFF
-    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
     placed, origins, directions = [], [], []
     for at, data in zip(places, custom, strict=True):
         matrix = np.concatenate([turn(random) * random.choice((-1, 1)), at[:, None]], axis=1)
         placed.append(Placed("one", matrix, custom=int(data)))
         origins.append(at + matrix[:, 2] * 1.5)
         directions.append(-matrix[:, 2])
-    with World(shaders.device, {"one": [Triangles(corners)]}, placed) as world:
-        hits = trace(shaders, world.tlas, np.array(origins), np.array(directions))
+    hits = trace_world(shaders, _ONE, placed, np.array(origins), np.array(directions))
     wrong = (hits["instance"] != np.arange(count)) | (hits["custom_data"] != custom) | (hits["t"] < 0)
     wrong |= np.abs(hits["t"] - 1.5) > 1e-3
     yield Measurement(_CUSTOM, float(wrong.sum()), unit=f"of {count:,}")
@@ -171,7 +178,6 @@ def _extreme_cases() -> Iterator[tuple[float, float, float]]:
 def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Compare t with float64: relative to the rounding of world-space rays, and in meters for three sizes."""
     random = np.random.default_rng(12)
-    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
     relative, missed = (0.0, ""), []
     meters = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # error / bar, error in meters, bar, case
     for size, stretch, far in _extreme_cases():
@@ -183,8 +189,7 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
         origins = transform_points(exact, np.array([(0.1, 0.05, 1.5)]))
         directions = transform_directions(exact, np.array([(0.02, -0.05, -1.0)]))
         label = f"size {size:g}, stretch {stretch:g}, place {far:g}"
-        with World(shaders.device, {"one": [Triangles(corners)]}, [placed]) as world:
-            (hit,) = trace(shaders, world.tlas, origins, directions)
+        (hit,) = trace_world(shaders, _ONE, [placed], origins, directions)
         if not hit["t"] >= 0:
             missed.append(label)
             continue
@@ -215,8 +220,7 @@ def measure_thin_triangles(shaders: ShaderRunner) -> Iterator[Measurement]:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     directions = (0.3 * random.normal(size=normals.shape) - normals).astype(np.float32)
     origins = (corners.mean(axis=1) - directions).astype(np.float32)
-    with World(shaders.device, {"soup": [Triangles(corners)]}, [Placed("soup")]) as world:
-        hits = trace(shaders, world.tlas, origins, directions)
+    hits = trace_world(shaders, {"soup": [Triangles(corners)]}, [Placed("soup")], origins, directions)
     exact = np.sum((corners[:, 0] - origins) * normals, axis=1) / np.sum(directions * normals, axis=1)
     missed, own = hits["t"] < 0, hits["primitive"] == np.arange(len(corners))
     found = corners[np.minimum(hits["primitive"], len(corners) - 1)]

@@ -7,6 +7,7 @@ in x, so that a ray meets its own instance only.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,24 +70,20 @@ def _instances() -> dict[str, Placed]:
         "turned boxes": _TURN @ np.diag((1.0, 0.5, 2)), "flipped mirrored": np.diag((-1.0, 1, 1)),
     }  # fmt: skip
     told: dict[str, dict[str, object]] = {
-        "opaque": {}, "glass": {}, "wall": {}, "glass stack": {}, "glass over opaque": {}, "many": {"custom": 0x5A5A5A},
-        "mirrored geometry": {}, "boxes": {}, "opaque boxes": {}, "two lists of boxes": {},
+        **{name: {"shape": name} for name in SHAPES},
+        "many": {"shape": "many", "custom": 0x5A5A5A},
         "made opaque": {"shape": "glass", "flags": INSTANCE_OPAQUE},
-        "made glass": {"shape": "opaque", "flags": INSTANCE_NO_OPAQUE},
+        "made glass": {"flags": INSTANCE_NO_OPAQUE},
         "opaque stack": {"shape": "glass stack", "flags": INSTANCE_OPAQUE},
-        "two-sided": {"shape": "opaque", "flags": CULL_DISABLE},
-        "flipped": {"shape": "opaque", "flags": FLIP_FACING},
-        "flipped mirrored": {"shape": "opaque", "flags": FLIP_FACING},
-        "mask 01": {"shape": "opaque", "mask": 0x01}, "mask 80": {"shape": "opaque", "mask": 0x80},
-        "mask 5A": {"shape": "opaque", "mask": 0x5A},
-        "all bits": {"shape": "opaque", "custom": 0xFFFFFF}, "top bit": {"shape": "opaque", "custom": 0x800001},
-        "zero": {"shape": "opaque", "custom": 0}, "record offset": {"shape": "opaque", "sbt_offset": 0x123456},
-        "mirrored": {"shape": "opaque"}, "turned": {"shape": "opaque"}, "stretched": {"shape": "opaque"},
-        "sheared": {"shape": "opaque"}, "inverted": {"shape": "opaque"}, "tiny": {"shape": "opaque"},
-        "turned boxes": {"shape": "boxes"},
-        "boxes over a wall": {"shape": "boxes"}, "wall in boxes": {"shape": "opaque"},
+        "two-sided": {"flags": CULL_DISABLE}, "flipped": {"flags": FLIP_FACING},
+        "flipped mirrored": {"flags": FLIP_FACING},
+        "mask 01": {"mask": 0x01}, "mask 80": {"mask": 0x80}, "mask 5A": {"mask": 0x5A},
+        "all bits": {"custom": 0xFFFFFF}, "top bit": {"custom": 0x800001}, "zero": {"custom": 0},
+        "record offset": {"sbt_offset": 0x123456},
+        "mirrored": {}, "turned": {}, "stretched": {}, "sheared": {}, "inverted": {}, "tiny": {},
+        "turned boxes": {"shape": "boxes"}, "boxes over a wall": {"shape": "boxes"}, "wall in boxes": {},
         # Last, so that a driver that lets them hide others fails only the rules about that, in structure_checks.py.
-        "inactive": {"shape": "opaque", "active": False}, "mask 00": {"shape": "opaque", "mask": 0x00},
+        "inactive": {"active": False}, "mask 00": {"mask": 0x00},
     }  # fmt: skip
     found: dict[str, Placed] = {}
     for place, (label, fields) in enumerate(told.items()):
@@ -95,7 +92,7 @@ def _instances() -> dict[str, Placed]:
         matrix[:, 3] = 10 * place, place % 3, -(place % 5)
         if label == "wall in boxes":  # halfway up the boxes, so that one ray meets both
             matrix[:, 3] = found["boxes over a wall"].transform[:, 3] + (0, 0, 0.5)
-        default = {"shape": label, "custom": 3 * place + 1}
+        default = {"shape": "opaque", "custom": 3 * place + 1}
         found[label] = Placed(**{**default, **fields}, transform=matrix)  # type: ignore[arg-type]
     return found
 
@@ -140,9 +137,10 @@ class Probe:
     among: tuple[float, ...] = ()
 
 
-def flag_rule(name: str) -> Rule:
-    """A rule of the list of ray flags."""
-    return Rule(name, WGPU, "Flags for RayDesc::flags")
+# Rules of ray flags, of the rayQuery functions, and of instance flags, which the wgpu document doesn't define.
+flag_rule = partial(Rule, document=WGPU, section="Flags for RayDesc::flags")
+call_rule = partial(Rule, document=WGPU, section="naga's raytracing API")
+instance_rule = partial(Rule, document=VULKAN, section="VkGeometryInstanceFlagBitsKHR")
 
 
 def ray_rule(name: str) -> Rule:
@@ -153,13 +151,3 @@ def ray_rule(name: str) -> Rule:
 def hit_rule(name: str) -> Rule:
     """A rule of RayIntersection."""
     return Rule(f"RayIntersection.{name}", WGPU, "RayIntersection")
-
-
-def call_rule(name: str) -> Rule:
-    """A rule of the rayQuery functions."""
-    return Rule(name, WGPU, "naga's raytracing API")
-
-
-def instance_rule(name: str) -> Rule:
-    """A rule of instance flags, which the wgpu document doesn't define."""
-    return Rule(name, VULKAN, "VkGeometryInstanceFlagBitsKHR")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
+from solari_vk.conformance.bulk_checks import bumpy_ball, trace, trace_world, turn
 from solari_vk.conformance.rules import VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import (
@@ -29,8 +29,13 @@ _API, _COMPACTION, _STRUCTURES = "wgpu's raytracing API", "Blas compaction", "Ac
 _INACTIVE = "Inactive Primitives and Instances"
 _DOWN = np.array((0.0, 0.0, -1.0))
 _FLAT = np.array([[(0, 0, 0), (2, 0, 0), (0, 2, 0)]], np.float64)
-_AT_OTHERS = np.array([(0.5, 0.5, 1.0), (4.5, 0.5, 1.0)])  # rays at _FLAT and at _FLAT 4 beside it
+_ONE: Shapes = {"one": [Triangles(_FLAT)]}
 Damage = Callable[[np.ndarray], None]
+
+
+def _row(count: int, height: float = 1.0) -> NDArray[np.float64]:
+    """The origins of rays straight down at _FLAT and at copies 4 apart."""
+    return np.array([(4.0 * i + 0.5, 0.5, height) for i in range(count)])
 
 
 def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float64]]:
@@ -95,8 +100,7 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
     right = None
     wrong = []
     for name, variant in variants.items():
-        with World(shaders.device, {"one": [variant]}, [Placed("one")]) as world:
-            hits = trace(shaders, world.tlas, origins, directions)
+        hits = trace_world(shaders, {"one": [variant]}, [Placed("one")], origins, directions)
         right = hits if right is None else right
         # A transform rounds vertices, so that a ray at an edge may hit the neighbor.
         allowed = 4 if variant.transform is not None else 0
@@ -111,11 +115,9 @@ def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     """Each bit of custom_data (24) and of masks (8) by itself."""
     customs = [1 << bit for bit in range(24)] + [0, 0xFFFFFF, 0xAAAAAA, 0x555555]
     masks = [1 << bit for bit in range(8)]
-    placed = [Placed("one", translation(4.0 * i), custom=custom) for i, custom in enumerate(customs)]
-    placed += [Placed("one", translation(4.0 * (len(placed) + i)), mask=mask) for i, mask in enumerate(masks)]
-    origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(len(placed))])
-    with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
-        hits = trace(shaders, world.tlas, origins, _DOWN)
+    fields = [(custom, 0xFF) for custom in customs] + [(0, mask) for mask in masks]
+    placed = [Placed("one", translation(4.0 * i), *field) for i, field in enumerate(fields)]
+    hits = trace_world(shaders, _ONE, placed, _row(len(placed)), _DOWN, damage=damage)
     wrong = [hex(custom) for custom, hit in zip(customs, hits, strict=False) if hit["custom_data"] != custom]
     yield count_wrong(Rule("TlasInstance.custom_data keeps its 24 bits", WGPU, _API), wrong)
     lost = [hex(mask) for mask, hit in zip(masks, hits[len(customs) :], strict=True) if hit["t"] < 0]
@@ -132,16 +134,14 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
         "empty": [Triangles(empty)], "point": [Triangles(point)], "line": [Triangles(line)],
         "NaN": [Triangles(gone)], "no boxes": [Boxes(np.zeros((0, 2, 3)))], "one": [Triangles(_FLAT)],
     }  # fmt: skip
-    names = list(shapes)
     random = np.random.default_rng(22)
     origins = np.stack([*random.uniform(0.05, 0.9, (2, 64)), np.ones(64)], axis=1)
-    worlds: dict[str, list[Placed]] = {name: [Placed(name)] for name in names}
+    worlds: dict[str, list[Placed]] = {name: [Placed(name)] for name in shapes}
     worlds |= {"no instances": [], "inactive": [Placed("one", active=False)], "mask 0": [Placed("one", mask=0)]}
     wrong = []
     for name, placed in worlds.items():
         used = {item.shape: shapes[item.shape] for item in placed}
-        with World(shaders.device, used, placed) as world:
-            hits = trace(shaders, world.tlas, origins, _DOWN)
+        hits = trace_world(shaders, used, placed, origins, _DOWN)
         if ((hits["t"] >= 0) != (name == "one")).any():
             wrong.append(name)
     rule = Rule("empty structures and degenerate or NaN primitives are never hit", VULKAN, _STRUCTURES)
@@ -155,8 +155,7 @@ def measure_inactive_instances(shaders: ShaderRunner, damage: Damage | None = No
     for name, gone in (("no Blas", Placed("one", active=False)), ("mask 0", Placed("one", mask=0))):
         for place in range(3):
             placed = [*others[:place], gone, *others[place:]]
-            with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
-                found = trace(shaders, world.tlas, _AT_OTHERS, _DOWN)
+            found = trace_world(shaders, _ONE, placed, _row(2), _DOWN, damage=damage)
             wrong += _hidden(f"{name} at {place}", place, np.where(found["t"] < 0, -1, found["instance"].astype(int)))
     name = "an instance without a Blas or with mask 0 hides no other instance"
     yield count_wrong(Rule(name, VULKAN, _INACTIVE), wrong)
@@ -169,8 +168,7 @@ def measure_inactive_primitives(shaders: ShaderRunner, kind: str) -> Iterator[Me
         corners = np.insert(np.concatenate([_FLAT, _FLAT + np.array((4, 0, 0))]), place, np.nan, axis=0)
         boxes = Boxes(np.stack([corners.min(1), corners.max(1)], axis=1))
         part = Triangles(corners) if kind == "triangle" else boxes
-        with World(shaders.device, {"one": [part]}, [Placed("one")]) as world:
-            found = trace(shaders, world.tlas, _AT_OTHERS, _DOWN, box_t=1.0)
+        found = trace_world(shaders, {"one": [part]}, [Placed("one")], _row(2), _DOWN, box_t=1.0)
         wrong += _hidden(f"NaN at {place}", place, np.where(found["t"] < 0, -1, found["primitive"].astype(int)))
     yield count_wrong(Rule(f"a {kind} of NaN hides no other {kind}", VULKAN, _INACTIVE), wrong)
 
@@ -186,7 +184,6 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
     """Builds many Blases in one call, in one batch and in several."""
     shapes = {f"blas {i}": [Triangles(_FLAT + np.array((0, 0, i % 7 * 0.5)))] for i in range(count)}
     placed = [Placed(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
-    origins = np.array([(4.0 * i + 0.5, 0.5, 5.0) for i in range(count)])
     expected = 5 - np.arange(count) % 7 * 0.5
     cases = (("one batch", 1 << 28, FRESH), ("many batches", 1 << 12, FRESH), ("compacted", 0, COMPACTED))
     for name, budget, way in cases:
@@ -195,7 +192,7 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
                 build_blases(shaders.device, list(world.blases.values()), compact=False, scratch_budget=budget)
                 addresses = {key: blas.address for key, blas in world.blases.items()}
                 world.place(instance_records(placed, addresses))
-            hits = trace(shaders, world.tlas, origins, _DOWN)
+            hits = trace(shaders, world.tlas, _row(count, 5.0), _DOWN)
         wrong = (hits["custom_data"] != np.arange(count)) | (np.abs(hits["t"] - expected) > 1e-4)
         rule = Rule(f"many Blases are built in one call: {name}", WGPU, _API)
         yield Measurement(rule, float(wrong.sum()), unit=f"of {count}")
@@ -204,9 +201,8 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
 def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """A Tlas is built again with fewer, more and other instances."""
     placed = [Placed("one", translation(4.0 * i), custom=i) for i in range(64)]
-    origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(64)])
     wrong = []
-    with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed) as world:
+    with World(shaders.device, _ONE, placed) as world:
         addresses = {"one": world.blases["one"].address}
         for step, chosen in enumerate((range(64), range(10), range(0), range(20, 60, 3), range(64))):
             members: Sequence[int] = list(chosen)
@@ -214,7 +210,7 @@ def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -
             if damage is not None and len(records):
                 damage(records)
             world.place(records)
-            hits = trace(shaders, world.tlas, origins, _DOWN)
+            hits = trace(shaders, world.tlas, _row(64), _DOWN)
             seen = np.flatnonzero(hits["t"] >= 0).tolist()
             if seen != members or hits["custom_data"][seen].tolist() != members:
                 wrong.append(f"build {step + 1}")
@@ -232,8 +228,7 @@ def measure_large_tlas(shaders: ShaderRunner, count: int, damage: Damage | None 
     places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
     places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]
     placed = [Placed("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
-    with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
-        origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)
-        hits = trace(shaders, world.tlas, origins, _DOWN)
+    origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)
+    hits = trace_world(shaders, _ONE, placed, origins, _DOWN, damage=damage)
     wrong = (hits["custom_data"] != np.arange(count)) | (hits["instance"] != np.arange(count)) | (hits["t"] < 0)
     yield Measurement(large_tlas_rule(count), float(wrong.sum()), unit=f"of {count:,}")

@@ -18,15 +18,22 @@ from solari_vk.measure import cluster
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.fixture
+def run_program(any_device, tmp_path):
+    def run(text):
+        (tmp_path / "program.py").write_text(text)
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        command = [sys.executable, "program.py"]
+        return subprocess.run(command, cwd=tmp_path, env=environment, check=False, capture_output=True, text=True)
+
+    return run
+
+
 @pytest.mark.slow
-def test_the_program_runs(any_device, tmp_path):
+def test_the_program_runs(run_program, tmp_path):
     (program,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs/guides/clusters.md").read_text(), re.M | re.S)
     small = program.replace("(160, 90)", "(16, 9)").replace("samples=64", "samples=2")
-    (tmp_path / "program.py").write_text(small + "    assert picture.samples == 2\n")
-    done = subprocess.run(
-        [sys.executable, "program.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
-        capture_output=True, text=True,
-    )  # fmt: skip
+    done = run_program(small + "    assert picture.samples == 2\n")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "reference.exr").stat().st_size > 0
     names = {path.name for path in (tmp_path / "views").iterdir()}
@@ -34,16 +41,13 @@ def test_the_program_runs(any_device, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_program_without_a_guard_is_told(any_device, tmp_path):
+def test_a_program_without_a_guard_is_told(run_program):
     """Its workers would start workers."""
-    (tmp_path / "program.py").write_text("import solari_vk as sv\nwith sv.cluster.WorkerPool(workers=1):\n    pass\n")
-    done = subprocess.run(
-        [sys.executable, "program.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
-        capture_output=True, text=True,
-    )  # fmt: skip
+    done = run_program("import solari_vk as sv\nwith sv.cluster.WorkerPool(workers=1):\n    pass\n")
     assert done.returncode == 1
-    assert "SolariError: no worker can start" in done.stderr.splitlines()[-1]
-    assert "__main__" in done.stderr.splitlines()[-1]
+    last = done.stderr.splitlines()[-1]
+    assert "SolariError: no worker can start" in last
+    assert "__main__" in last
 
 
 def test_the_measurement_takes_the_options_of_the_device(any_device, monkeypatch, capsys):

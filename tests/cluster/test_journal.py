@@ -27,10 +27,9 @@ class Painter:
         for task in jobs:
             self.painted += [view.name for view in task.views]
             data = {view.name: repr(view.camera.pose()).encode() for view in task.views}
-            yield task, {
-                name: File(hashlib.sha256(content).hexdigest(), content if self.comes_back else None)
-                for name, content in data.items()
-            }
+            sent = [content if self.comes_back else None for content in data.values()]
+            hashes = [hashlib.sha256(content).hexdigest() for content in data.values()]
+            yield task, dict(zip(data, map(File, hashes, sent), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -66,20 +65,16 @@ def test_no_picture_replaces_another_one(paint, tmp_path):
     assert paint([0, 1, 2, 3]) == ["1.npy"]
 
 
-@pytest.mark.parametrize("head", ["[]", "{}", '{"made_of": 1}', "x"])
-def test_a_ledger_of_something_else_is_damaged(paint, tmp_path, head):
-    (tmp_path / "ledger.jsonl").write_text(head + "\n")
-    with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
-        paint([0])
-
-
-@pytest.mark.parametrize("line", ["1", "{}", '{"task": [], "files": {}}', '{"task": "a", "files": 1}'])
-def test_a_damaged_line(paint, tmp_path, line):
+def test_damage(paint, tmp_path):
+    """A journal of something else, and a line that is no task."""
+    journal = tmp_path / "ledger.jsonl"
     paint([0])
-    with open(tmp_path / "ledger.jsonl", "a") as file:
-        file.write(line + "\n")
-    with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
-        paint([0])
+    whole = journal.read_text()
+    lines = ("1", "{}", '{"task": [], "files": {}}', '{"task": "a", "files": 1}')
+    for text in ("[]", "{}", '{"made_of": 1}', "x", *(whole + line for line in lines)):
+        journal.write_text(text + "\n")
+        with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
+            paint([0])
 
 
 def test_a_line_with_other_files(paint, tmp_path):
@@ -112,12 +107,6 @@ def test_a_line_that_was_cut_off(paint, tmp_path, monkeypatch):
     assert journal.read_bytes() == whole
 
 
-def test_no_shots(scene, tmp_path):
-    with pytest.raises(sv.SolariError, match="at least one task"):
-        render_tasks(Painter(), scene, [], tmp_path / "ledger.jsonl")
-    assert not list(tmp_path.iterdir())
-
-
 def test_files_that_workers_wrote_elsewhere(scene, tmp_path, monkeypatch):
     """A folder of the same path on another machine isn't shared."""
     monkeypatch.setattr("solari_vk.cluster.journal.LATE_SECONDS", 0.0)
@@ -129,7 +118,9 @@ def test_files_that_workers_wrote_elsewhere(scene, tmp_path, monkeypatch):
     assert [list(json.loads(line)) for line in lines] == [["made_of"]]
 
 
-def test_views_of_a_shot_have_times_or_none_has(scene):
-    camera = scene.camera
+def test_wrong_tasks_are_refused(scene, tmp_path):
+    with pytest.raises(sv.SolariError, match="at least one task"):
+        render_tasks(Painter(), scene, [], tmp_path / "ledger.jsonl")
+    assert not list(tmp_path.iterdir())
     with pytest.raises(sv.SolariError, match="give all views of a task a time, or none"):
-        RenderTask(STYLE, 0, (View("0.npy", camera, 1.0), View("1.npy", camera)))
+        RenderTask(STYLE, 0, (View("0.npy", scene.camera, 1.0), View("1.npy", scene.camera)))

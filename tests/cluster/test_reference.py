@@ -13,7 +13,6 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference
 from solari_vk.cluster.reference import SEED_STEP, ChunkResult, ReferencePicture, chunk_samples
-from solari_vk.errors import SolariError
 
 SIZE = 24, 16
 LAYERS = ("depth", "variance")
@@ -25,16 +24,21 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def picture(any_device, scene):
-    """40 samples in 20 chunks, on one device in this process."""
+def render(any_device, scene):
+    """Renders 40 samples in 20 chunks with a pool of workers."""
+    return lambda pool, **more: render_reference(pool, scene, SIZE, samples=40, seed=7, layers=LAYERS, **more)
+
+
+@pytest.fixture(scope="module")
+def picture(render):
+    """The picture by one device in this process."""
     with OneDevice() as one:
-        return render_reference(one, scene, SIZE, samples=40, seed=7, layers=LAYERS)
+        return render(one)
 
 
 def same(a, b):
-    return a.samples == b.samples and a.rays == b.rays and np.array_equal(a.radiance, b.radiance) and all(
-        np.array_equal(a.layers[name], b.layers[name]) for name in LAYERS
-    )  # fmt: skip
+    equal = [np.array_equal(a.radiance, b.radiance), *(np.array_equal(a.layers[n], b.layers[n]) for n in LAYERS)]
+    return a.samples == b.samples and a.rays == b.rays and all(equal)
 
 
 def test_the_chunks_are_samples_of_the_path_tracer(picture, device, scene):
@@ -54,12 +58,9 @@ def test_the_chunks_are_samples_of_the_path_tracer(picture, device, scene):
     np.testing.assert_allclose(picture.layers["variance"], squares / (40 * 39), rtol=1e-3)
 
 
-def test_two_workers_give_the_same_bits(pool, scene, picture):
+def test_two_workers_give_the_same_bits(pool, render, picture):
     seen = []
-    other = render_reference(
-        pool, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=lambda done, error: seen.append(done)
-    )
-    assert same(picture, other)
+    assert same(picture, render(pool, progress=lambda done, error: seen.append(done)))
     assert seen[-1] == 40
     assert pool.worker_count == 2
     assert not pool.refused
@@ -67,9 +68,9 @@ def test_two_workers_give_the_same_bits(pool, scene, picture):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 4])
-def test_other_numbers_of_workers_give_the_same_bits(scene, picture, workers):
+def test_other_numbers_of_workers_give_the_same_bits(render, picture, workers):
     with WorkerPool(workers=workers) as pool:
-        assert same(picture, render_reference(pool, scene, SIZE, samples=40, seed=7, layers=LAYERS))
+        assert same(picture, render(pool))
         assert pool.worker_count == workers
 
 
@@ -82,16 +83,15 @@ def test_a_clip_leaves_no_pose_behind(any_device, scene, tmp_path):
     posed.animations.add(sv.Animation(rig, [sv.Channel(0, "translation", [0, 1], [(0, 0, 0), (0.3, 0.2, 0.1)])]))
     view = View("posed.npy", posed.camera, 0.9)
     tasks = [RenderTask(Style(SIZE, clip=clip, samples=4), 0, (view,)) for clip in (0, None)]
-    pictures, moved = [], []
+    moved = []
     with OneDevice() as one:
+        pictures = [render_reference(one, posed, SIZE, samples=4).radiance]
         for task in tasks:
-            pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
             ((_, files),) = one.map(posed, [task])
             moved.append(files["posed.npy"].sha256)
-        pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
+            pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
     assert moved[0] != moved[1]
-    assert np.array_equal(pictures[0], pictures[1])
-    assert np.array_equal(pictures[0], pictures[2])
+    assert all(np.array_equal(pictures[0], picture) for picture in pictures)
 
 
 def test_no_port_is_open_to_the_network(pool):
@@ -110,37 +110,29 @@ def test_no_port_is_open_to_the_network(pool):
 def test_no_worker_is_profiled(pool):
     """Dask would look at each worker's stacks 100 times a second."""
     profiled = pool.client.run(lambda dask_worker: "profile" in dask_worker.periodic_callbacks)
-    assert len(profiled) == pool.worker_count
-    assert not any(profiled.values())
+    assert list(profiled.values()) == [False] * pool.worker_count
 
 
-def test_another_seed_gives_other_bits(pool, scene, picture):
-    other = render_reference(pool, scene, SIZE, samples=40, seed=8)
-    assert not np.array_equal(picture.radiance, other.radiance)
-
-
-def test_a_killed_worker_changes_no_bit(pool, scene, picture):
+def test_a_killed_worker_changes_no_bit(pool, render, picture):
     """It is killed in the middle; the scheduler gives its jobs to the other, and a new process takes its place."""
-    victims = list(pool.client.run(os.getpid).values())
+    victim = next(iter(pool.client.run(os.getpid).values()))
     killed = []
 
     def kill_one(done, error):
         if done >= 4 and not killed:
-            killed.append(victims[0])
-            os.kill(victims[0], signal.SIGKILL)
+            killed.append(victim)
+            os.kill(victim, signal.SIGKILL)
 
-    assert same(picture, render_reference(pool, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=kill_one))
+    assert same(picture, render(pool, progress=kill_one))
     assert killed
-    assert victims[0] not in pool.client.run(os.getpid, on_error="ignore").values()
+    assert victim not in pool.client.run(os.getpid, on_error="ignore").values()
 
 
 def test_a_target_error_ends_after_the_same_chunks(pool, scene):
-    def at_target(workers):
-        return render_reference(workers, scene, SIZE, samples=None, target_error=0.15)
-
     with OneDevice() as one:
-        alone = at_target(one)
-    together = at_target(pool)
+        alone, together = (
+            render_reference(workers, scene, SIZE, samples=None, target_error=0.15) for workers in (one, pool)
+        )
     assert alone.error == together.error <= 0.15
     assert alone.samples == together.samples
     assert np.array_equal(alone.radiance, together.radiance)
@@ -180,17 +172,17 @@ def test_wrong_options_are_refused(pool, scene):
         ({"layers": ["nonsense"]}, "chunk 0.*nonsense"),
         ({"max_bounces": -1}, "max_bounces"),
     ):
-        with pytest.raises(SolariError, match=words):
+        with pytest.raises(sv.SolariError, match=words):
             render_reference(pool, scene, SIZE, **options)
     for options in ({}, {"workers": 0}, {"workers": 1, "address": "tcp://127.0.0.1:1"}):
-        with pytest.raises(SolariError, match="WorkerPool"):
+        with pytest.raises(sv.SolariError, match="WorkerPool"):
             WorkerPool(**options)
 
 
 def test_the_command_renders_with_workers(pool, tmp_path, capsys):
-    path = tmp_path / "picture.exr"
-    code = main(["render", "builtin:cornell_box", "--size", "24x16", "--samples", "4", "--seed", "7", "--no-denoise",
-                 "--cluster", pool.client.scheduler.address, "-o", str(path), "--aov", "depth,variance"])  # fmt: skip
+    options = "--size 24x16 --samples 4 --seed 7 --no-denoise --aov depth,variance --cluster"
+    command = ["render", "builtin:cornell_box", *options.split(), pool.client.scheduler.address]
+    code = main([*command, "-o", str(tmp_path / "picture.exr")])
     said = capsys.readouterr().err
     assert code == 0, said
     assert "with 2 workers, each with" in said

@@ -19,6 +19,15 @@ def shaders(device):
 
 
 @pytest.fixture(scope="session")
+def ray_shaders(any_device):
+    """The suite's shaders on a device that traces by ray pipelines, under validation."""
+    with Device(validation=True, rays="pipeline") as opened:
+        with ShaderRunner(opened) as made:
+            yield made
+        opened.wait_idle()
+
+
+@pytest.fixture(scope="session")
 def patched(device):
     """patched(bug, ..., device=None): a context with a runner of shaders with these seeded bugs."""
 

@@ -1,4 +1,4 @@
-"""What tests with damaged rays, records and shaders share: which rules fail."""
+"""What tests with damaged rays, records and shaders share: which rules fail, and damage."""
 
 from __future__ import annotations
 
@@ -18,9 +18,28 @@ def expect_red(measurements, *parts):
 
 
 def masked(field, mask):
-    """Damage to instance records: clears all bits of a field outside the mask."""
+    """Damage: clears all bits of a field outside the mask."""
 
-    def damage(records):
-        records[field] &= np.uint32(mask)
+    def damage(sent):
+        sent[field] &= np.uint32(mask & 0xFFFFFFFF)
+
+    return damage
+
+
+def with_bits(field, bits):
+    """Damage: sets these bits of a field."""
+
+    def damage(sent):
+        sent[field] |= np.uint32(bits)
+
+    return damage
+
+
+def changed(**values):
+    """Damage: other values of fields."""
+
+    def damage(sent):
+        for field, value in values.items():
+            sent[field] = value
 
     return damage

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -40,32 +41,45 @@ def screen() -> Iterator[str]:
 
 @pytest.fixture
 def held(device):
-    """A function that counts the objects on the device, without those that the device keeps for later use."""
+    """A function that counts the objects in use on the device."""
 
     def count() -> int:
         device.wait_idle()
-        kept = len(device.staging_pool._chunks) + len(device._samplers) + ("pipeline_cache" in vars(device))
-        return device.live_objects - kept
+        return device.objects_in_use
 
     return count
 
 
-@pytest.fixture
-def open_viewer(screen, device, held):
-    """A function that opens a viewer. After the test all are closed, and must have left nothing on the device."""
+@contextmanager
+def viewers(device) -> Iterator[Callable[..., Viewer]]:
+    """A function that opens a viewer. At the end all are closed, and must have left nothing on the device."""
     opened: list[Viewer] = []
-    before = held()
+    device.wait_idle()
+    before = device.objects_in_use
 
     def open_one(scene=None, **options) -> Viewer:
         options = {"size": (96, 64), "mode": "reference", "scale": 1.0, **options}
-        viewer = Viewer(device, scene or sv.builtin("cornell_box"), **options)
-        opened.append(viewer)
-        return viewer
+        opened.append(Viewer(device, scene or sv.builtin("cornell_box"), **options))
+        return opened[-1]
 
     yield open_one
     for viewer in opened:
         viewer.close()
-    assert held() == before, "the viewer left something on the device"
+    device.wait_idle()
+    assert device.objects_in_use == before, "the viewer left something on the device"
+
+
+@pytest.fixture
+def open_viewer(screen, device):
+    with viewers(device) as open_one:
+        yield open_one
+
+
+@pytest.fixture(scope="module")
+def open_shared(screen, device):
+    """`open_viewer` for viewers that the tests of a module share."""
+    with viewers(device) as open_one:
+        yield open_one
 
 
 @pytest.fixture
@@ -74,3 +88,36 @@ def viewer(open_viewer):
     opened = open_viewer(overlay=False)
     opened.run(frames=2)
     return opened
+
+
+class Imgui:
+    """Stands for the module imgui, with all headers open and some functions replaced."""
+
+    def __init__(self, imgui, **replaced):
+        self._imgui = imgui
+        self.__dict__.update(replaced)
+
+    def __getattr__(self, name):
+        found = getattr(self._imgui, name)
+        if name not in ("collapsing_header", "tree_node"):
+            return found
+
+        def opened(*arguments):
+            self._imgui.set_next_item_open(True)
+            return found(*arguments)
+
+        return opened
+
+
+@pytest.fixture
+def replace(monkeypatch):
+    """replace(name=function, ...): let the panels use `Imgui` with these functions."""
+    from solari_vk.viewer import panels, scene_panel
+
+    imgui = panels.imgui
+
+    def put(**replaced):
+        for module in (panels, scene_panel):
+            monkeypatch.setattr(module, "imgui", Imgui(imgui, **replaced))
+
+    return put

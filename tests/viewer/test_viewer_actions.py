@@ -6,7 +6,6 @@ import json
 import re
 import shlex
 import shutil
-import time
 
 import glfw
 import numpy as np
@@ -20,7 +19,7 @@ from solari_vk.cli import main
 from solari_vk.gpu.shaders import compiler
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import views_of
-from solari_vk.viewer import messages, pictures, reload
+from solari_vk.viewer import app, messages, pictures, reload
 
 FLAT = {"overlay": False, "size": (64, 64)}
 
@@ -35,8 +34,11 @@ def test_keys_cycle_through_views_and_tone_mappings(viewer):
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
     assert viewer.pictures.view == views[-1]
+    viewer.pictures.view, viewer.settings.lighting = "paths_distance", "split"
+    assert viewer.pictures.view == "picture", "a view that the lighting lacks"
 
 
+@pytest.mark.slow
 def test_a_view_that_the_lighting_lacks_is_the_picture(viewer):
     viewer.pictures.mode, viewer.pictures.view = "realtime", "paths_distance"
     viewer.settings.lighting = "split"
@@ -48,16 +50,17 @@ def test_a_view_that_the_lighting_lacks_is_the_picture(viewer):
 
 
 def test_brighter_is_brighter(viewer):
-    before = viewer.pictures.pixels().mean()
+    before, home = viewer.pictures.pixels().mean(), viewer.camera_control.home
     type_keys(viewer, *[glfw.KEY_EQUAL] * 3)
-    assert viewer.camera.ev100 == pytest.approx(viewer.camera_control.home.ev100 - 1)
+    assert viewer.camera.ev100 == pytest.approx(home.ev100 - 1)
     assert viewer.pictures.pixels().mean() > before + 5
     type_keys(viewer, glfw.KEY_R)
-    assert viewer.camera.ev100 == viewer.camera_control.home.ev100
+    assert viewer.camera.ev100 == home.ev100
 
 
-def test_flying_moves_the_picture(viewer):
-    assert viewer.pictures.reference.tracer.samples >= 2
+def test_keys_fly_give_help_and_close(viewer, capfd):
+    type_keys(viewer, glfw.KEY_H)
+    assert "fly" in capfd.readouterr().err, "help without panels is printed"
     viewer.window.events.append(press(glfw.KEY_W))
     viewer.run(frames=3)
     home = viewer.camera_control.home.transform
@@ -84,11 +87,6 @@ def test_a_pose_is_copied_to_and_pasted_from_the_clipboard(viewer):
     viewer.window.clipboard = "not a pose"
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_CONTROL)
     assert "no camera pose" in viewer.message
-
-
-def test_help_without_panels_is_printed(viewer, capfd):
-    type_keys(viewer, glfw.KEY_H)
-    assert "fly" in capfd.readouterr().err
 
 
 def test_scene_cameras_by_number(viewer):
@@ -135,24 +133,18 @@ def test_a_click_finds_instance_and_point(open_viewer):
 
 
 @pytest.mark.parametrize("mode", ["reference", "realtime"])
-def test_the_speed_follows_the_distance_to_what_is_seen(open_viewer, mode):
+def test_the_speed_follows_the_distance_to_what_is_seen(open_viewer, monkeypatch, mode):
     scene, _ = wall_before_a_camera(emissive=(1, 1, 1))
     viewer = open_viewer(scene, **FLAT, mode=mode)
     viewer.run(frames=2)
     control = viewer.camera_control
     assert control.distance == pytest.approx(2, rel=1e-3)
-    control.take(sv.Camera.look_at((0, 0, 0.5), (0, 0, 0)))
-    viewer.step()  # shows what the camera sees now
+    monkeypatch.setattr(app, "SEEING", 0.0)
     viewer.window.events.append(press(glfw.KEY_D))
-    for _ in range(3):
-        time.sleep(0.1)
-        viewer.step()
-    assert control.distance == pytest.approx(0.5, rel=1e-3)
-    control.take(sv.Camera.look_at((0, 0, 8), (0, 0, 20)))
-    viewer.step()
-    time.sleep(0.1)
-    viewer.step()
-    assert control.distance == pytest.approx(8, rel=0.02), "the background: as far as the wall"
+    for distance, target, error in ((0.5, 0, 1e-3), (8, 20, 0.02)):  # the background is as far as the wall
+        control.take(sv.Camera.look_at((0, 0, distance), (0, 0, target)))
+        viewer.run(frames=2)  # the second looks at what the first shows
+        assert control.distance == pytest.approx(distance, rel=error)
 
 
 # ---- editing ----------------------------------------------------------------------------------------
@@ -181,26 +173,18 @@ def refuse_with(text):
 
 
 def test_an_error_of_a_frame_is_shown_and_the_picture_stays(viewer, monkeypatch):
+    """A resize during it is caught up."""
     before = viewer.capture()
-    monkeypatch.setattr(viewer.pictures, "render", refuse_with("the scene is too large"))
+    monkeypatch.setattr(viewer.pictures.binder, "update", refuse_with("a light without a size"))
     viewer.run(frames=3)
-    assert viewer.message == "the scene is too large"
     assert (viewer.capture() == before).all()
     monkeypatch.setattr(messages, "MESSAGE_SECONDS", 0.0)
     for tell in (viewer.say, viewer.warn):
         tell("something else")
         viewer.run(frames=1)
-        assert viewer.message == "the scene is too large", "an uncorrected fault is shown again"
-    monkeypatch.undo()
-    viewer.run(frames=1)
-    assert viewer.message == ""
-
-
-def test_a_resize_during_an_error_of_the_scene_is_caught_up(viewer, monkeypatch):
-    monkeypatch.setattr(viewer.pictures.binder, "update", refuse_with("a light without a size"))
+        assert viewer.message == "a light without a size", "an uncorrected fault is shown again"
     glfw.set_window_size(viewer.window.handle, 70, 50)
     viewer.run(frames=3)
-    assert viewer.message == "a light without a size"
     monkeypatch.undo()
     viewer.run(frames=2)
     assert viewer.message == ""
@@ -215,8 +199,7 @@ def test_the_old_renderer_stays_if_one_that_counts_rays_fails(device, monkeypatc
             super().__init__(*arguments, **options)
 
     monkeypatch.setattr(pictures, "Renderer", Uncounted)
-    shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings())
-    camera = sv.Camera()
+    shown, camera = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings()), sv.Camera()
     shown.render(camera, (8, 8))
     shown.counts_rays = True
     with pytest.raises(sv.SolariError, match="no such shader"):
@@ -225,16 +208,7 @@ def test_the_old_renderer_stays_if_one_that_counts_rays_fails(device, monkeypatc
     assert (shown.realtime.frame_count, shown.refuses) == (2, True)
     shown.counts_rays = False
     shown.render(camera, (8, 8))
-    assert not shown.refuses
-    assert shown.realtime.frame_count == 3, "the same renderer"
-    shown.close()
-
-
-def test_debug_views_are_not_compared_with_the_path_tracer(device, monkeypatch):
-    shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings(), mode="split")
-    monkeypatch.setattr(pictures.Pictures, "ready", True)
-    shown.view = views_of("paths")[1]
-    assert shown.errors() == {}
+    assert (shown.realtime.frame_count, shown.refuses) == (3, False), "the same renderer"
     shown.close()
 
 
@@ -264,16 +238,11 @@ def test_the_command_of_a_screenshot_renders_the_same_bits(open_viewer, tmp_path
     assert np.asarray(Image.open(first.with_suffix(".png"))).shape == (64, 64, 3)
 
 
-def test_a_screenshot_before_the_first_picture_is_refused(open_viewer, tmp_path):
-    viewer = open_viewer(**FLAT, mode="realtime", folder=tmp_path / "shots")
-    viewer.act("screenshot")
-    assert "no picture yet" in viewer.message
-    assert not (tmp_path / "shots").exists()
-
-
-def test_a_folder_that_cannot_be_written_is_reported(open_viewer, tmp_path):
+def test_a_screenshot_that_cannot_be_written_is_reported(open_viewer, tmp_path):
     (tmp_path / "file").write_text("")
     viewer = open_viewer(**FLAT, folder=tmp_path / "file" / "shots")
+    viewer.act("screenshot")
+    assert "no picture yet" in viewer.message
     viewer.run(frames=1)
     type_keys(viewer, glfw.KEY_F2)
     assert "file" in viewer.message

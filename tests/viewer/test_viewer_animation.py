@@ -6,12 +6,12 @@ import glfw
 import numpy as np
 import pytest
 from support.characters import bent, tube
+from viewer_tools import type_keys
 
 import solari_vk as sv
 from solari_vk.viewer import panels
 from solari_vk.viewer.player import Player
 from solari_vk.viewer.screenshot import command_line
-from solari_vk.viewer.window import Event
 
 
 @pytest.fixture
@@ -64,45 +64,31 @@ def test_keys_play_and_choose(open_viewer, scene):
     viewer = open_viewer(scene, overlay=False)
     viewer.run(frames=2)
     assert lean(scene) == pytest.approx(0)
-    viewer.window.events.append(Event("key", glfw.KEY_SPACE, True))
-    viewer.run(frames=4)
+    type_keys(viewer, glfw.KEY_SPACE)
+    viewer.run(frames=3)
     assert viewer.player.playing
     assert lean(scene) < 0
-    viewer.window.events.append(Event("key", glfw.KEY_SPACE, True))
-    viewer.window.events.append(Event("key", glfw.KEY_N, True))
-    viewer.step()
+    type_keys(viewer, glfw.KEY_SPACE, glfw.KEY_N)
     assert not viewer.player.playing
     assert viewer.player.clip.name == "right"
     assert "--clip 1 --time 0.0" in command_line(viewer, viewer.folder)
-
-
-def test_the_panel_scrubs(open_viewer, scene, monkeypatch):
-    viewer = open_viewer(scene, size=(160, 100))
-    if viewer.overlay is None:
-        pytest.skip("no imgui-bundle")
-    imgui = panels.imgui
-
-    class Scrubbing:
-        def __getattr__(self, name):
-            return getattr(imgui, name)
-
-        def slider_float(self, label, value, *options):
-            return (True, 1.5) if label == "seconds" else imgui.slider_float(label, value, *options)
-
-    monkeypatch.setattr(panels, "imgui", Scrubbing())
-    viewer.run(frames=2)
-    assert viewer.player.seconds == 1.5
-    assert lean(scene) < -0.3
-
-
-def test_poses_that_can_not_be_shown_end_playing(open_viewer, scene):
-    viewer = open_viewer(scene, overlay=False)
     rig = scene.animations[0].rig
     scene.animations.clear()
     scene.animations.add(sv.Animation(rig, [sv.Channel(0, "scale", [0, 1], [[1, 1, 1], [1e30, 1, 1]])], name="burst"))
-    viewer.player.playing = True
-    viewer.player.seconds = 0.5
-    viewer.step()
-    viewer.step()
-    assert not viewer.player.playing
+    viewer.player.playing, viewer.player.seconds = True, 0.5
+    viewer.run(frames=2)
+    assert not viewer.player.playing, "poses that can't be shown end playing"
     assert "burst" in viewer.message
+
+
+def test_the_panel_scrubs(open_viewer, scene, replace):
+    viewer = open_viewer(scene, size=(160, 100))
+    slider = panels.imgui.slider_float
+
+    def scrub(label, *given, **options):
+        return (True, 1.5) if label == "seconds" else slider(label, *given, **options)
+
+    replace(slider_float=scrub)
+    viewer.run(frames=2)
+    assert viewer.player.seconds == 1.5
+    assert lean(scene) < -0.3

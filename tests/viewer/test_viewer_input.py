@@ -16,12 +16,13 @@ from solari_vk.viewer.controls import ACTIONS, FLY_KEYS, KEYS_HELP, Controls
 from solari_vk.viewer.window import Event, Window
 
 DISTANCE = 4.0
+SEEN = np.array((0.0, 1.0, 0.0))
 LEFT, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT
 
 
 def make_control():
-    """A camera that looks along -z at (0, 1, 0), which it has seen."""
-    control = CameraControl(sv.Camera.look_at((0, 1, DISTANCE), (0, 1, 0)), extent=8.0)
+    """A camera that looks along -z at SEEN, which it has seen."""
+    control = CameraControl(sv.Camera.look_at((0, 1, DISTANCE), SEEN), extent=8.0)
     control.see(DISTANCE)
     return control
 
@@ -39,11 +40,11 @@ def called():
 
 @pytest.fixture
 def handle(control, called):
-    """`Controls.handle` with the events as arguments."""
+    """`Controls.handle` with the events as arguments. What is grabbed is SEEN."""
 
     def act(name, argument):
         called.append((name, argument))
-        return np.array((0.0, 1.0, 0.0)) if name == "grab" else None
+        return SEEN if name == "grab" else None
 
     controls = Controls(control, act)
     return lambda *events, **options: controls.handle(events, **options)
@@ -53,10 +54,10 @@ def position(control):
     return control.camera.transform[:3, 3].copy()
 
 
-def velocity(control):
+def speed(control, seconds=1e-3):
     before = position(control)
-    control.advance(1e-3)
-    return (position(control) - before) / 1e-3
+    control.advance(seconds)
+    return np.linalg.norm(position(control) - before) / seconds
 
 
 # ---- flying -----------------------------------------------------------------------------------------
@@ -76,55 +77,46 @@ def test_keys_fly(handle, control, key, direction):
     assert np.linalg.norm(moved) > 0.3 * PACE * DISTANCE
     handle(release(code))
     control.advance(2)
-    stopped = position(control)
     assert not control.flies
-    control.advance(1)
-    assert (position(control) == stopped).all()
+    assert speed(control) == 0
 
 
 def test_shift_flies_faster_and_two_keys_are_as_fast_as_one(handle, control):
     handle(press(glfw.KEY_D), press(glfw.KEY_E))
     control.advance(1)
-    assert np.linalg.norm(velocity(control)) == pytest.approx(control.speed, rel=1e-3)
+    assert speed(control) == pytest.approx(control.speed, rel=1e-3)
     handle(press(glfw.KEY_LEFT_SHIFT))
     control.advance(1)
-    assert np.linalg.norm(velocity(control)) == pytest.approx(4 * control.speed, rel=1e-3)
+    assert speed(control) == pytest.approx(4 * control.speed, rel=1e-3)
     handle(release(glfw.KEY_LEFT_SHIFT), press(glfw.KEY_A), press(glfw.KEY_Q))
     control.advance(2)
-    before = position(control)
-    control.advance(1)
-    assert position(control) == pytest.approx(before), "opposite keys cancel"
+    assert speed(control) == pytest.approx(0, abs=1e-6), "opposite keys cancel"
 
 
 def test_velocity_changes_smoothly(handle, control):
     """After a press and after a release, no frame's velocity differs by more than a share of the speed."""
-    frame, velocities = 1 / 60, [0.0]
+    speeds = [0.0]
     for event in (press(glfw.KEY_D), release(glfw.KEY_D)):
         handle(event)
-        for _ in range(60):
-            before = position(control)
-            control.advance(frame)
-            velocities.append(np.linalg.norm(position(control) - before) / frame)
-    assert max(velocities) == pytest.approx(control.speed, rel=1e-3)
-    assert np.abs(np.diff(velocities)).max() < 0.25 * control.speed
-    assert velocities[-1] == 0
+        speeds += [speed(control, 1 / 60) for _ in range(60)]
+    assert max(speeds) == pytest.approx(control.speed, rel=1e-3)
+    assert np.abs(np.diff(speeds)).max() < 0.25 * control.speed
+    assert speeds[-1] == 0
 
 
-@pytest.mark.parametrize("keys", [(glfw.KEY_W,), (glfw.KEY_S, glfw.KEY_D), (glfw.KEY_D, glfw.KEY_E)])
+@pytest.mark.parametrize("keys", [(glfw.KEY_W,), (glfw.KEY_S, glfw.KEY_D)])
 def test_flying_does_not_depend_on_the_frame_rate(keys):
     """Keys that are held for a second end at the same place with 7, 30 and 144 frames a second."""
     ends = []
     for rate in (7, 30, 144):
         control = make_control()
-        controls = Controls(control, lambda name, argument: None)
-        controls.handle([press(key) for key in keys])
+        Controls(control, lambda name, argument: None).handle([press(key) for key in keys])
         for _ in range(rate):
             control.advance(1 / rate)
         ends.append(position(control))
     way = np.linalg.norm(ends[0] - position(make_control()))
     assert way > 1
-    for end in ends[1:]:
-        assert np.linalg.norm(end - ends[0]) < 0.01 * way
+    assert np.linalg.norm(ends[1:] - ends[0], axis=1).max() < 0.01 * way
 
 
 @pytest.mark.parametrize("rate", [7, 60])
@@ -148,7 +140,6 @@ def test_flying_to_a_wall_ends_before_it(handle, control, rate):
 def test_home_is_found_from_everywhere(handle, control):
     """F without a picked instance shows what was seen first, from as far away; R shows it as at first."""
     home = control.camera.transform.copy()
-    seen = np.array((0, 1, 0))
     for key in (glfw.KEY_W, glfw.KEY_S, glfw.KEY_E):
         handle(press(key), press(glfw.KEY_LEFT_SHIFT))
         control.advance(1)
@@ -158,7 +149,7 @@ def test_home_is_found_from_everywhere(handle, control):
         handle(release(key))
         control.focus_home()
         assert not control.flies
-        assert position(control) == pytest.approx(seen + DISTANCE * control.camera.transform[:3, 2])
+        assert position(control) == pytest.approx(SEEN + DISTANCE * control.camera.transform[:3, 2])
         assert control.distance == pytest.approx(DISTANCE)
         control.advance(1)
     control.reset()
@@ -174,32 +165,25 @@ def test_the_background_is_as_far_as_what_was_seen_first(control):
 
 
 def test_wheel_changes_speed_within_bounds(handle, control):
-    speed = control.speed
+    before = control.speed
     handle(Event("scroll", y=2.0))
-    assert control.speed == pytest.approx(speed * 1.25**2)
+    assert control.speed == pytest.approx(before * 1.25**2)
     handle(*[Event("scroll", y=-1e9)] * 3)
-    assert 0 < control.speed < speed
+    assert 0 < control.speed < before
     handle(*[Event("scroll", y=1e9)] * 9)
-    assert speed < control.speed < 1e3 * speed
+    assert before < control.speed < 1e3 * before
+    control.held = {"forward"}
+    for _ in range(100):
+        control.advance(1e6)
+    assert np.isfinite(control.camera.transform).all()
 
 
-def test_losing_the_focus_releases_all_keys(handle, control):
+def test_keys_are_released_without_the_focus_and_while_panels_use_them(handle, control):
     handle(press(glfw.KEY_W), press(glfw.KEY_LEFT_SHIFT), Event("focus", pressed=False))
     assert (control.held, control.fast) == (set(), False)
-
-
-def test_releases_count_even_while_panels_use_the_keys(handle, control):
     handle(press(glfw.KEY_W))
     handle(release(glfw.KEY_W), press(glfw.KEY_S), takes_keys=False)
     assert not control.held
-
-
-def test_a_camera_that_flies_for_long_stays_finite(control):
-    control.held = {"forward"}
-    for _ in range(100):
-        control.change_speed(20)
-        control.advance(1e6)
-    assert np.isfinite(control.camera.transform).all()
 
 
 # ---- mouse ------------------------------------------------------------------------------------------
@@ -216,23 +200,21 @@ def test_right_drag_looks_around(handle, control, called):
 def test_left_drag_orbits_around_the_grabbed_point(handle, control, called):
     handle(*drag(LEFT, (100, 0), (100, 0), (0, 50)))
     assert [name for name, _ in called] == ["grab"]
-    center = np.array((0, 1, 0))
-    assert np.linalg.norm(position(control) - center) == pytest.approx(4)
     view = -control.camera.transform[:3, 2]
-    assert view == pytest.approx((center - position(control)) / 4), "the point stays in the center of the picture"
+    assert position(control) == pytest.approx(SEEN - 4 * view), "the point stays in the center, as far away"
+    assert view[0] > 0.5
 
 
-def test_a_click_picks_and_does_not_move(handle, control, called):
+def test_other_drags_do_not_move(handle, control, called):
+    """A click picks; a drag over the sky looks around; over panels, nothing happens."""
     before = control.camera.transform.copy()
     handle(*drag(LEFT, (1, 1), (1, -1)))
+    handle(*drag(LEFT, (100, 0)), takes_mouse=False)
     assert called == [("pick", (52.0, 50.0))]
     assert (control.camera.transform == before).all()
-
-
-def test_a_drag_over_the_sky_looks_around(control):
-    before = position(control)
     Controls(control, lambda name, argument: None).handle(drag(LEFT, (100, 30)))
-    assert position(control) == pytest.approx(before)
+    assert position(control) == pytest.approx(before[:3, 3])
+    assert (control.camera.transform != before).any()
 
 
 def test_looking_up_stops_before_the_pole(handle, control):
@@ -244,18 +226,22 @@ def test_looking_up_stops_before_the_pole(handle, control):
     assert transform[1, 0] == pytest.approx(0), "the horizon stays level"
 
 
-def test_the_mouse_over_panels_does_nothing(handle, called):
-    handle(*drag(LEFT, (100, 0)), takes_mouse=False)
-    assert not called
-
-
 # ---- actions ----------------------------------------------------------------------------------------
 
 
-def test_every_action_has_its_key(handle, called):
+def test_every_action_has_its_key(handle, control, called):
     for code, with_control in ACTIONS:
         handle(press(code, glfw.MOD_CONTROL if with_control else 0), release(code))
     assert [name for name, _ in called] == list(ACTIONS.values())
+    called.clear()
+    handle(press(glfw.KEY_1), press(glfw.KEY_9), press(glfw.KEY_1, repeats=True))
+    assert called == [("camera", 0), ("camera", 8)]
+    handle(press(glfw.KEY_F2, repeats=True), press(glfw.KEY_PERIOD, repeats=True))
+    assert called[2:] == [("move_divider_right", None)], "only some held keys repeat"
+    handle(press(glfw.KEY_V, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL))
+    assert called[3:] == [("previous_view", None)]
+    assert not control.held, "Ctrl doesn't fly"
+    assert not FLY_KEYS.keys() & {code for code, with_control in ACTIONS if not with_control}
 
 
 def test_the_guide_lists_the_keys():
@@ -264,35 +250,12 @@ def test_the_guide_lists_the_keys():
         assert f"| {keys} | {meaning} |\n" in guide
 
 
-def test_numbers_choose_cameras(handle, called):
-    handle(press(glfw.KEY_1), press(glfw.KEY_9), press(glfw.KEY_1, repeats=True))
-    assert called == [("camera", 0), ("camera", 8)]
-
-
-def test_only_some_held_keys_repeat(handle, called):
-    handle(press(glfw.KEY_F2, repeats=True), press(glfw.KEY_PERIOD, repeats=True))
-    assert called == [("move_divider_right", None)]
-
-
-def test_control_does_not_fly(handle, control, called):
-    handle(press(glfw.KEY_V, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL))
-    assert called == [("previous_view", None)]
-    assert not control.held
-    assert set(FLY_KEYS) & {code for code, with_control in ACTIONS if not with_control} == set()
-
-
-# ---- camera -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("text", ["", "hello", "[1, 2]", '{"position": 3}', '{"transform": [[1]]}', "{"])
+@pytest.mark.parametrize("text", ["", "[1, 2]", '{"position": 3}', '{"transform": [[1]]}'])
 def test_other_texts_are_refused_as_poses(control, text):
     before = control.camera.transform.copy()
     with pytest.raises(sv.SolariError):
         control.paste_pose(text)
     assert (control.camera.transform == before).all()
-
-
-# ---- a window without a screen ----------------------------------------------------------------------
 
 
 def test_windows_are_minimized():
@@ -301,10 +264,9 @@ def test_windows_are_minimized():
     try:
         window = Window((200, 100), "test")
         assert window.pixels == (200, 100)
-        glfw.iconify_window(window.handle)
-        assert window.pixels == (0, 0)
-        glfw.restore_window(window.handle)
-        assert window.pixels == (200, 100)
+        for change, pixels in ((glfw.iconify_window, (0, 0)), (glfw.restore_window, (200, 100))):
+            change(window.handle)
+            assert window.pixels == pixels
         window.take_events()
         assert window.take_events() == []
         window.close()

@@ -19,12 +19,12 @@ from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.camera_control import PACE
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS
+from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.window import Event
 
-KEYS = [
-    *FLY_KEYS, glfw.KEY_LEFT_SHIFT, glfw.KEY_1, glfw.KEY_5,
-    *(code for (code, _), name in ACTIONS.items() if name not in ("close", "screenshot", "reload", "fullscreen")),
-]  # fmt: skip
+UNUSED = ("close", "screenshot", "reload", "fullscreen")
+KEYS = [*FLY_KEYS, glfw.KEY_LEFT_SHIFT, glfw.KEY_1, glfw.KEY_5]
+KEYS += [code for (code, _), name in ACTIONS.items() if name not in UNUSED]
 SIZES = [(160, 120), (120, 160), (64, 64), (201, 77), (1, 1), (300, 200)]
 
 
@@ -33,22 +33,21 @@ def random_events(generator, size):
     kind = generator.choice(["key", "key", "cursor", "cursor", "button", "scroll", "focus", "text"])
     if kind == "key":
         modifiers = generator.choice([0, 0, glfw.MOD_CONTROL, glfw.MOD_SHIFT])
-        yield Event("key", generator.choice(KEYS), generator.random() < 0.6, modifiers)
-    elif kind == "button":
-        yield Event("button", generator.choice([0, 0, 1, 2]), generator.random() < 0.5)
-    else:
-        x, y = (generator.uniform(-5, side + 5) for side in size)
-        code = generator.choice([0x30, 0x41, 0x1F600]) if kind == "text" else 0
-        yield Event(kind, code, generator.random() < 0.9, x=x, y=y)
+        return Event("key", generator.choice(KEYS), generator.random() < 0.6, modifiers)
+    if kind == "button":
+        return Event("button", generator.choice([0, 0, 1, 2]), generator.random() < 0.5)
+    x, y = (generator.uniform(-5, side + 5) for side in size)
+    code = generator.choice([0x30, 0x41, 0x1F600]) if kind == "text" else 0
+    return Event(kind, code, generator.random() < 0.9, x=x, y=y)
 
 
-def use_at_random(viewer, frames, seed, modes, resizes=0.04):
+def use_at_random(viewer, frames, seed, modes):
     generator = random.Random(seed)
     seen = set()
     for _ in range(frames):
         for _ in range(generator.randrange(4)):
-            viewer.window.events += random_events(generator, viewer.window.size)
-        if generator.random() < resizes:
+            viewer.window.events.append(random_events(generator, viewer.window.size))
+        if generator.random() < (0.2 if frames < 100 else 0.04):
             glfw.set_window_size(viewer.window.handle, *generator.choice(SIZES))
         if generator.random() < 0.02:
             viewer.scale.auto = not viewer.scale.auto
@@ -56,59 +55,50 @@ def use_at_random(viewer, frames, seed, modes, resizes=0.04):
             viewer.pictures.mode = generator.choice(modes)
         viewer.step()
         assert np.isfinite(viewer.camera.transform).all()
+        assert "picture" not in viewer.faults
         seen.add(viewer.pictures.size)
     assert len(seen) > 2
     viewer.controls.release()
 
 
-def calm_down(viewer):
-    """Show the reference without panels at full resolution in a window of 160x120, and pick something."""
-    viewer.pictures.mode = "reference"
+def calm_down(viewer, modes):
+    """Show each mode without panels at full resolution in a window of 160x120, and pick something."""
     viewer.act("reset")
-    viewer.shows_panels = viewer.shows_help = False
+    viewer.shows_panels = viewer.shows_help = viewer.pictures.counts_rays = False
     viewer.scale.fix(1.0)
     glfw.set_window_size(viewer.window.handle, 160, 120)
-    viewer.run(frames=4)
+    for viewer.pictures.mode in ("reference", *modes):
+        viewer.run(frames=4)
     viewer.act("pick", (80, 60))
     assert viewer.pick is not None
     viewer.message = ""
     viewer.run(frames=1)
+    assert viewer.pictures.size == (160, 120)
 
 
-def test_five_hundred_frames_of_random_use(open_viewer, held, monkeypatch):
-    viewer = open_viewer(size=(160, 120), scale=0.2, seed=3)
-    # The realtime renderer takes longer; the next test uses it for fewer frames.
-    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda *_: None)
+@pytest.mark.parametrize(
+    ("frames", "modes"),
+    [
+        (150, ["reference"]),
+        (10, ["split", "realtime"]),
+        pytest.param(250, ["split", "realtime"], marks=pytest.mark.slow),
+    ],
+)
+def test_random_use_leaves_nothing_behind(open_viewer, held, monkeypatch, frames, modes):
+    if modes == ["reference"]:
+        monkeypatch.setattr(Pictures, "mode", property(lambda self: "reference", lambda self, mode: None))
+    viewer = open_viewer(size=(64, 48), scale=0.5, seed=3)
     viewer.scene.add(sv.Camera.look_at((1, 1, -2), (1, 1, 1)))
     used = []
-    for seed in (11, 12):
+    for seed in (21, 22):
         viewer.shows_panels = True
-        use_at_random(viewer, 250, seed, modes=["reference"])
-        calm_down(viewer)
+        for mode in modes:
+            use_at_random(viewer, frames, seed, [mode])
+        calm_down(viewer, modes)
         used.append((held(), viewer.device.memory.bytes_used))
     assert used[1][0] == used[0][0], "more objects"
     assert used[1][1] < 1.3 * used[0][1], "more memory"
-    assert viewer.pictures.size == (160, 120)
     assert (viewer.capture() == viewer.pictures.pixels()).all()
-
-
-@pytest.mark.parametrize("frames", [40, pytest.param(500, marks=pytest.mark.slow)])
-def test_random_use_of_the_realtime_picture_and_the_split_view(open_viewer, held, frames):
-    viewer = open_viewer(size=(64, 48), scale=0.5, seed=3)
-    counts = []
-    for seed in (21, 22):
-        for mode in ("realtime", "split"):
-            use_at_random(viewer, frames // 2, seed, modes=[mode], resizes=0.2)
-            assert "picture" not in viewer.faults
-        calm_down(viewer)
-        viewer.pictures.counts_rays = False
-        for viewer.pictures.mode in ("split", "realtime"):
-            viewer.run(frames=3)
-        counts.append(held())
-        assert (viewer.capture() == viewer.pictures.realtime["display"][..., :3]).all()
-        viewer.shows_panels = True
-    assert counts[0] == counts[1], "more objects"
-    assert viewer.pictures.size == (160, 120)
 
 
 @pytest.mark.slow
@@ -142,75 +132,51 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     use_at_random(viewer, 60, seed=12, modes=["realtime", "split"])
 
 
-# ---- real input -------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def xdotool(screen):
+def test_real_keys_and_mouse(open_viewer):
     if shutil.which("xdotool") is None:
         pytest.fail("xdotool is missing (Debian: apt-get install xdotool)")
-    return lambda *words: subprocess.run(["xdotool", *map(str, words)], check=True, timeout=20)
-
-
-def until(viewer, holds):
-    """Run frames until holds() is true, because events take some time to pass through the server."""
-    end = time.monotonic() + 20
-    while not holds():
-        assert time.monotonic() < end
-        viewer.step()
-
-
-def test_real_keys_and_mouse(open_viewer, xdotool):
     viewer = open_viewer(size=(160, 120), scale=0.25, overlay=False)
     viewer.run(frames=2)
     glfw.focus_window(viewer.window.handle)
     home = viewer.camera_control.home.transform
-    xdotool("mousemove", 80, 60, "keydown", "w")
-    until(viewer, lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any())
-    xdotool("keyup", "w")
-    until(viewer, lambda: not viewer.camera_control.held)
-    xdotool("key", "r")
-    until(viewer, lambda: (viewer.camera.transform == home).all())
-    xdotool("click", 1)
-    until(viewer, lambda: viewer.pick is not None)
-    xdotool("mousedown", 1, "mousemove", 110, 60)
-    until(viewer, lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any())
-    xdotool("mouseup", 1, "click", 4)
-    until(viewer, lambda: viewer.camera_control.pace > PACE)
-    xdotool("key", "Escape")
-    until(viewer, lambda: viewer.window.wants_to_close)
-
-
-# ---- the command line -------------------------------------------------------------------------------
+    for words, holds in (
+        ("mousemove 80 60 keydown w", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
+        ("keyup w", lambda: not viewer.camera_control.held),
+        ("key r", lambda: (viewer.camera.transform == home).all()),
+        ("click 1", lambda: viewer.pick is not None),
+        ("mousedown 1 mousemove 110 60", lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any()),
+        ("mouseup 1 click 4", lambda: viewer.camera_control.pace > PACE),
+        ("key Escape", lambda: viewer.window.wants_to_close),
+    ):
+        subprocess.run(["xdotool", *words.split()], check=True, timeout=20)
+        end = time.monotonic() + 20
+        while not holds():  # events take some time to pass through the server
+            assert time.monotonic() < end, words
+            viewer.step()
 
 
 def test_a_screenshot_of_view_looks_like_a_picture_of_render(screen, tmp_path, capfd):
-    shown, rendered = tmp_path / "shown.png", tmp_path / "rendered.exr"
+    shown, rendered = str(tmp_path / "shown.png"), str(tmp_path / "rendered.png")
     common = ["builtin:cornell_box", "--mode", "reference", "--size", "64x48", "--seed", "4", "--validation"]
-    view = ["view", *common, "--scale", "1", "--no-overlay", "--frames", "3", "--screenshot", str(shown)]
+    view = ["view", *common, "--scale", "1", "--no-overlay", "--frames", "3", "--screenshot", shown]
     assert main(view) == 0, capfd.readouterr().err
-    pixels = np.asarray(Image.open(shown)).astype(int)
-    assert pixels.shape == (48, 64, 3)
-    assert main(["render", *common, "--samples", "64", "-o", str(rendered.with_suffix(".png"))]) == 0
-    picture = np.asarray(Image.open(rendered.with_suffix(".png"))).astype(int)[..., :3]
+    assert main(["render", *common, "--samples", "64", "-o", rendered]) == 0
+    pixels, picture = (np.asarray(Image.open(path)).astype(int)[..., :3] for path in (shown, rendered))
+    assert pixels.shape == picture.shape == (48, 64, 3)
     assert abs(pixels.mean(axis=(0, 1)) - picture.mean(axis=(0, 1))).max() < 12
     assert np.corrcoef(pixels.ravel(), picture.ravel())[0, 1] > 0.8
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["builtin:nothing"], "nothing"),
-        (["missing.gltf"], "missing.gltf"),
-        (["builtin:cornell_box", "--scale", "7"], "scale"),
-        (["builtin:cornell_box", "--settings", "di_candidates=x"], "di_candidates"),
-        (["builtin:cornell_box", "--screenshot", "x.exr", "--frames", "1"], "--screenshot"),
-        (["builtin:cornell_box", "--screenshot", "x.png"], "--frames"),
-    ],
-)
-def test_wrong_usage_is_one_line(screen, capfd, monkeypatch, tmp_path, options, words):
+def test_wrong_usage_is_one_line(screen, capfd, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert main(["view", *options]) == 2
-    lines = capfd.readouterr().err.strip().splitlines()
-    assert words in lines[-1]
-    assert len(lines) == 1
+    for options, words in (
+        ("builtin:nothing", "nothing"),
+        ("missing.gltf", "missing.gltf"),
+        ("builtin:cornell_box --scale 7", "scale"),
+        ("builtin:cornell_box --settings di_candidates=x", "di_candidates"),
+        ("builtin:cornell_box --screenshot x.exr --frames 1", "--screenshot"),
+        ("builtin:cornell_box --screenshot x.png", "--frames"),
+    ):
+        assert main(["view", *options.split()]) == 2
+        (line,) = capfd.readouterr().err.strip().splitlines()
+        assert words in line
