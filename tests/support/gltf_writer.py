@@ -63,6 +63,20 @@ class GltfWriter:
     def node(self, **fields: Any) -> int:
         return self.add("nodes", **fields)
 
+    def animate(
+        self, node: int | None, path: str, times: Any, values: Any, interpolation: str = "LINEAR", **target: Any
+    ) -> None:
+        """Add a channel to the last clip, "clip" where there is none."""
+        clip = self.json.setdefault("animations", [{"channels": [], "samplers": [], "name": "clip"}])[-1]
+        target |= {"path": path} | ({} if node is None else {"node": node})
+        clip["channels"].append({"sampler": len(clip["samplers"]), "target": target})
+        output = values if isinstance(values, int) else self.accessor(values)
+        clip["samplers"].append({"input": self.accessor(times), "output": output, "interpolation": interpolation})
+
+    def clip(self, name: str) -> int:
+        """A clip without channels yet."""
+        return self.add("animations", channels=[], samplers=[], name=name)
+
     def image(self, pixels: Any, format: str = "PNG") -> int:
         """A texture (image, no sampler) of pixels (h, w, c)."""
         image = self.add("images", bufferView=self.view(encoded(pixels, format)), mimeType="image/" + format.lower())
