@@ -143,7 +143,7 @@ USES = {  # which Tlases rays can't be traced through
     "unbuilt": "use of Tlas unbuilt, which was never built",
     "stale": "use of Tlas stale, built over Blas again, which was built again since: build the Tlas again",
     "orphan": "use of Tlas orphan, built over Blas gone, which was destroyed",
-    "ended": "use of Tlas ended, which was destroyed",
+    "ended": "Tlas ended: destroyed",
 }
 STATES = [  # which structures can't be built or compacted
     (lambda s: s.build([s.entry(s.blas)], top(s.tlas, s.bare)), "Tlas top over Blas bare, which was not built"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -38,7 +37,11 @@ def test_items_by_number_and_by_name():
 
 def test_scenes_hold_objects_in_order_and_notify_watchers():
     seen = []
-    watcher, scene = SimpleNamespace(note=seen.append), scene_of("floor", "wall")
+
+    class Watcher:
+        note = staticmethod(seen.append)
+
+    watcher, scene = Watcher(), scene_of("floor", "wall")
     scene.watch(watcher)
     floor, wall = scene
     sun, camera = DirectionalLight(direction=[0, -3, 0]), Camera()

@@ -122,7 +122,7 @@ def damaged(draw, good):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize(("suffix", "count"), [(".hdr", 250), (".exr", 30)])
+@pytest.mark.parametrize(("suffix", "count"), [(".hdr", 150), (".exr", 30)])
 def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, suffix, count):
     file = tmp_path / f"map{suffix}"
     if suffix == ".exr":
@@ -143,7 +143,7 @@ def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, suffix
             assert image.min() >= 0
 
     check()
-    assert 0.1 < len(refused) / count < 0.95
+    assert 0.1 < len(refused) / count <= (0.95 if suffix == ".hdr" else 1)
 
 
 def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):

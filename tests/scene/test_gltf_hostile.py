@@ -212,6 +212,7 @@ def places(value, path=()):
 
 def test_any_wrong_field_is_an_error_or_harmless(basic):
     """Whatever value of the file another one replaces, there is a scene or one clear error."""
+    tracemalloc.stop()  # it would take most of the time
     camera = basic.add("cameras", type="perspective", perspective={"yfov": 1, "znear": 1})
     basic.node(translation=[1, 0, 0], camera=camera)
     basic.animate(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
@@ -221,7 +222,7 @@ def test_any_wrong_field_is_an_error_or_harmless(basic):
     values = st.none() | st.booleans() | numbers | st.text(max_size=3) | st.lists(numbers, max_size=4) | st.just({})
 
     @given(st.lists(st.tuples(st.sampled_from(places(right)), values), min_size=1, max_size=2))
-    @settings(max_examples=300, deadline=None, derandomize=True, database=None)
+    @settings(max_examples=150, deadline=None, derandomize=True, database=None)
     def check(changes):
         content = copy.deepcopy(right)
         for (*path, last), value in changes:

@@ -39,12 +39,12 @@ def test_variants_by_name(shoes):
         scene.use_variant(variant)
         assert names(scene) == [material, "leather"]
     assert scene.instances[0].mesh.tangents is not None, "made for the normal map of one of the variants"
+    scene.use_variant(None)
+    assert names(scene) == ["leather", "leather"]
     first, second = scene.instances
     scene.variants["swapped"] = {second: scene.variants["Red"][first]}
     scene.use_variant("swapped")
     assert names(scene) == ["leather", "red"]
-    scene.use_variant(None)
-    assert names(scene) == ["leather", "leather"]
     red = shoes.load(variant="Red")
     assert names(red) == ["red", "leather"]
     red.use_variant(None)

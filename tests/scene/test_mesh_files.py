@@ -229,7 +229,7 @@ def test_damage_is_not_logged(tmp_path, capfd, caplog):
     [
         ("none.ply", {}, "no such file"),
         ("pipe.stl", {}, "not a readable file"),
-        ("plane.obj", {"up": "w"}, r"plane\.obj: up .*'x', 'y' or 'z'"),
+        ("plane.obj", {"up": "w"}, r"plane\.obj: up: .*'x', 'y' or 'z'"),
         ("plane.obj", {"unit": 0}, "the unit must be"),
         ("plane.obj", {"variant": "red"}, "only glTF files have"),
         ("x.fbx", {}, r"x\.fbx: .*give a file of \.gltf, .*\.stl"),
