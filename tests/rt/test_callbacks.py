@@ -8,7 +8,7 @@ from support.structures import quad
 
 import solari_vk as sv
 from solari_vk import rt
-from solari_vk.errors import CallbackError, DeviceError, SolariError
+from solari_vk.errors import CallbackError, DeviceError
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -17,7 +17,7 @@ from solari_vk.gpu.device import uploads
 
 def out_of_memory_once(device, monkeypatch):
     """Simulate an allocation that fails once: the allocator waits for pending frees and tries again."""
-    real, tries = device.memory._allocate, []
+    real, tries = device.vk.vkAllocateMemory, []
 
     def allocate(*arguments):
         tries.append(1)
@@ -26,8 +26,8 @@ def out_of_memory_once(device, monkeypatch):
         return real(*arguments)
 
     with monkeypatch.context() as full:
-        full.setattr(device.memory, "_allocate", allocate)
-        device.buffer(16, "late").destroy()
+        full.setattr(device.vk, "vkAllocateMemory", allocate)
+        device.buffer(1 << 25, "late").destroy()
     assert len(tries) == 2
 
 
@@ -69,8 +69,7 @@ def test_every_callback_is_called_and_what_they_raise_comes_out_together(world, 
     device, told = world.device, []
     blases = [world.blas(name=f"number {i}") for i in range(4)]
     world.build([world.entry(blas) for blas in blases])
-    completed = device.completed
-    monkeypatch.setattr(sv.Device, "completed", completed)  # as if the device were busy, so that all finish at once
+    monkeypatch.setattr(sv.Device, "completed", device.completed)  # as if it were busy, so that all finish at once
 
     def fail(i):
         told.append(i)
@@ -82,7 +81,6 @@ def test_every_callback_is_called_and_what_they_raise_comes_out_together(world, 
     monkeypatch.undo()
     with pytest.raises(CallbackError, match=r"prepare_compaction of Blas number 0.* of Blas number 2") as caught:
         device.wait_idle()
-    assert isinstance(caught.value, SolariError)
     assert told == [0, 1, 2, 3]
     assert [str(error) for error in caught.value.exceptions] == ["mine 0", "mine 2"]
     assert all("Blas number" in error.__notes__[0] for error in caught.value.exceptions)
@@ -111,29 +109,16 @@ def test_interrupting_a_callback_leaves_the_others_due(world):
     assert told == [0, 2]
 
 
-def test_many_may_be_done_at_once(world, built, monkeypatch):
-    blas, _ = built()
-    with monkeypatch.context() as slow:
-        slow.setattr(sv.Device, "completed", world.device.completed)
-        for _ in range(1000):
-            blas.prepare_compaction()
-    world.device.wait_idle()
-    assert blas.ready_for_compaction
-
-
-@pytest.mark.parametrize("how", ["build", "destroy"])
-def test_a_callback_that_is_due_can_still_be_canceled(world, built, how):
-    blas, _ = built()
+def test_a_callback_that_is_due_can_still_be_canceled(world, built):
     told = []
-    blas.prepare_compaction(lambda: told.append("called"))
-    world.device.await_value(world.device.submitted)
-    assert blas.ready_for_compaction
-    if how == "build":
-        world.build([world.entry(blas)])
-    else:
-        blas.destroy()
-    world.device.wait_idle()
-    assert told == []
+    for cancel in (lambda blas: world.build([world.entry(blas)]), rt.Blas.destroy):
+        blas, _ = built()
+        blas.prepare_compaction(lambda: told.append("called"))
+        world.device.await_value(world.device.submitted)
+        assert blas.ready_for_compaction
+        cancel(blas)
+        world.device.wait_idle()
+        assert told == []
 
 
 def test_a_callback_may_compact_build_wait_and_prepare_anew(world, built):

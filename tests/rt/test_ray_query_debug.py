@@ -5,8 +5,6 @@ The conformance suite proves queries that break no rule, and invalid rays.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from support.seeded_bugs import Bug, seeded
 from support.structures import quad, shifted
@@ -89,22 +87,13 @@ FETCH = "#define RAY_QUERY_VERTEX_RETURN\n"
 
 
 @pytest.fixture(scope="module")
-def shader_folder(tmp_path_factory):
-    """A GLSL root with a shader of CASES and one of POSITION_CASES; RIGHT is the last case of both."""
-    folder = tmp_path_factory.mktemp("cases")
+def run_case(tmp_path_factory):
+    """run_case(device, number, cases=CASES) -> the kind of the hit, and the counted faults. RIGHT is the last case."""
+    folder, made, tops = tmp_path_factory.mktemp("cases"), [], {}
     (folder / "passes").mkdir()
     for name, cases in (("cases", CASES), ("position_cases", POSITION_CASES)):
-        codes = [*(code for _, code in cases), RIGHT]
-        lines = [f"        case {i}u: {code} break;" for i, code in enumerate(codes)]
+        lines = [f"        case {i}u: {code} break;" for i, code in enumerate([*(code for _, code in cases), RIGHT])]
         (folder / f"passes/{name}.comp").write_text(SHADER % "\n".join(lines))
-    return folder
-
-
-@pytest.fixture(scope="module")
-def run_case(shader_folder):
-    """run_case(device, number, name="cases") -> the kind of the hit, and the counted faults."""
-    made = []
-    tops = {}
 
     def make_tlas(device):
         geometries = [rt.Triangles(quad()), rt.Triangles(quad(), opaque=False), rt.Aabbs([[0, 0, 0, 1, 1, 1]])]
@@ -116,13 +105,13 @@ def run_case(shader_folder):
         made.extend([*blases, tlas])
         return tlas
 
-    def run(device, number, name="cases"):
+    def run(device, number, cases=CASES):
         if device not in tops:
             tops[device] = make_tlas(device)
-        header = rt.RAY_QUERY_DEBUG if name == "cases" else FETCH + rt.RAY_QUERY_DEBUG
-        one = Pass(name, 4, header=header, constants={"CASE": number})
+        name, header = ("cases", "") if cases is CASES else ("position_cases", FETCH)
+        one = Pass(name, 4, header=header + rt.RAY_QUERY_DEBUG, constants={"CASE": number})
         stage = Stage("case", buffers={"kinds": 1, **rt.FAULT_BUFFERS}, passes=[one])
-        with Frame(device, [stage], external={"tlas": tops[device]}, glsl_root=shader_folder) as frame:
+        with Frame(device, [stage], external={"tlas": tops[device]}, glsl_root=folder) as frame:
             frame.submit()
             faults = rt.ray_query_faults(frame)
             if faults:
@@ -135,55 +124,31 @@ def run_case(shader_folder):
         item.destroy()
 
 
-def check_case(run_case, device, number, name="cases"):
-    cases = CASES if name == "cases" else POSITION_CASES
-    kind, faults = run_case(device, number, name)
-    assert [fault.rule for fault in faults] == [FAULTS[cases[number][0]]]
-    assert faults[0].count == 1
-    assert faults[0].invocation == (2, 0, 0)
-    assert kind == rt.IntersectionKind.NONE
+def check_cases(run_case, device, cases, only=None):
+    """Assert that each case, or each that breaks one rule, is counted once and hits nothing."""
+    for number, (rule, code) in enumerate(cases):
+        if only in (None, rule):
+            kind, faults = run_case(device, number, cases)
+            assert [fault.rule for fault in faults] == [FAULTS[rule]], code
+            assert (faults[0].count, faults[0].invocation, kind) == (1, (2, 0, 0), rt.IntersectionKind.NONE), code
 
 
-def check_rule(run_case, device, rule):
-    for number, (broken, _) in enumerate(CASES):
-        if broken == rule:
-            check_case(run_case, device, number)
-
-
-@pytest.mark.parametrize("number", range(len(CASES)), ids=lambda number: f"{number}-{CASES[number][0]}")
-def test_a_broken_rule_is_counted_and_harmless(run_case, device, number):
-    check_case(run_case, device, number)
+@pytest.mark.parametrize("rule", dict.fromkeys(rule for rule, _ in CASES))
+def test_a_broken_rule_is_counted_and_harmless(run_case, device, rule):
+    check_cases(run_case, device, CASES, rule)
 
 
 def test_a_right_query_breaks_no_rule(run_case, device):
     assert run_case(device, len(CASES)) == (rt.IntersectionKind.TRIANGLE, [])
 
 
-@pytest.fixture(scope="module")
-def fetching(any_device):
-    """A device that returns vertices; the validation layer installed here is older than the extension."""
-    with Device(validation=False) as device:
-        if not device.has_position_fetch:
-            pytest.skip("this device has no VK_KHR_ray_tracing_position_fetch")
-        yield device
-
-
-@pytest.mark.parametrize("number", range(len(POSITION_CASES)))
-def test_broken_rules_of_vertex_return(run_case, fetching, number):
-    check_case(run_case, fetching, number, "position_cases")
-
-
-def test_the_flag_says_what_the_device_can(device):
+def test_broken_rules_of_vertex_return(run_case, device):
+    """Without validation, for the layer installed here is older than the extension."""
     assert device.has_position_fetch == ("rayTracingPositionFetch" in device.features)
-
-
-def test_the_guide_says_which_rays_are_checked():
-    """The renderer's own rays go to Vulkan unchecked, which users who debug a shader must know."""
-    root = Path(__file__).parents[2]
-    assert "ray_query.glsl" not in (root / "glsl/scene/trace.glsl").read_text()
-    guide = (root / "docs/ray_tracing.md").read_text(encoding="utf-8")
-    assert "`RAY_QUERY_DEBUG` doesn't check rays traced with `scene/trace.glsl`" in guide
-    assert "There is no `scene.trace(rays)`, because a scene isn't tied to a device" in guide
+    if not device.has_position_fetch:
+        pytest.skip("this device has no VK_KHR_ray_tracing_position_fetch")
+    with Device(validation=False) as fetching:
+        check_cases(run_case, fetching, POSITION_CASES)
 
 
 # ---- seeded bugs ------------------------------------------------------------------------------------
@@ -193,10 +158,10 @@ UNCHECKED = ("committed_while_candidate", "candidate_while_committed", "contradi
              "confirm_of_no_triangle", "confirm_without_candidate", "terminate_before_initialize")  # fmt: skip
 
 
-@pytest.mark.parametrize("rule", [rule if rule == UNCHECKED[0] else pytest.param(rule, marks=pytest.mark.slow)
-                                  for rule in UNCHECKED])  # fmt: skip
+@pytest.mark.parametrize(
+    "rule", [UNCHECKED[0], *(pytest.param(rule, marks=pytest.mark.slow) for rule in UNCHECKED[1:])]
+)
 def test_an_unchecked_rule_is_noticed(run_case, device, rule):
-    bug = Bug("scene/ray_query_debug.glsl", "ray_query_rule",
-              f"return correct(kept || fault == FAULT_{rule.upper()}, fault);")  # fmt: skip
-    with seeded(bug), pytest.raises(AssertionError):
-        check_rule(run_case, device, rule)
+    unchecked = f"return correct(kept || fault == FAULT_{rule.upper()}, fault);"
+    with seeded(Bug("scene/ray_query_debug.glsl", "ray_query_rule", unchecked)), pytest.raises(AssertionError):
+        check_cases(run_case, device, CASES, rule)

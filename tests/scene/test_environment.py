@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-import warnings
 
 import numpy as np
 import OpenEXR
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
 from support.hdr_files import hdr, rgbe
 from support.oracles import encodings, environments
@@ -16,19 +17,9 @@ import solari_vk as sv
 from solari_vk.bound.lights.environment_buffers import encode_texels
 from solari_vk.errors import SolariError
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.scene.lights.atmosphere import (
-    EYE,
-    HAZE_HEIGHT,
-    OZONE,
-    OZONE_HALF_WIDTH,
-    RAYLEIGH,
-    RAYLEIGH_HEIGHT,
-    atmosphere,
-)
+from solari_vk.scene.lights import atmosphere as air
 from solari_vk.scene.lights.environment import directions, solid_angles
 from solari_vk.scene.lights.sky import SUN_ILLUMINANCE
-
-MUTANTS = 300
 
 
 @pytest.fixture
@@ -114,38 +105,45 @@ def test_exr_pictures_that_are_cut_off_are_refused(tmp_path, kind, compression):
     OpenEXR.File(header, {"RGB": np.zeros((100, 200, 3), np.float32)}).write(str(tmp_path / "map.exr"))
     whole = (tmp_path / "map.exr").read_bytes()
     assert not sv.Environment(tmp_path / "map.exr").image.any()
-    for length in range(1, len(whole), len(whole) // 50):
+    for length in range(1, len(whole), len(whole) // 20):
         (tmp_path / "map.exr").write_bytes(whole[:length])
         with pytest.raises(SolariError, match=r"map\.exr is a damaged EXR picture"):
             sv.Environment(tmp_path / "map.exr")
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, seed):
-    generator = np.random.default_rng(seed)
-    sv.save_image(tmp_path / "good.exr", colors)
-    goods = {".hdr": hdr(rgbe(colors)), ".exr": (tmp_path / "good.exr").read_bytes()}
-    refused = 0
-    for number in range(MUTANTS):
-        suffix = ".exr" if number % 8 == 0 else ".hdr"
-        data = bytearray(goods[suffix])
-        for _ in range(generator.integers(1, 4)):
-            at = int(generator.integers(len(data)) if generator.random() < 0.5 else generator.integers(80))
-            data[at] = generator.integers(256)
-        if generator.random() < 0.2:
-            del data[generator.integers(len(data)) :]
-        file = tmp_path / f"map{suffix}"
-        file.write_bytes(bytes(data))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                image = sv.Environment(file).image
-            except SolariError:
-                refused += 1
-                continue
-        assert np.isfinite(image).all()
-        assert image.min() >= 0
-    assert 0.1 < refused / MUTANTS < 0.95
+@st.composite
+def damaged(draw, good):
+    """A file with wrong bytes, half of them in its header, which may be cut off."""
+    data = bytearray(good)
+    places = st.integers(0, 79) | st.integers(0, len(good) - 1)
+    for at, value in draw(st.lists(st.tuples(places, st.integers(0, 255)), min_size=1, max_size=3)):
+        data[at] = value
+    return bytes(data[: draw(st.just(len(data)) | st.integers(0, len(data) - 1))])
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize(("suffix", "count"), [(".hdr", 150), (".exr", 30)])
+def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, suffix, count):
+    file = tmp_path / f"map{suffix}"
+    if suffix == ".exr":
+        sv.save_image(file, colors)
+    good = hdr(rgbe(colors)) if suffix == ".hdr" else file.read_bytes()
+    refused = []
+
+    @given(damaged(good))
+    @settings(max_examples=count, deadline=None, derandomize=True, database=None)
+    def check(data):
+        file.write_bytes(data)
+        try:
+            image = sv.Environment(file).image
+        except SolariError:
+            refused.append(data)
+        else:
+            assert np.isfinite(image).all()
+            assert image.min() >= 0
+
+    check()
+    assert 0.1 < len(refused) / count <= (0.95 if suffix == ".hdr" else 1)
 
 
 def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):
@@ -167,9 +165,8 @@ def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path,
 
 
 @pytest.mark.parametrize(("fields", "text"), [
-    ({"image": -1.0}, "negative"), ({"image": np.nan}, "finite"), ({"image": np.zeros((2, 2, 2))}, "shape"),
-    ({"image": np.zeros((0, 2, 3))}, "at least one pixel"), ({"image": 1e30}, "1e+18"),
-    ({"image": 1.0, "intensity": -1}, "intensity"), ({"image": 1.0, "rotation": np.inf}, "rotation"),
+    ({"image": np.zeros((2, 2, 2))}, "shape"), ({"image": np.zeros((0, 2, 3))}, "at least one pixel"),
+    ({"image": -1.0}, "negative"), ({"image": 1e30}, "1e+18"),
     ({"image": 1.0, "rotation": 2 * np.eye(3)}, "neither scales nor mirrors"),
     ({"image": 1.0, "rotation": np.diag((1, 1, -1))}, "neither scales nor mirrors"),
 ])  # fmt: skip
@@ -231,14 +228,14 @@ def test_solid_angles_and_flux():
 
 def test_sunlight_through_the_zenith_has_its_closed_form():
     """Air and haze of exponential density, and a triangle of ozone."""
-    air = atmosphere(3.0, (0.3, 0.3, 0.3))
-    depths = RAYLEIGH * RAYLEIGH_HEIGHT + air.haze * HAZE_HEIGHT + OZONE * OZONE_HALF_WIDTH
-    found = air.transmittance(np.array([EYE]), np.array([1.0]))[0]
-    np.testing.assert_allclose(found, np.exp(-depths), rtol=5e-3)
-    assert depths[1] - OZONE[1] * OZONE_HALF_WIDTH == pytest.approx(3.0 * RAYLEIGH[1] * RAYLEIGH_HEIGHT), "turbidity"
+    hazy = air.atmosphere(3.0, (0.3, 0.3, 0.3))
+    dust = air.RAYLEIGH * air.RAYLEIGH_HEIGHT + hazy.haze * air.HAZE_HEIGHT
+    found = hazy.transmittance(np.array([air.EYE]), np.array([1.0]))[0]
+    np.testing.assert_allclose(found, np.exp(-dust - air.OZONE * air.OZONE_HALF_WIDTH), rtol=5e-3)
+    assert dust[1] == pytest.approx(3.0 * air.RAYLEIGH[1] * air.RAYLEIGH_HEIGHT), "turbidity"
 
 
-@pytest.mark.parametrize("turbidity", [1.0, 3.0, 8.0])
+@pytest.mark.parametrize("turbidity", [1.0, 8.0])
 def test_the_ground_gets_no_more_than_the_sun_sends(turbidity):
     """The lit ground has the light of sky and sun, which together are less than the sun's above the atmosphere."""
     sky = sv.Sky((0, 1, 1), turbidity=turbidity, ground_albedo=0.5)
@@ -283,6 +280,5 @@ def test_edits_of_a_sky_move_its_sun():
 def test_auto_exposure_counts_surfaces():
     picture = np.full((10, 10, 3), 1000.0)
     picture[4:6, 4:6] = 1.0
-    shown = picture[..., 0] == 1
-    assert auto_exposure(picture, shown) == pytest.approx(auto_exposure(np.ones((1, 3))))
+    assert auto_exposure(picture, picture[..., 0] == 1) == pytest.approx(auto_exposure(np.ones((1, 3))))
     assert auto_exposure(picture, np.zeros((10, 10), bool)) == auto_exposure(picture)

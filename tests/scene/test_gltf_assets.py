@@ -62,16 +62,14 @@ def visible_count(device, scene, camera):
         return len(np.unique(renderer["instance_id"]))
 
 
-@pytest.mark.parametrize(
-    ("name", "count"), [("FlightHelmet/FlightHelmet.gltf", 5), ("CornellBox/CornellBox.glb", 5), ("Fox/Fox.glb", 2)]
-)
-def test_assets_are_visible(device, name, count):
+@pytest.mark.parametrize("name", ["FlightHelmet/FlightHelmet.gltf", "CornellBox/CornellBox.glb"])
+def test_assets_are_visible(device, name):
     scene = load_gltf(asset(name))
     direction = (0, 0, -1) if "Cornell" in name else (-0.45, -0.3, -1)
     camera = sv.Camera.framing(scene.bounds, direction, aspect=1.5)
     if not any(instance.material.emits for instance in scene):
         sv.studio_lights(scene, camera=camera)
-    assert visible_count(device, scene, camera) >= count
+    assert visible_count(device, scene, camera) >= 5
 
 
 def test_a_room_of_the_dungeon_kit_is_visible(device):

@@ -7,7 +7,6 @@ import pytest
 from support.oracles import environments
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
 AXES = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
@@ -42,8 +41,8 @@ def test_faces_lie_in_the_directions_of_their_axes(writer):
 def test_rotation_turns_the_cube(writer):
     half = np.sqrt(0.5)
     scene = environment_of(writer, flat_faces(), rotation=[0, half, 0, half])  # +z goes to +x
-    seen = environments.radiance(scene.environment, AXES)[:, 0]
-    np.testing.assert_allclose(seen[0], LINEAR_OF_SRGB[200], rtol=1e-5)
+    seen = environments.radiance(scene.environment, AXES[:1])
+    np.testing.assert_allclose(seen[0, 0], LINEAR_OF_SRGB[200], rtol=1e-5)
 
 
 def test_faces_are_not_mirrored_seen_from_inside(writer):
@@ -53,12 +52,11 @@ def test_faces_are_not_mirrored_seen_from_inside(writer):
     faces[:, :, SIZE // 2 :, 0] = 255
     faces[:, : SIZE // 2, :, 2] = 255
     environment = environment_of(writer, faces).environment
+    up = np.array((0, 0.5, 0))
     for forward in AXES[[0, 1, 4, 5]]:
-        right = np.cross(forward, (0, 1, 0))
-        seen = environments.radiance(environment, [forward + 0.5 * right, forward - 0.5 * right])
-        np.testing.assert_allclose(seen[:, 0], (1, 0), atol=1e-6)
-        seen = environments.radiance(environment, [forward + np.array((0, 0.5, 0)), forward - np.array((0, 0.5, 0))])
-        np.testing.assert_allclose(seen[:, 2], (1, 0), atol=1e-6)
+        for channel, aside in ((0, 0.5 * np.cross(forward, (0, 1, 0))), (2, up)):
+            seen = environments.radiance(environment, [forward + aside, forward - aside])
+            np.testing.assert_allclose(seen[:, channel], (1, 0), atol=1e-6)
     # The rows of the upper face end at +z, and those of the lower face begin there.
     seen = environments.radiance(environment, [(0, 1, -0.5), (0, 1, 0.5), (0, -1, 0.5), (0, -1, -0.5)])
     np.testing.assert_allclose(seen[:, 2], (1, 0, 1, 0), atol=1e-6)
@@ -72,15 +70,20 @@ def test_a_missing_image_costs_the_environment_only(writer):
     assert any("aren't equal squares" in line for line in scene.warnings)
 
 
-@pytest.mark.parametrize(("change", "text"), [
-    (lambda j: j["scenes"][0]["extensions"]["EXT_lights_image_based"].update(light=3), "refers to light 3"),
-    (lambda j: j["extensions"]["EXT_lights_image_based"]["lights"][0].update(specularImages=[[0]]), "six images"),
-    (lambda j: j["extensions"]["EXT_lights_image_based"]["lights"][0].update(specularImages=[7]), "six images"),
-    (lambda j: j["extensions"]["EXT_lights_image_based"]["lights"][0].update(rotation=[1]), "rotation"),
-    (lambda j: j["extensions"]["EXT_lights_image_based"]["lights"][0].update(intensity=-1), "intensity"),
-])  # fmt: skip
-def test_errors_name_the_place(writer, change, text):
+def test_errors_name_the_place(writer):
     environment_of(writer, flat_faces())
-    change(writer.json)
-    with pytest.raises(SolariError, match=text):
-        load_gltf(writer.save(writer.path))
+    light = writer.json["extensions"]["EXT_lights_image_based"]["lights"][0]
+    use = writer.json["scenes"][0]["extensions"]["EXT_lights_image_based"]
+    for fields, change, message in (
+        (use, {"light": 3}, "refers to light 3"),
+        (light, {"specularImages": [[0]]}, "six images"),
+        (light, {"specularImages": [7]}, "six images"),
+        (light, {"rotation": [1]}, "rotation"),
+        (light, {"intensity": -1}, "intensity"),
+    ):
+        right = dict(fields)
+        fields |= change
+        with pytest.raises(SolariError, match=message):
+            writer.load()
+        fields.clear()
+        fields |= right

@@ -1,29 +1,38 @@
-"""Decoding pictures and making mip chains."""
+"""Pictures in files of all kinds, damaged ones and those that expand without bound; and mip chains."""
 
 from __future__ import annotations
+
+import struct
+import sys
+import tracemalloc
 
 import numpy as np
 import pytest
 from PIL import Image
+from support import ktx2_files
 from support.gltf_writer import encoded
+from support.ktx2_files import plain
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.images.image_files import decode, open_image
 from solari_vk.scene.images.mip_chain import mip_chain
+
+NOISE = np.random.default_rng(5).integers(0, 256, (5, 7, 4), dtype=np.uint8)
 
 
 def decode_image(data, who="the image"):
     return decode(open_image(data, who), who)
 
 
+# ---- PNG, JPEG and WebP -----------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("mode", ["L", "LA", "P", "RGB", "RGBA", "1"])
 def test_modes_become_rgba(mode):
-    pixels = np.random.default_rng(1).integers(0, 256, (5, 7, 4), dtype=np.uint8)
-    image = Image.fromarray(pixels).convert(mode)
-    expected = np.asarray(image.convert("RGBA"))
+    image = Image.fromarray(NOISE).convert(mode)
     found = decode_image(encoded(image))
-    assert (found.shape, found.dtype) == ((5, 7, 4), np.uint8)
-    np.testing.assert_array_equal(found, expected)
+    assert found.dtype == np.uint8
+    np.testing.assert_array_equal(found, np.asarray(image.convert("RGBA")))
 
 
 def test_transparent_palettes():
@@ -34,42 +43,107 @@ def test_transparent_palettes():
 
 
 def test_sixteen_bits_are_rounded_to_eight():
-    gray = np.array([[0, 257, 32768, 65535, 128 * 257, 255]], np.uint16)
-    found = decode_image(encoded(Image.fromarray(gray)))
-    assert found[0, :, 0].tolist() == [0, 1, 128, 255, 128, 1]
-    assert (found[..., 3] == 255).all()
-    assert (found[..., 1] == found[..., 0]).all()
+    found = decode_image(encoded(Image.fromarray(np.array([[0, 257, 32768, 65535, 128 * 257, 255]], np.uint16))))
+    assert found[0].tolist() == [[code, code, code, 255] for code in (0, 1, 128, 255, 128, 1)]
 
 
 def test_jpeg():
     found = decode_image(encoded(np.full((9, 5, 3), [200, 100, 50]), "JPEG", quality=95))
-    assert found.shape == (9, 5, 4)
     np.testing.assert_allclose(found, np.broadcast_to([200, 100, 50, 255], (9, 5, 4)), atol=3)
-
-
-@pytest.mark.parametrize(
-    "data", [b"", b"GIF89a" + b"\0" * 50, encoded(np.zeros((9, 9, 3)), "GIF"), encoded(np.zeros((9, 9, 3)), "BMP")]
-)
-def test_other_files_are_refused(data):
-    with pytest.raises(SolariError, match="the sky is not a PNG, JPEG, WebP or KTX2 image, or is damaged"):
-        decode_image(data, "the sky")
 
 
 @pytest.mark.parametrize("lossless", [False, True])
 def test_webp(lossless):
     pixels = np.random.default_rng(6).integers(0, 256, (4, 6, 4), dtype=np.uint8).repeat(8, 0).repeat(8, 1)
-    found = decode_image(encoded(pixels, "WEBP", lossless=lossless, exact=True, quality=95))
-    np.testing.assert_allclose(found.astype(int), pixels, atol=0 if lossless else 140)  # lossy: half the chroma
-    np.testing.assert_allclose(found.astype(int)[4::8, 4::8], pixels[4::8, 4::8], atol=0 if lossless else 25)
+    found = decode_image(encoded(pixels, "WEBP", lossless=lossless, exact=True, quality=95)).astype(int)
+    np.testing.assert_allclose(found, pixels, atol=0 if lossless else 140)  # lossy: half the chroma
+    np.testing.assert_allclose(found[4::8, 4::8], pixels[4::8, 4::8], atol=0 if lossless else 25)
 
 
-def test_damaged_files_are_refused_wherever_they_are_cut():
-    noise = np.random.default_rng(2).integers(0, 256, (16, 16, 3))
-    for format in ("PNG", "JPEG", "WEBP"):
-        whole = encoded(noise, format)
-        for length in range(0, len(whole) - 30, 23):
-            with pytest.raises(SolariError):
-                decode_image(whole[:length])
+# ---- KTX2 -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["ETC1S", "UASTC", "UASTC_ZSTD"])
+def test_basis_universal(name):
+    two = np.repeat([[[200, 40, 40, 255]] * 4 + [[40, 40, 200, 128]] * 4], 4, axis=0)
+    np.testing.assert_allclose(decode_image(getattr(ktx2_files, name)), two, atol=4 if name == "ETC1S" else 0)
+
+
+@pytest.mark.parametrize("scheme", [0, 2, 3])
+def test_plain_pixels(scheme):
+    for vk_format, order in ((37, "rgba"), (43, "rgba"), (44, "bgra"), (23, "rgb"), (16, "rg"), (9, "r")):
+        channels = ["rgba".index(channel) for channel in order]
+        expected = np.zeros_like(NOISE)
+        expected[..., 3] = 255
+        expected[..., channels] = NOISE[..., channels]
+        found = decode_image(plain(NOISE[..., channels], vk_format, scheme))
+        np.testing.assert_array_equal(found, expected, err_msg=order)
+
+
+# ---- files that are refused -------------------------------------------------------------------------
+
+CLAIM = ktx2_files.UASTC_ZSTD[:96] + struct.pack("<Q", 2**40) + ktx2_files.UASTC_ZSTD[104:]
+OTHER_FORMAT = "is not a PNG, JPEG, WebP or KTX2 image, or is damaged"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", OTHER_FORMAT),
+        (b"GIF89a" + b"\0" * 50, OTHER_FORMAT),
+        (encoded(NOISE, "GIF"), OTHER_FORMAT),
+        (encoded(NOISE[..., :3], "BMP"), OTHER_FORMAT),
+        (plain(NOISE, 37, depth=4), "save one picture alone"),
+        (plain(NOISE, 37, layers=2), "save one picture"),
+        (plain(NOISE, 37, faces=6), "save one picture"),
+        (plain(NOISE, 37, width=0), "save one picture"),
+        (plain(NOISE, 37, width=16385), "scale it down"),
+        (plain(NOISE, 37, scheme=7), "with 8 bits a channel"),
+        (plain(NOISE, 97), "the VkFormat 97"),
+        (plain(NOISE, 37, height=6), "bytes of pixels instead of"),
+        (plain(NOISE, 0, scheme=1), "damaged"),
+        (CLAIM, "expands to more than its size"),
+    ],
+)
+def test_other_files_are_refused(data, message):
+    with pytest.raises(SolariError, match=f"^the lamp .*{message}"):
+        decode_image(data, "the lamp")
+
+
+KTX2 = {name: getattr(ktx2_files, name) for name in ("ETC1S", "UASTC", "UASTC_ZSTD")}
+KTX2 |= {f"scheme {scheme}": plain(NOISE, 37, scheme) for scheme in (0, 2, 3)}
+
+
+@pytest.mark.parametrize("name", ["PNG", "JPEG", "WEBP", *KTX2])
+def test_damaged_files_are_refused_wherever_they_are_cut(name):
+    if name in KTX2:
+        whole, lengths = KTX2[name], range(12, len(KTX2[name]), 3)
+    else:
+        whole = encoded(np.random.default_rng(2).integers(0, 256, (16, 16, 3)), name)
+        lengths = range(0, len(whole) - 30, 23)
+    for length in lengths:
+        with pytest.raises(SolariError, match="the lamp"):
+            decode_image(whole[:length], "the lamp")
+
+
+@pytest.mark.parametrize("scheme", [2, 3])
+def test_bombs_expand_to_no_more_than_their_size(scheme):
+    bomb = plain(NOISE, 37, scheme, level=bytes(2**25))
+    tracemalloc.start()
+    with pytest.raises(SolariError, match="bytes of pixels instead of 140"):
+        decode_image(bomb)
+    assert tracemalloc.get_traced_memory()[1] < 2**20
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("module", "data"), [("opengl_basisu", ktx2_files.UASTC), ("backports.zstd", plain(NOISE, 37, 2))]
+)
+def test_a_missing_library_is_named_with_what_installs_it(monkeypatch, module, data):
+    for name in (module, "compression.zstd"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(SolariError, match=r"the lamp.* needs a library .*pip install 'solari-vk\[formats\]'"):
+        decode_image(data, "the lamp")
 
 
 # ---- mip chains -------------------------------------------------------------------------------------
@@ -92,7 +166,7 @@ def area_average(values, height, width):
     return values
 
 
-@pytest.mark.parametrize("size", [(8, 8), (7, 5), (1, 6), (9, 1), (13, 64), (1, 1), (3, 2)])
+@pytest.mark.parametrize("size", [(8, 8), (7, 5), (1, 6), (9, 1), (13, 64), (1, 1)])
 @pytest.mark.parametrize("srgb", [False, True])
 def test_every_level_is_the_average_of_its_area(size, srgb):
     pixels = np.random.default_rng(4).integers(0, 256, (*size, 4), dtype=np.uint8)
@@ -100,28 +174,15 @@ def test_every_level_is_the_average_of_its_area(size, srgb):
     assert len(levels) == int(np.log2(max(size))) + 1
     np.testing.assert_array_equal(levels[0], pixels)
     exact = pixels.astype(float)
-    if srgb:
-        exact[..., :3] = linear(pixels[..., :3])
-    height, width = size
+    colors = slice(0, 3 if srgb else 0)
+    exact[..., colors] = linear(pixels[..., colors])
     for level in levels[1:]:
-        height, width = max(height // 2, 1), max(width // 2, 1)
-        assert level.shape == (height, width, 4)
-        assert level.dtype == np.uint8
-        exact = area_average(exact, height, width)
-        if srgb:
-            # The nearest code: the exact light is between the midpoints to the neighboring codes.
-            assert (exact[..., :3] >= linear(level[..., :3] - 0.502) - 1e-5).all()
-            assert (exact[..., :3] <= linear(level[..., :3] + 0.502) + 1e-5).all()
-            np.testing.assert_allclose(level[..., 3], exact[..., 3], atol=0.51)
-        else:
-            np.testing.assert_allclose(level, exact, atol=0.51)
-
-
-def test_black_and_white_average_to_half_the_light():
-    pixels = np.zeros((2, 2, 4), np.uint8)
-    pixels[0, :, :] = 255
-    assert mip_chain(pixels, srgb=True)[1].tolist() == [[[188, 188, 188, 128]]]
-    assert mip_chain(pixels, srgb=False)[1].tolist() == [[[128, 128, 128, 128]]]
+        exact = area_average(exact, max(exact.shape[0] // 2, 1), max(exact.shape[1] // 2, 1))
+        assert (level.shape, level.dtype) == (exact.shape, np.uint8)
+        # The nearest code: the exact light is between the midpoints to the neighboring codes.
+        assert (exact[..., colors] >= linear(level[..., colors] - 0.502) - 1e-5).all()
+        assert (exact[..., colors] <= linear(level[..., colors] + 0.502) + 1e-5).all()
+        np.testing.assert_allclose(level[..., colors.stop :], exact[..., colors.stop :], atol=0.51)
 
 
 def test_uniform_images_stay_as_they_are():

@@ -15,19 +15,6 @@ HALF = math.sqrt(0.5)
 QUARTER = [0, HALF, 0, HALF]  # a quarter turn about y
 
 
-def animate(writer, node, path, times, values, interpolation="LINEAR", **target):
-    """Add a channel to the writer's only animation."""
-    clips = writer.json.setdefault("animations", [])
-    if not clips:
-        writer.add("animations", channels=[], samplers=[], name="clip")
-    clip = clips[0]
-    target |= {"path": path} | ({} if node is None else {"node": node})
-    clip["channels"].append({"sampler": len(clip["samplers"]), "target": target})
-    clip["samplers"].append(
-        {"input": writer.accessor(times), "output": writer.accessor(values), "interpolation": interpolation}
-    )
-
-
 # ---- keys -------------------------------------------------------------------------------------------
 
 
@@ -59,10 +46,7 @@ def test_rotations_turn_at_constant_speed_along_the_shorter_arc():
         expected = np.array([0, math.sin(t * angle / 2), 0, math.cos(t * angle / 2)])
         assert abs(channel.at(t) @ expected) == pytest.approx(1, abs=1e-12)
         assert np.linalg.norm(channel.at(t)) == pytest.approx(1)
-
-
-def test_a_rotation_of_no_length_is_none():
-    assert Channel(0, "rotation", [0], [[0, 0, 0, 0]]).at(0).tolist() == [0, 0, 0, 1]
+    assert Channel(0, "rotation", [0], [[0, 0, 0, 0]]).at(0).tolist() == [0, 0, 0, 1], "no length means no turn"
 
 
 @pytest.mark.parametrize(
@@ -84,8 +68,8 @@ def test_children_follow_their_animated_parents(writer):
     turning = writer.node(children=[leaf], translation=[0, 2, 0])
     writer.node(children=[turning], scale=[2, 2, 2])
     still = writer.node(mesh=0, name="still")
-    animate(writer, turning, "rotation", [0, 2], [[0, 0, 0, 1], QUARTER])
-    animate(writer, turning, "translation", [0, 2], [[0, 2, 0], [0, 4, 0]])
+    writer.animate(turning, "rotation", [0, 2], [[0, 0, 0, 1], QUARTER])
+    writer.animate(turning, "translation", [0, 2], [[0, 2, 0], [0, 4, 0]])
     scene = writer.load()
     moving, fixed = scene.instances
     assert (scene.animations[0].name, scene.animations[0].duration) == ("clip", 2)
@@ -102,19 +86,18 @@ def test_children_follow_their_animated_parents(writer):
 def test_long_chains_of_nodes(writer):
     """Each of seven nodes is a step to the right of its parent, and turns by an eighth of a turn."""
     below = writer.node(mesh=writer.mesh(), translation=[1, 0, 0], name="end")
-    step = [0, math.sin(math.pi / 8), 0, math.cos(math.pi / 8)]
     for _ in range(7):
         below = writer.node(children=[below], translation=[1, 0, 0])
-        animate(writer, below, "rotation", [0], [step])
+        writer.animate(below, "rotation", [0], [[0, math.sin(math.pi / 8), 0, math.cos(math.pi / 8)]])
     scene = writer.load()
     scene.animate(0)
-    turns = np.exp(-1j * math.pi / 4 * np.arange(8))  # x + iz, which a turn about y multiplies
-    np.testing.assert_allclose(scene.instances[0].transform[[0, 2], 3], [turns.sum().real, turns.sum().imag], atol=1e-6)
+    end = np.exp(-1j * math.pi / 4 * np.arange(8)).sum()  # x + iz, which a turn about y multiplies
+    np.testing.assert_allclose(scene.instances[0].transform[[0, 2], 3], [end.real, end.imag], atol=1e-6)
 
 
 def test_the_end_of_a_clip(writer):
     node = writer.node(mesh=writer.mesh())
-    animate(writer, node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]])
+    writer.animate(node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]])
     scene = writer.load()
     (instance,) = scene
     for seconds, looped, once in ((0.5, 1, 1), (2, 0, 4), (2.5, 1, 4), (-0.5, 3, 0)):
@@ -135,23 +118,22 @@ def test_clips_are_mixed(writer):
     """Positions and scales by weights, rotations half-way, with rest poses where a clip leaves a node alone."""
     leaf = writer.node(mesh=writer.mesh(), translation=[1, 0, 0])
     turning = writer.node(children=[leaf], rotation=QUARTER)
-    animate(writer, turning, "rotation", [0], [[0, 0, 0, 1]])
-    animate(writer, leaf, "translation", [0, 1], [[3, 0, 0], [5, 0, 0]])
-    first = writer.json["animations"].pop()
-    animate(writer, turning, "rotation", [0], [[0, -math.sqrt(0.75), 0, -0.5]])  # a third of a turn
-    writer.json["animations"].insert(0, first | {"name": "first"})
+    writer.animate(turning, "rotation", [0], [[0, 0, 0, 1]])
+    writer.animate(leaf, "translation", [0, 1], [[3, 0, 0], [5, 0, 0]])
+    writer.clip("second")
+    writer.animate(turning, "rotation", [0], [[0, -math.sqrt(0.75), 0, -0.5]])  # a third of a turn
     scene = writer.load()
     (instance,) = scene
 
     def seen():
         return instance.transform[:3, 0], instance.transform[:3, 3]
 
-    scene.mix_clips(("first", 0.5, 3.0), ("clip", 0.0, 1.0))
+    scene.mix_clips(("clip", 0.5, 3.0), ("second", 0.0, 1.0))
     angle = 2 * math.atan2(math.sqrt(0.75), 0.5 + 3)  # the shorter way, by a normalized mean
     along = np.array([math.cos(angle), 0, -math.sin(angle)])
     for found, expected in zip(seen(), (along, along * (0.75 * 4 + 0.25 * 1)), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-6)
-    for parts, alone in (([("first", 0.5, 1), ("clip", 0, 0)], ("first", 0.5)), ([(1, 9, 2)], ("clip", 9))):
+    for parts, alone in (([("clip", 0.5, 1), ("second", 0, 0)], ("clip", 0.5)), ([(1, 9, 2)], ("second", 9))):
         scene.mix_clips(*parts)
         mixed = seen()
         scene.animate(alone[1], alone[0])
@@ -159,12 +141,12 @@ def test_clips_are_mixed(writer):
             assert (found == expected).all()
     scene.animations.add(sv.Animation(scene.animations[0].rig, [Channel(0, "visible", [0], [[0]])], "hidden"))
     for weight, visible in ((0.9, True), (1.1, False)):
-        scene.mix_clips(("first", 0, 1), ("hidden", 0, weight))
+        scene.mix_clips(("clip", 0, 1), ("hidden", 0, weight))
         assert instance.visible == visible
 
 
 def test_wrong_mixes_of_clips(writer):
-    animate(writer, writer.node(mesh=writer.mesh()), "translation", [0], [[1, 0, 0]])
+    writer.animate(writer.node(mesh=writer.mesh()), "translation", [0], [[1, 0, 0]])
     scene, other = writer.load(), writer.load()
     scene.animations.add(other.animations[0])
     for parts, message in (
@@ -179,29 +161,28 @@ def test_wrong_mixes_of_clips(writer):
 
 
 def test_a_clip_leaves_other_nodes_in_their_rest_pose(writer):
-    nodes = [writer.node(mesh=writer.mesh() if n == 0 else 0, translation=[0, n, 0]) for n in range(2)]
-    animate(writer, nodes[0], "translation", [0, 1], [[5, 0, 0], [6, 0, 0]])
-    first = writer.json["animations"].pop()
-    animate(writer, nodes[1], "translation", [0, 1], [[7, 0, 0], [8, 0, 0]])
-    writer.json["animations"].append(first)
-    a, b = (scene := writer.load()).instances
-    scene.animate(0, 0)
-    assert (a.transform[0, 3], b.transform[0, 3]) == (0, 7)
-    scene.animate(0, 1)
-    assert (a.transform[0, 3], *b.transform[:2, 3]) == (5, 0, 1)
+    mesh = writer.mesh()
+    nodes = [writer.node(mesh=mesh, translation=[0, n, 0]) for n in range(2)]
+    writer.animate(nodes[0], "translation", [0], [[5, 0, 0]])
+    writer.clip("second")
+    writer.animate(nodes[1], "translation", [0], [[7, 0, 0]])
+    scene = writer.load()
+    for clip, places in ((1, [[0, 0], [7, 0]]), (0, [[5, 0], [0, 1]])):
+        scene.animate(0, clip)
+        assert [instance.transform[:2, 3].tolist() for instance in scene] == places
 
 
-def test_instances_without_a_size_are_hidden_until_they_have_one(writer):
+def test_instances_are_hidden_while_they_have_no_size_or_one_that_devices_cant_hold(writer):
     node = writer.node(mesh=writer.mesh(), scale=[0, 0, 0])
-    animate(writer, node, "scale", [0, 1], [[0, 0, 0], [2, 2, 2]])
+    writer.animate(node, "scale", [0, 1, 2], [[0, 0, 0], [2, 2, 2], [1e30, 1, 1]])
     scene = writer.load()
     (instance,) = scene
     assert not instance.visible
-    scene.animate(0.5)
-    assert instance.visible
-    assert instance.transform[0, 0] == 1
-    scene.animate(0)
-    assert not instance.visible
+    for seconds, visible in ((0.5, True), (1.5, False), (0.25, True), (0, False)):
+        scene.animate(seconds)
+        assert instance.visible == visible
+        if visible:
+            assert instance.transform[0, 0] == 2 * seconds
 
 
 def test_repeated_instances_cameras_and_lights_follow_their_nodes(writer):
@@ -214,7 +195,7 @@ def test_repeated_instances_cameras_and_lights_follow_their_nodes(writer):
         writer.node(extensions={"KHR_lights_punctual": {"light": 0}}),
     ]
     root = writer.node(children=children)
-    animate(writer, root, "rotation", [0, 1], [[0, 0, 0, 1], QUARTER])
+    writer.animate(root, "rotation", [0, 1], [[0, 0, 0, 1], QUARTER])
     scene = writer.load()
     scene.animate(1, loop=False)
     np.testing.assert_allclose([i.transform[:3, 3] for i in scene], [[0, 0, -1], [0, 0, -2]], atol=1e-6)
@@ -228,8 +209,8 @@ def test_a_scale_of_0_leaves_lights_in_the_scene(writer):
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}, spot]}}
     leaves = [writer.node(extensions={"KHR_lights_punctual": {"light": light}}) for light in range(2)]
     root = writer.node(children=leaves)
-    animate(writer, root, "scale", [0, 1], [[1, 1, 1], [0, 0, 0]])
-    animate(writer, root, "translation", [0, 1], [[0, 0, 0], [0, 4, 0]])
+    writer.animate(root, "scale", [0, 1], [[1, 1, 1], [0, 0, 0]])
+    writer.animate(root, "translation", [0, 1], [[0, 0, 0], [0, 4, 0]])
     scene = writer.load()
     scene.animate(1, loop=False)
     assert [light.position.tolist() for light in scene.lights] == [[0, 4, 0]] * 2
@@ -240,13 +221,13 @@ def test_visibility_by_pointers(writer):
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}}
     light = writer.node(extensions={"KHR_lights_punctual": {"light": 0}})
     node = writer.node(mesh=writer.mesh(), children=[light])
-    pointer = {"KHR_animation_pointer": {"pointer": f"/nodes/{node}/extensions/KHR_node_visibility/visible"}}
-    animate(writer, None, "pointer", [0, 1, 2], [[1.0], [0.0], [1.0]], "STEP", extensions=pointer)
-    output = writer.json["animations"][0]["samplers"][0]["output"]
-    writer.json["animations"][0]["samplers"][0]["output"] = writer.accessor([[1], [0], [1]], "u1")
-    assert output
-    other = {"KHR_animation_pointer": {"pointer": "/materials/0/alphaCutoff"}}
-    animate(writer, None, "pointer", [0], [[1.0]], extensions=other)
+    seen = writer.accessor([[1], [0], [1]], "u1")
+    for pointer, times, values in (
+        (f"/nodes/{node}/extensions/KHR_node_visibility/visible", [0, 1, 2], seen),
+        ("/materials/0/alphaCutoff", [0], [[1.0]]),
+    ):
+        target = {"KHR_animation_pointer": {"pointer": pointer}}
+        writer.animate(None, "pointer", times, values, "STEP", extensions=target)
     scene = writer.load()
     (instance,) = scene
     for seconds, seen in ((0.5, True), (1.5, False), (2, True)):
@@ -264,29 +245,28 @@ def test_visibility_by_pointers(writer):
 
 
 @pytest.mark.parametrize(
-    ("times", "values", "interpolation", "message"),
+    ("fields", "message"),
     [
-        ([0, 1], [[0, 0, 0]], "LINEAR", "has 1 values for 2 keys of translation"),
-        ([0, 1], [[0, 0, 0]] * 2, "CUBICSPLINE", "three values of 3 numbers a key"),
-        ([1, 0], [[0, 0, 0]] * 2, "LINEAR", "times from 0 on that ascend"),
-        ([-1, 0], [[0, 0, 0]] * 2, "LINEAR", "times from 0 on that ascend"),
-        ([0, math.nan], [[0, 0, 0]] * 2, "LINEAR", "must be finite"),
-        ([0, 1], [[0, 0, math.inf]] * 2, "LINEAR", "must be finite"),
-        ([0, 1], [[0, 0, 0, 0]] * 2, "LINEAR", "must be VEC3"),
-        ([0, 1], [[0, 0, 0]] * 2, "SINE", "one of LINEAR, STEP, CUBICSPLINE"),
+        ({"values": [[0, 0, 0]]}, "has 1 values for 2 keys of translation"),
+        ({"interpolation": "CUBICSPLINE"}, "three values of 3 numbers a key"),
+        ({"times": [1, 0]}, "times from 0 on that ascend"),
+        ({"times": [-1, 0]}, "times from 0 on that ascend"),
+        ({"times": [0, math.nan]}, "must be finite"),
+        ({"values": [[0, 0, math.inf]] * 2}, "must be finite"),
+        ({"values": [[0, 0, 0, 0]] * 2}, "must be VEC3"),
+        ({"interpolation": "SINE"}, "one of LINEAR, STEP, CUBICSPLINE"),
     ],
 )
-def test_wrong_keys_in_files(writer, times, values, interpolation, message):
+def test_wrong_keys_in_files(writer, fields, message):
     node = writer.node(mesh=writer.mesh())
-    animate(writer, node, "translation", times, values, interpolation)
-    with pytest.raises(SolariError, match=message) as error:
+    writer.animate(node, "translation", **{"times": [0, 1], "values": [[0, 0, 0]] * 2, **fields})
+    with pytest.raises(SolariError, match=f"(?s)(animation 0 'clip'|accessor).*{message}"):
         writer.load()
-    assert "animation 0 'clip'" in str(error.value) or "accessor" in str(error.value)
 
 
 def test_wrong_targets_in_files(writer):
     node = writer.node(mesh=writer.mesh(), matrix=np.eye(4).reshape(-1).tolist())
-    animate(writer, node, "translation", [0], [[0, 0, 0]])
+    writer.animate(node, "translation", [0], [[0, 0, 0]])
     channel = writer.json["animations"][0]["channels"][0]
     with pytest.raises(SolariError, match="is animated, so it can't have a 'matrix'"):
         writer.load()
@@ -297,13 +277,3 @@ def test_wrong_targets_in_files(writer):
         writer.json["animations"][0]["channels"] = [channel | change]
         with pytest.raises(SolariError, match=message):
             writer.load()
-
-
-def test_values_that_no_object_can_take(writer):
-    node = writer.node(mesh=writer.mesh())
-    animate(writer, node, "translation", [0, 1], [[0, 0, 0], [1e30, 0, 0]])
-    scene = writer.load()
-    scene.animate(0.5)
-    assert not scene.instances[0].visible, "a transform that devices can't hold"
-    scene.animate(0)
-    assert scene.instances[0].visible

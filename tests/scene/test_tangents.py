@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from solari_vk.scene.meshes.tangents import generate_tangents, weld
+from solari_vk.scene.meshes.tangents import generate_tangents
 
 
 def grid(size, seed=0):
@@ -88,10 +88,15 @@ def transcription(positions, normals, uvs, triangles):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_equal_to_the_rules_one_corner_at_a_time(seed):
+    """Whatever the order of triangles and corners, with vertices that are shared or apart, and zeros of any sign."""
     positions, normals, uvs, triangles = grid(7, seed)
     generator = np.random.default_rng(seed)
+    turns = generator.integers(0, 3, len(triangles))
+    triangles = np.stack([np.roll(t, n) for t, n in zip(triangles, turns, strict=True)])
+    triangles = triangles[generator.permutation(len(triangles))]
     if seed % 2:  # islands: some triangles get uvs of their own, some of them mirrored
         positions, normals = positions[triangles].reshape(-1, 3), normals[triangles].reshape(-1, 3)
+        positions[(positions == 0) & (generator.random(positions.shape) < 0.5)] = -0.0
         uvs = uvs[triangles]
         chosen = generator.random(len(triangles)) < 0.3
         uvs[chosen] = uvs[chosen] * [-1, 1] + [5, 0]
@@ -99,8 +104,10 @@ def test_equal_to_the_rules_one_corner_at_a_time(seed):
         uvs[turned] = uvs[turned][..., ::-1]
         uvs = uvs.reshape(-1, 2)
         triangles = np.arange(len(positions)).reshape(-1, 3)
+    space = generate_tangents(positions, normals, uvs, triangles)
     expected = transcription(positions, normals, uvs, triangles)
-    np.testing.assert_allclose(by_corner(generate_tangents(positions, normals, uvs, triangles)), expected, atol=2e-5)
+    np.testing.assert_allclose(by_corner(space), expected, atol=2e-5)
+    assert seed % 2 or len(space.source) == len(positions), "a smooth sheet needs no splits"
 
 
 # ---- by hand ----------------------------------------------------------------------------------------
@@ -141,17 +148,6 @@ def test_the_mean_is_weighted_by_angle():
     assert len(generate_tangents(positions, UP, uvs, np.array([[0, 1, 2], [0, 2, 3]])).source) == 6
 
 
-def test_mirrored_halves_are_split():
-    positions = np.float32([[-1, 0, 0], [0, 0, 0], [1, 0, 0], [-1, 1, 0], [0, 1, 0], [1, 1, 0]])
-    uvs = np.float32([[1, 1], [0, 1], [1, 1], [1, 0], [0, 0], [1, 0]])
-    triangles = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
-    space = generate_tangents(positions, np.tile(UP[0], (6, 1)), uvs, triangles)
-    assert len(space.source) == 8
-    corners = by_corner(space)
-    np.testing.assert_allclose(corners[:2], np.broadcast_to([-1, 0, 0, -1], (2, 3, 4)), atol=1e-6)
-    np.testing.assert_allclose(corners[2:], np.broadcast_to([1, 0, 0, 1], (2, 3, 4)), atol=1e-6)
-
-
 def test_triangles_without_uv_area_or_area_join_others():
     positions = np.vstack([SQUARE, [[0, 2, 0]]]).astype(np.float32)
     uvs = np.float32([[0, 1], [1, 1], [1, 0], [0, 0], [0.5, 0]])
@@ -174,45 +170,7 @@ def test_equal_uvs_and_zero_normals():
     assert generate_tangents(SQUARE, UP, SQUARE[:, :2], np.zeros((0, 3), int)).tangents.shape == (0, 4)
 
 
-# ---- properties -------------------------------------------------------------------------------------
-
-
-def test_orthogonal_unit_and_right_handed():
-    positions, normals, uvs, triangles = grid(30)
-    space = generate_tangents(positions, normals, uvs, triangles)
-    tangents = space.tangents[:, :3]
-    np.testing.assert_allclose(np.linalg.norm(tangents, axis=1), 1, atol=1e-6)
-    np.testing.assert_allclose((tangents * normals[space.source]).sum(axis=1), 0, atol=1e-6)
-    assert len(space.source) == len(positions), "a smooth sheet needs no splits"
-    mirrored = generate_tangents(positions, normals, uvs * [-1, 1], triangles)
-    np.testing.assert_allclose(by_corner(mirrored), -by_corner(space), atol=1e-6)
-
-
-def test_the_order_of_triangles_and_corners_and_vertices_has_no_effect():
-    positions, normals, uvs, triangles = grid(12)
-    expected = by_corner(generate_tangents(positions, normals, uvs, triangles))
-    generator = np.random.default_rng(5)
-    order = generator.permutation(len(triangles))
-    turns = generator.integers(0, 3, len(triangles))
-    turned = np.stack([np.roll(t, -n) for t, n in zip(triangles, turns, strict=True)])[order]
-    renumbered = generator.permutation(len(positions))
-    place = np.argsort(renumbered)
-    space = generate_tangents(positions[renumbered], normals[renumbered], uvs[renumbered], place[turned])
-    found = by_corner(space)
-    for new, old in enumerate(order):
-        np.testing.assert_allclose(np.roll(found[new], turns[old], axis=0), expected[old], atol=1e-6)
-
-
-def test_unwelded_vertices_are_welded_first():
-    positions, normals, uvs, triangles = grid(9)
-    expected = by_corner(generate_tangents(positions, normals, uvs, triangles))
-    flat = triangles.reshape(-1)
-    apart = np.arange(len(flat)).reshape(-1, 3)
-    found = by_corner(generate_tangents(positions[flat], normals[flat], uvs[flat], apart))
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1e-3, 1e6, 1e15])
+@pytest.mark.parametrize("scale", [1e-12, 1e15])
 def test_the_scale_has_no_effect(scale):
     positions, normals, uvs, triangles = grid(9)
     expected = by_corner(generate_tangents(positions, normals, uvs, triangles))
@@ -228,11 +186,3 @@ def test_more_than_two_triangles_on_an_edge():
     space = generate_tangents(positions, normals, generator.random((12, 2)).astype(np.float32), triangles)
     assert np.isfinite(space.tangents).all()
     assert space.source[space.indices].tolist() == triangles.tolist()
-
-
-def test_weld():
-    rows = np.float32([[1, 2], [0, 0], [1, 2], [-0.0, 0], [2, 1]])
-    numbers = weld(rows)
-    assert numbers[0] == numbers[2]
-    assert numbers[1] == numbers[3]
-    assert len(set(numbers.tolist())) == 3

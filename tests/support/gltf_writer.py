@@ -56,6 +56,18 @@ class GltfWriter:
     def node(self, **fields):
         return self.add("nodes", **fields)
 
+    def animate(self, node, path, times, values, interpolation="LINEAR", **target):
+        """Add a channel to the last clip, "clip" where there is none."""
+        clip = self.json.setdefault("animations", [{"channels": [], "samplers": [], "name": "clip"}])[-1]
+        target |= {"path": path} | ({} if node is None else {"node": node})
+        clip["channels"].append({"sampler": len(clip["samplers"]), "target": target})
+        output = values if isinstance(values, int) else self.accessor(values)
+        clip["samplers"].append({"input": self.accessor(times), "output": output, "interpolation": interpolation})
+
+    def clip(self, name):
+        """A clip without channels yet."""
+        return self.add("animations", channels=[], samplers=[], name=name)
+
     def image(self, pixels, format="PNG"):
         """A texture (image, no sampler) of pixels (h, w, c)."""
         image = self.add("images", bufferView=self.view(encoded(pixels, format)), mimeType="image/" + format.lower())
