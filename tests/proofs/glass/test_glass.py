@@ -44,21 +44,17 @@ def light_of_free_window(device):
     return light_through(device, None)
 
 
-def check_pane(device, strategy, fields, passes):
-    """Light samples and rays that meet the lamp count the pane's color once between them."""
-    pane = sv.Material(**{**CLEAR, "base_color": COLOR, "double_sided": True, **fields})
-    tinted = light_through(device, pane, strategy)
-    np.testing.assert_allclose(tinted / light_of_free_window(device), passes * COLOR, rtol=0.01)
-
-
 @pytest.mark.parametrize(("strategy", "fields", "passes"), [
     ("mis", {}, PASSES), ("nee", {}, PASSES),
     # Texels of 0 take away the reflections of the pane, and those of its coat.
     ("nee", {"specular_texture": NOTHING}, 1.0), ("nee", {"specular_color_texture": NOTHING}, 1.0),
     ("nee", {"clearcoat": 1.0, "clearcoat_texture": NOTHING}, PASSES), ("nee", {"solid": True}, 0.0),
 ])  # fmt: skip
-def test_shadow_rays_take_the_color_of_panes_and_end_at_solids(device, strategy, fields, passes):
-    check_pane(device, strategy, fields, passes)
+def test_shadow_rays(device, strategy, fields, passes):
+    """Light samples and rays that meet the lamp count the pane's color once between them; solids stop them."""
+    pane = sv.Material(**{**CLEAR, "base_color": COLOR, "double_sided": True, **fields})
+    tinted = light_through(device, pane, strategy)
+    np.testing.assert_allclose(tinted / light_of_free_window(device), passes * COLOR, rtol=0.01)
 
 
 def check_block(device, expected, eye, fov, size, samples, **fields):
@@ -75,16 +71,13 @@ def test_white_glass_is_invisible_in_an_even_environment(device, fields):
     check_block(device, 1.0, (1.2, 1.0, 1.5), 0.6, (8, 8), 256, **fields)
 
 
-def check_absorption(device):
+def test_a_solid_absorbs_by_the_law_of_beer_and_lambert(device):
     """Seen straight on through a meter of glass that hardly bends or reflects light."""
     check_block(device, COLOR**2, (0, 0, 30), 0.005, (4, 4), 64, **TINTED, ior=1.0001, solid=True)
 
 
-def test_a_solid_absorbs_by_the_law_of_beer_and_lambert(device):
-    check_absorption(device)
-
-
-def check_anisotropy(device, rotation):
+@pytest.mark.parametrize("rotation", [0.0, np.pi / 2])
+def test_anisotropy_of_metal(device, rotation):
     """A floor seen from above, whose u runs along z, under a sun at 40 degrees in the plane of u, then in that of v."""
     fields = {"metallic": 1.0, "perceptual_roughness": 0.4, "anisotropy": 1.0, "anisotropy_rotation": rotation}
     floor = sv.Instance(shapes.quad((0, 0, 0), (0, 0, 2), (2, 0, 0)), sv.Material(base_color=0.9, **fields))
@@ -98,17 +91,13 @@ def check_anisotropy(device, rotation):
     assert along > 10 * across > 0
 
 
-@pytest.mark.parametrize("rotation", [0.0, np.pi / 2])
-def test_metal_spreads_light_along_its_anisotropy(device, rotation):
-    check_anisotropy(device, rotation)
-
-
 test_a_seeded_bug_is_noticed = bug_tests({
-    "a solid absorbs nothing": (check_absorption, Bug("scene/walk.glsl", "transmittance", "return vec3(1.0);")),
-    "a pane doesn't color light": (lambda device: check_pane(device, "nee", {}, PASSES), Bug(
+    "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, Bug(
+        "scene/walk.glsl", "transmittance", "return vec3(1.0);")),
+    "a pane doesn't color light": (lambda device: test_shadow_rays(device, "nee", {}, PASSES), Bug(
         "scene/alpha.glsl", "attenuate_by_cover(inout RayTransmittance through, vec4",
         "through.probability *= 1.0 - cover.w;")),
-    "the tangent is turned": (lambda device: check_anisotropy(device, 0.0), Bug(
+    "the tangent is turned": (lambda device: test_anisotropy_of_metal(device, 0.0), Bug(
         "scene/material_lobes.glsl", "orient_lobes",
         "correct(lobes, shading_normal, coat_normal, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
 })  # fmt: skip

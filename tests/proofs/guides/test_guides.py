@@ -3,12 +3,8 @@ show; ranges, and the parts of the light."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support.measured import hold
 from support.oracles.closed_forms import camera_rays
 from support.realtime import GUIDES, OFF, PARTS, add_up, make_renderer, odd_scene, trace
@@ -16,15 +12,12 @@ from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device.device import Device
 from solari_vk.measure.statistics import relative_mse
 from solari_vk.passes.guides import IMAGES
-from solari_vk.rendered import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, lamp, place, rgb
 from solari_vk.scene.matrices import transform_directions
 
-Image = NDArray[Any]
 _PSR, _GUIDES = ("Solari in Bevy 0.19", "primary surface replacement"), (SUITE, "Guides")
 RANGE = Rule("degenerate and extreme scenes give finite guides, unit or zero normals, roughness 0 to 1", *_GUIDES)
 LAMP = Rule("a clear wall before a lamp describes itself", *_GUIDES)
@@ -40,7 +33,7 @@ def guide_renderer(device, scene, **settings):
     return make_renderer(device, scene, SIZE, passes=GUIDES, **{**OFF, **settings})
 
 
-def read(frame: RenderedFrame) -> dict[str, Image]:
+def read(frame):
     """The guides; albedos are 8-bit codes."""
     found = {name: np.squeeze(frame[f"guides_{name}"]).astype(np.float64) for name in IMAGES}
     return {name: values[..., :3] if "albedo" in name else values for name, values in found.items()}
@@ -49,7 +42,8 @@ def read(frame: RenderedFrame) -> dict[str, Image]:
 # ---- ordinary surfaces ------------------------------------------------------------------------------
 
 
-def check_surfaces(device, scene_name):
+@pytest.mark.parametrize("scene_name", ["cornell_box", "sphere_grid"])
+def test_surfaces_are_the_path_tracers(device, scene_name):
     """Without primary surface replacement, this includes mirrors. The bounds are the formats' precision."""
     scene = builtin(scene_name)
     with guide_renderer(device, scene, gbuffer="traced", primary_surface_replacement=False) as renderer:
@@ -68,12 +62,7 @@ def check_surfaces(device, scene_name):
     assert (guides["depth"][~there] == 0).all()
 
 
-@pytest.mark.parametrize("scene_name", ["cornell_box", "sphere_grid"])
-def test_guides_of_ordinary_surfaces_are_the_path_tracers(device, scene_name):
-    check_surfaces(device, scene_name)
-
-
-def check_specular_albedo(device):
+def test_specular_albedo_is_the_directional_albedo(device):
     """It is 1 for a white metal at every angle and roughness, and Schlick's Fresnel term for a smooth dielectric."""
     scene = sv.Scene(sv.Camera.look_at((0, 1.0, 4), (0, 0, 0), vertical_fov=0.6))
     for column in range(4):
@@ -93,11 +82,7 @@ def check_specular_albedo(device):
     np.testing.assert_allclose(made[smooth], (f0 + (1 - f0) * (1 - cosine) ** 5)[smooth], atol=0.004)
 
 
-def test_specular_albedo_is_the_directional_albedo(device):
-    check_specular_albedo(device)
-
-
-def measure_range(device: Device) -> Iterator[Measurement]:
+def measure_range(device):
     """Checks the ranges of values by which denoisers divide, or which they use for lookups."""
     scene, wrong = odd_scene(), 0
     with guide_renderer(device, scene, jitter=True) as renderer:
@@ -111,7 +96,7 @@ def measure_range(device: Device) -> Iterator[Measurement]:
     yield Measurement(RANGE, float(wrong), 0.0, "values")
 
 
-def measure_parts(device: Device) -> Iterator[Measurement]:
+def measure_parts(device):
     """In a Cornell box, the parts add up to the radiance and don't depend on exposure."""
     scene, color = cornell_box(), np.array((17.0, 12.0, 4.0))
     apart, off = [], []
@@ -138,7 +123,7 @@ MIRRORS = {
 }
 
 
-def placed(name: str, moved: float) -> tuple[Image, list[Image]]:
+def placed(name, moved):
     """World from a camera and from the mirrors before it, whose normal is their z axis, all moved by centimeters."""
     aside = moved * np.array((0.04, -0.03, 0.02))
     mirrors = [
@@ -147,7 +132,7 @@ def placed(name: str, moved: float) -> tuple[Image, list[Image]]:
     return _look((0, 0, 3) + 2 * aside, (0, 0, 1) + 0.2 * aside), mirrors
 
 
-def reflection_in(mirrors: list[Image]) -> Image:
+def reflection_in(mirrors):
     """The matrix from real to virtual positions: the product of the mirrors' reflections, the first one's last."""
     chain = np.eye(4)
     for mirror in mirrors:
@@ -159,19 +144,19 @@ def reflection_in(mirrors: list[Image]) -> Image:
     return chain
 
 
-def _look(at: Image, z_axis: Image, scale: float = 1.0) -> Image:
+def _look(at, z_axis, scale=1.0):
     """World from an object (4, 4) with this z axis."""
     return sv.Camera.look_at(at, at - z_axis).transform @ np.diag((scale, scale, 1, 1))
 
 
-def _camera(transform: Image) -> sv.Camera:
+def _camera(transform):
     return sv.Camera(transform=transform, vertical_fov=0.4)
 
 
 ROUGHNESSES = (0.35, 0.55, 0.7)  # by which the pixels of metals and paint are recognized
 
 
-def things() -> list[sv.Instance]:
+def things():
     """What a camera at the origin sees: a wall, two balls of metal and a box; the box is last."""
     ball, (gold, white, paint) = shapes.sphere(0.8, 32), ROUGHNESSES
     return [
@@ -186,9 +171,7 @@ def things() -> list[sv.Instance]:
     ]  # fmt: skip
 
 
-def _differences(
-    shown: dict[str, Image], seen: dict[str, Image], reflection: Image, among: Any = np.s_[:]
-) -> Iterator[tuple[str, float, float, str]]:
+def _differences(shown, seen, reflection, among=np.s_[:]):
     """The differences between what mirrors or glass show and what is seen directly, reflected: by guide the difference
     in 98 % of the pixels `among`, since rays and raster may find an edge in neighboring pixels; bar; and unit."""
     shown_normal, seen_normal = (guides["normal_roughness"][..., :3] for guides in (shown, seen))
@@ -205,7 +188,7 @@ def _differences(
         yield what, float(np.quantile(worst, 0.98)), bar, f"{unit} in 98 % of pixels"
 
 
-def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
+def measure_mirrors(device, name):
     """Guides in mirrors equal those of the mirrored camera without mirrors while everything moves."""
     steps = [placed(name, moved) for moved in (1.0, 0.0)]
     reflections = [reflection_in(mirrors) for _, mirrors in steps]
@@ -253,7 +236,7 @@ def test_an_empty_sky_in_a_mirror_turns_with_the_camera(device):
 # ---- glass ------------------------------------------------------------------------------------------
 
 
-def measure_wall(device: Device) -> Iterator[Measurement]:
+def measure_wall(device):
     """Through a clear wall of glass, guides are those without it while everything moves; before a lamp, its own."""
     lamp_roughness = 0.9
     bright = sv.Material(base_color=0.0, emissive=rgb(1.0), perceptual_roughness=lamp_roughness)
@@ -324,10 +307,12 @@ def describing(change):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "diffuse albedo of metals": (lambda device: check_surfaces(device, "sphere_grid"), describing(
-        "diffuse_albedo = material.base_color")),
-    "diffuse albedo": (lambda device: check_surfaces(device, "cornell_box"), describing("diffuse_albedo *= 0.9")),
-    "specular albedo": (check_specular_albedo, describing("specular_albedo *= 0.9")),
+    "diffuse albedo of metals": (
+        lambda device: test_surfaces_are_the_path_tracers(device, "sphere_grid"),
+        describing("diffuse_albedo = material.base_color")),
+    "diffuse albedo": (
+        lambda device: test_surfaces_are_the_path_tracers(device, "cornell_box"), describing("diffuse_albedo *= 0.9")),
+    "specular albedo": (test_specular_albedo_is_the_directional_albedo, describing("specular_albedo *= 0.9")),
     RANGE: (measure_range, describing("perceptual_roughness = 1.0 / 0.0")),
     SUM: (measure_parts, Bug("passes/paths/compose.comp", "main", """
         correct();

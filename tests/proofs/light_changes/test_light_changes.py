@@ -65,14 +65,10 @@ def left_after_dimming(device, to):
     return (light_after(device, scene, change, 20) - to) / (1 - to)
 
 
-def check_going_out(device):
+def test_a_weak_lamp_that_goes_out(device):
     left = left_after_dimming(device, 0.0)
     assert left[9] < 0.05
     assert left[19] < 0.03
-
-
-def test_a_weak_lamp_that_goes_out(device):
-    check_going_out(device)
 
 
 @pytest.mark.slow
@@ -122,7 +118,7 @@ def test_lists_of_all_changes_are_noticed(device, monkeypatch):
 test_a_seeded_bug_is_noticed = bug_tests(
     {
         "a weak lamp goes out: places of lights are unknown": (
-            check_going_out,
+            test_a_weak_lamp_that_goes_out,
             Bug("passes/light_change.glsl", "light_change", "return 0.0;"),
         ),
     }

@@ -166,7 +166,9 @@ def random_numbers(seeds):
     return (pcg_hash(seeds) >> 8) * 2.0**-24, (pcg_hash(pcg_step(seeds)) >> 8) * 2.0**-24
 
 
-def check_records(device, tiles, samples):
+# The second sizes are no multiples of the workgroup's.
+@pytest.mark.parametrize(("tiles", "samples"), [(16, 512), (3, 47)])
+def test_samples_are_packed_as_they_resolve(device, tiles, samples):
     """Resolves samples in float64: of a lamp, a distorted one with two sides, a mirrored one, and a wide sun."""
     scene = lamps_above(EXPOSED[8:9], angle=0.2)
     soup = sv.Mesh(positions=np.random.default_rng(7).normal(size=(21, 3)))
@@ -206,12 +208,6 @@ def check_records(device, tiles, samples):
     height = (1 - toward @ -sun.direction) * 2 * np.pi / solid_angle  # uniform over a disk on the sphere
     assert height.max() < 1 + 1e-3
     assert stats.kstest(height, "uniform").pvalue > 1e-3
-
-
-# The second sizes are no multiples of the workgroup's.
-@pytest.mark.parametrize(("tiles", "samples"), [(16, 512), (3, 47)])
-def test_samples_are_packed_as_they_resolve(device, tiles, samples):
-    check_records(device, tiles, samples)
 
 
 def test_no_lights(device):
@@ -257,5 +253,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
     NOISE: (measure_noise, Bug(
         "common/packing.glsl", "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;")),
     "packed as they resolve: double-sided lights": (
-        lambda device: check_records(device, 16, 512), packing("packed.data = 0u;")),
+        lambda device: test_samples_are_packed_as_they_resolve(device, 16, 512), packing("packed.data = 0u;")),
 })  # fmt: skip

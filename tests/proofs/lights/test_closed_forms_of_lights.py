@@ -5,12 +5,10 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support.lamp_over_floor import (
     ALBEDO,
     BAR,
@@ -24,16 +22,13 @@ from support.lamp_over_floor import (
 from support.measured import hold
 from support.oracles.closed_forms import over_pixels, sun_irradiance, sun_radiance
 from support.oracles.encodings import decode_srgb
-from support.pictures import Picture, compare_picture, take_picture
+from support.pictures import compare_picture, take_picture
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.rules import Measurement, Rule
-from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import rgb
-from solari_vk.scene.lights.punctual import PunctualLight
 
-Floats = NDArray[np.floating[Any]]
 _CLOSED = ("closed form", "Lambert 1760, KHR_lights_punctual, and disks of constant radiance")
 _INVARIANT = ("invariance", "the same light, described differently")
 SEEN = Rule("a camera sees the radiance of a light: its intensity, or illuminance, over its outline", *_CLOSED)
@@ -53,7 +48,7 @@ class Lit(NamedTuple):
 
 
 # Spheres hang above the camera, which would see them otherwise.
-PUNCTUAL: dict[str, PunctualLight] = {
+PUNCTUAL = {
     "a point light": sv.PointLight(_AT, intensity=3, color=_ORANGE),
     "a point light with a range": sv.PointLight(_AT, intensity=3, range=2),
     "a spotlight": sv.SpotLight(_AT, _TILTED, intensity=5, inner_cone_angle=0.3, outer_cone_angle=0.7),
@@ -81,7 +76,7 @@ SLOW = {("a wide sun", "mis"), ("six lights", "mis"), *((name, "nee") for name i
 QUICK = {(name, "mis") for name in LIT} - SLOW
 
 
-def irradiance(light: PunctualLight, points: Floats) -> Floats:
+def irradiance(light, points):
     """Irradiance (N,) of points (N, 3) of a floor, from the formulas of KHR_lights_punctual.
 
     That of a sphere that is wholly above a surface is that of a point at its center: its solid angle times the mean
@@ -96,11 +91,11 @@ def irradiance(light: PunctualLight, points: Floats) -> Floats:
         share = np.clip((away @ light.direction - outer) / max(inner - outer, 0.001), 0, 1) ** 2
     if light.range is not None:
         share = share * np.clip(1 - (distance / light.range) ** 4, 0, 1)
-    found: Floats = light.intensity * share * -away[:, 1] / distance**2
+    found = light.intensity * share * -away[:, 1] / distance**2
     return found
 
 
-def lit_floor(scene: sv.Scene, light: Any, size: int) -> Floats:
+def lit_floor(scene, light, size):
     """The picture (size, size, 3) of a Lambert floor under a light, by its closed form."""
     if isinstance(light, sv.Instance):
         texture = light.material.emissive_texture
@@ -111,13 +106,13 @@ def lit_floor(scene: sv.Scene, light: Any, size: int) -> Floats:
             total += lamp_on_lambert(scene, size, on_lamp(across, along)) * texels[v, u]
         return total
     if isinstance(light, sv.DirectionalLight):
-        received: Any = sun_irradiance(light.illuminance, light.angular_diameter, -light.direction[1])
+        received = sun_irradiance(light.illuminance, light.angular_diameter, -light.direction[1])
     else:
         received = over_pixels(scene.camera, size, functools.partial(irradiance, light), nodes=8)
     return np.broadcast_to(received * light.color * ALBEDO / math.pi, (size, size, 3))
 
 
-def measure_floor(device: Device, name: str, strategy: str = "mis") -> Iterator[Measurement]:
+def measure_floor(device, name, strategy="mis"):
     """A Lambert floor under some of LIT."""
     lights, bar, bar_of_rays, samples, size = LIT[name]
     if strategy == "brdf":
@@ -128,7 +123,7 @@ def measure_floor(device: Device, name: str, strategy: str = "mis") -> Iterator[
     yield from compare_picture(f"{name} over a floor, {strategy}", _CLOSED, made, expected, bar)
 
 
-def measure_seen(device: Device) -> Iterator[Measurement]:
+def measure_seen(device):
     """A sphere light and a sun before nothing: the radiance, and the solid angle in which there is light."""
     radius, distance, intensity = 0.5, 2.0, 3.0
     sphere = sv.PointLight((0, 0, -distance), intensity=intensity, radius=radius, color=_ORANGE)
@@ -145,10 +140,10 @@ def measure_seen(device: Device) -> Iterator[Measurement]:
         yield Measurement(CIRCLE, abs(float(made[..., 0].mean()) / (radiance * share) - 1), 0.005, "relative error")
 
 
-def measure_invariance(device: Device) -> Iterator[Measurement]:
+def measure_invariance(device):
     """Split and reordered lamps give the same picture; a brighter lamp gives a picture brighter by its factor."""
 
-    def picture(*lamps: sv.Instance, seed: int = 0) -> Picture:
+    def picture(*lamps, seed=0):
         scene = floor_scene(sv.Material(base_color=ALBEDO), *lamps)
         return take_picture(device, scene, (32, 32), 512, max_bounces=1, lambert=True, seed=seed)
 

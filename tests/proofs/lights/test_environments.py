@@ -4,14 +4,11 @@ texels, edits, and frames against the path tracer."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from statistics import NormalDist
-from typing import Any
 from unittest import mock
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support.frames import each_lighting
 from support.lamp_over_floor import ALBEDO, floor_scene
 from support.measured import hold
@@ -23,7 +20,6 @@ from support.seeded_bugs import Bug, bug_tests
 import solari_vk as sv
 from solari_vk.bound.lights import environment_buffers
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device.device import Device
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place, rgb
@@ -44,15 +40,15 @@ _HALF_STEP = 2.0**-9
 LAMBERT = sv.Material(base_color=ALBEDO)
 
 
-def turned(angle: float) -> NDArray[np.float64]:
+def turned(angle):
     """A rotation about a slanted axis."""
     axis = np.array((1.0, 2.0, -0.5)) / math.sqrt(5.25)
     cross = np.cross(np.eye(3), -axis)
-    matrix: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    matrix = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
     return matrix
 
 
-def random_map(seed: int, height: int = 8, width: int = 16) -> NDArray[np.float32]:
+def random_map(seed, height=8, width=16):
     """A map whose texels differ by orders of magnitude, some of which are black."""
     generator = np.random.default_rng(seed)
     image = np.exp(1.5 * generator.normal(size=(height, width, 3))).astype(np.float32)
@@ -60,7 +56,7 @@ def random_map(seed: int, height: int = 8, width: int = 16) -> NDArray[np.float3
     return image
 
 
-def measure_floor(device: Device, strategy: str) -> Iterator[Measurement]:
+def measure_floor(device, strategy):
     """Lambert floors under one color, and under a random map that is turned."""
     for name, environment in (
         ("one color", sv.Environment((1.0, 0.5, 2.0), intensity=3.0)),
@@ -74,7 +70,7 @@ def measure_floor(device: Device, strategy: str) -> Iterator[Measurement]:
         yield from compare_picture(f"a floor under {name}, {strategy}", _CLOSED, made, expected, bar)
 
 
-def measure_mirror(device: Device, **settings: Any) -> Iterator[Measurement]:
+def measure_mirror(device, **settings):
     """What a frame shows of a map in a mirror of metal, and beside it."""
     image = random_map(2)
     scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.1, 0, -1), vertical_fov=1.0))
@@ -93,7 +89,7 @@ def measure_mirror(device: Device, **settings: Any) -> Iterator[Measurement]:
         yield Measurement(rule, float(errors.max()) / (_HALF_STEP * float(image.max())), 2.0, "of a step")
 
 
-def measure_texels(device: Device) -> Iterator[Measurement]:
+def measure_texels(device):
     """The light samples of a frame."""
     scene = floor_scene(matte(1.0))
     scene.environment = environment = sv.Environment(random_map(3), rotation=turned(0.5))
@@ -127,17 +123,17 @@ def measure_texels(device: Device) -> Iterator[Measurement]:
     yield Measurement(EVEN, z, _MAX_Z, "standard deviations")
 
 
-def _chances(environment: sv.Environment) -> NDArray[np.float64]:
+def _chances(environment):
     """The probability of each texel: luminance blurred by (1, 6, 1) / 8 both ways, times the sine of its row."""
     light = luminances(environment.image)
     blurred = (6 * light + np.roll(light, 1, axis=1) + np.roll(light, -1, axis=1)) / 8
     above, below = np.vstack([blurred[:1], blurred[:-1]]), np.vstack([blurred[1:], blurred[-1:]])
     weights = (6 * blurred + above + below) / 8 * np.sin(np.pi * (np.arange(len(light)) + 0.5) / len(light))[:, None]
-    chances: NDArray[np.float64] = (weights / weights.sum()).ravel()
+    chances = (weights / weights.sum()).ravel()
     return chances
 
 
-def measure_sun(device: Device, height: int) -> Iterator[Measurement]:
+def measure_sun(device, height):
     """A floor under a dim sky, of which one texel is 100,000 times as bright as the others."""
     image = np.full((height, 2 * height, 3), (0.3, 0.5, 0.9), np.float32)
     image[height // 5, height // 3] = 1e5
@@ -152,7 +148,7 @@ def measure_sun(device: Device, height: int) -> Iterator[Measurement]:
     yield Measurement(NOISE, float(deviation.mean()), 3.0, "standard deviations")
 
 
-def measure_means(device: Device, effort: Effort, **settings: Any) -> Iterator[Measurement]:
+def measure_means(device, effort, **settings):
     """A floor, a matte ball and a shiny one under a map with a sun beside it."""
     scene = floor_scene(matte(0.5))
     scene.environment = sv.Environment(random_map(4), rotation=1.0)

@@ -136,7 +136,7 @@ def emitters(mi, point, spot):
     }  # fmt: skip
 
 
-def check_mitsuba(device):
+def test_a_box_under_point_and_spot_is_mitsubas(device):
     scene = box_with_lamps("point", "spot")
     scene.lights["spot"].update(inner_cone_angle=0.5985, outer_cone_angle=0.6)
     mitsuba = mitsuba_scene.select_variant(vectorized=False)
@@ -146,12 +146,8 @@ def check_mitsuba(device):
     assert_equal(compare(made.mean, made.variance, *mitsuba_scene.render(mitsuba, theirs, 8, 64)), 0.012)
 
 
-def test_a_box_under_point_and_spot_is_mitsubas(device):
-    check_mitsuba(device)
-
-
 test_a_seeded_bug_is_noticed = bug_tests({
-    "lamps are 3 % too bright": (check_mitsuba, Bug(
+    "lamps are 3 % too bright": (test_a_box_under_point_and_spot_is_mitsubas, Bug(
         "scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);")),
 })  # fmt: skip
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from support.seeded_bugs import Bug, bug_tests
 import solari_vk as sv
 from solari_vk.conformance.bulk_checks import bumpy_ball
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, matte, place
 
@@ -25,7 +22,7 @@ _SERIES = ("closed form", "geometric series in a closed room")
 _TRACER = (SUITE, "PathTracer")
 
 
-def measure_series(device: Device, bounces: int, strategy: str) -> Iterator[Measurement]:
+def measure_series(device, bounces, strategy):
     """Le (1 + rho + ... + rho^k) everywhere in a closed Lambert room, whatever the strategy.
 
     Light samples alone are measured in a ball. Close to an edge between two walls, one sample can be brighter than all
@@ -41,7 +38,7 @@ def measure_series(device: Device, bounces: int, strategy: str) -> Iterator[Meas
         scene.instances[0].mesh = sv.Mesh(ball.positions, ball.triangles[:, ::-1])  # faces inward
         samples = 128
     scene.materials[0].update(base_color=albedo, emissive=emission)
-    options: dict[str, Any] = {"max_bounces": bounces, "lambert": True, "light_strategy": strategy}
+    options = {"max_bounces": bounces, "lambert": True, "light_strategy": strategy}
     made = take_picture(device, scene, (32, 32), samples, **options)
     mean = made.mean.mean(axis=(0, 1)) if bounces else made.mean  # emission alone is exact in every pixel
     error = float(np.abs(mean / expected - 1).max())
@@ -49,7 +46,7 @@ def measure_series(device: Device, bounces: int, strategy: str) -> Iterator[Meas
     yield Measurement(rule, error, BAR if bounces else 1e-6, "relative error")
 
 
-def measure_white_box(device: Device, roughness: float, metallic: float) -> Iterator[Measurement]:
+def measure_white_box(device, roughness, metallic):
     """White walls lose no energy: every bounce adds the emission once more, whatever the material."""
     scene = closed_box(1.0, 1.0)
     next(iter(scene)).material.update(perceptual_roughness=roughness, metallic=metallic, reflectance=0.5)
@@ -81,7 +78,7 @@ def ball_with_spikes():
     return sv.Mesh(positions=mesh.positions * radius[:, None], indices=mesh.triangles[:, ::-1])
 
 
-def measure_light_tight(device: Device, where: str, samples: int = 8) -> Iterator[Measurement]:
+def measure_light_tight(device, where, samples=8):
     """Suns surround a closed surface that faces inward, with a camera inside: all light in the picture leaked through a
     wall. Between spikes only camera rays are measured."""
     suns = [
@@ -91,7 +88,7 @@ def measure_light_tight(device: Device, where: str, samples: int = 8) -> Iterato
     camera = sv.Camera(transform=place(at=PLACES[where][:3, 3]), vertical_fov=2.6, near=1e-6)
     for mesh, bounces, size in ((ball_with_bumps(), 4, (64, 64)), (ball_with_spikes(), 0, (256, 256))):
         ball = sv.Instance(mesh=mesh, material=matte(1.0), transform=PLACES[where])
-        options: dict[str, Any] = {"max_bounces": bounces, "lambert": True, "runs": 2}
+        options = {"max_bounces": bounces, "lambert": True, "runs": 2}
         made = take_picture(device, sv.Scene(ball, camera, *suns), size, samples, **options)
         lit = float((made.mean > 0).any(axis=-1).sum())
         yield Measurement(Rule(f"a closed surface is light-tight, {where}", *_TRACER), lit, 0.0, "pixels")

@@ -34,9 +34,16 @@ def lamp_over_surface(surface, points, eye):
     return np.einsum("nlc,nl->nc", value, received) * LAMP_RADIANCE
 
 
-def check_floor(device, roughness=0.35, metallic=0.0, reflectance=1.0, layering="conserving"):
+GLOSSY = (0.35, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("case", [
+    GLOSSY, (*GLOSSY, "fresnel_product"), (0.6, 0.5, (0.2, 0.6, 1.0)),
+    *(pytest.param(case, marks=pytest.mark.slow) for case in ((*GLOSSY, "sum"), (0.35, 1.0, 0.5), (1.0, 0.0, 0.5)))
+], ids=str)  # fmt: skip
+def test_lamp_over_our_materials(device, case):
     """Compares a single bounce off a glossy floor with quadrature of the NumPy BRDF."""
-    color = np.array((0.9, 0.5, 0.15))
+    color, (roughness, metallic, reflectance, layering) = np.array((0.9, 0.5, 0.15)), (*case, "conserving")[:4]
     material = sv.Material(base_color=color, perceptual_roughness=roughness, metallic=metallic, reflectance=reflectance)
     scene = floor_scene(material, lamp_above())
     older = layering == "sum"  # as Solari 0.18
@@ -49,19 +56,14 @@ def check_floor(device, roughness=0.35, metallic=0.0, reflectance=1.0, layering=
     assert_equal(compare(made.mean, made.variance, expected, tile=8), 0.01)
 
 
-@pytest.mark.parametrize("case", [
-    (0.35, 0.0, 1.0), (0.35, 0.0, 1.0, "fresnel_product"), (0.6, 0.5, (0.2, 0.6, 1.0)),
-    *(pytest.param(case, marks=pytest.mark.slow)
-      for case in ((0.35, 0.0, 1.0, "sum"), (0.35, 1.0, 0.5), (1.0, 0.0, 0.5)))
-], ids=str)  # fmt: skip
-def test_lamp_over_our_materials(device, case):
-    check_floor(device, *case)
+def check_glossy(device):
+    test_lamp_over_our_materials(device, GLOSSY)
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "weights of hits": (check_floor, Bug(
+    "weights of hits": (check_glossy, Bug(
         "scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 3.0 * correct(hit, ray_direction, ray_t);")),
-    "Fresnel": (check_floor, Bug("scene/microfacet.glsl", "reflectance_f0", "return 0.5 * correct(reflectance);")),
-    "half a pixel off": (check_floor, Bug(
+    "Fresnel": (check_glossy, Bug("scene/microfacet.glsl", "reflectance_f0", "return 0.5 * correct(reflectance);")),
+    "half a pixel off": (check_glossy, Bug(
         "scene/camera.glsl", "make_camera_ray", "return correct(pixel_position - 0.5);")),
 })  # fmt: skip

@@ -30,7 +30,8 @@ def spread(device, **fields):
     return light.sum(), np.array(variances)
 
 
-def check_disk(device, kind, focus):
+@pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 12.0), ("orthographic", 2.0)])
+def test_the_disk_of_confusion(device, kind, focus):
     sharp, blurred = (spread(device, aperture=a, focus_distance=focus, **CAMERAS[kind]) for a in (0.0, APERTURE))
     assert blurred[0] == pytest.approx(sharp[0], rel=0.05)
     # The disk's radius in meters at the lamp; the variance of a disk along an axis is a quarter of its squared radius.
@@ -39,14 +40,7 @@ def check_disk(device, kind, focus):
     np.testing.assert_allclose(blurred[1] - sharp[1], (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
 
 
-@pytest.mark.parametrize(("kind", "focus"), [
-    ("perspective", 2.0), ("perspective", 12.0), ("orthographic", 2.0),
-])  # fmt: skip
-def test_the_disk_of_confusion(device, kind, focus):
-    check_disk(device, kind, focus)
-
-
-def check_focus(device):
+def test_what_is_in_focus_is_sharp_everywhere(device):
     """The same pixels are lit with and without a lens, also at the picture's edge."""
     lit = []
     for aperture in (0.0, 2.0):
@@ -55,10 +49,6 @@ def check_focus(device):
             scene.add(shapes.quad((x, 0, -DISTANCE), (0.1, 0, 0), (0, 0.1, 0)), lamp(1000.0))
         lit.append(trace(device, scene, 64, SIZE, seed=8, max_bounces=0).max(axis=2) > 0)
     np.testing.assert_array_equal(*lit)
-
-
-def test_what_is_in_focus_is_sharp_everywhere(device):
-    check_focus(device)
 
 
 def test_the_realtime_renderer_refuses_it(device):
@@ -78,8 +68,8 @@ def test_a_changed_lens_starts_a_new_picture(device):
 
 LENS = ("scene/camera.glsl", "through_lens")
 test_a_seeded_bug_is_noticed = bug_tests({
-    "a lens twice as wide": (lambda device: check_disk(device, "perspective", 2.0), Bug(
+    "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
         *LENS, "return correct(ray, 2.0 * on_lens);")),
-    "a focus at equal distances instead of depths": (check_focus, Bug(
+    "a focus at equal distances instead of depths": (test_what_is_in_focus_is_sharp_everywhere, Bug(
         *LENS, "ray.depth_per_t = 1.0; return correct(ray, on_lens);")),
 })  # fmt: skip

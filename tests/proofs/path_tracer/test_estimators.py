@@ -120,7 +120,7 @@ TRANSFORMS = {
 }
 
 
-def check_baked(device):
+def test_instances_equal_their_baked_meshes(device):
     """Two of the instances are lights, since lights have their own code for transforms."""
     paint = sv.Material(base_color=(0.5, 0.7, 0.3), perceptual_roughness=0.4)
     pictures, outputs = [], []
@@ -141,14 +141,10 @@ def check_baked(device):
         assert alike.mean() > 0.995, f"{name}: {1 - alike.mean():.3%} differ"
 
 
-def test_instances_equal_their_baked_meshes(device):
-    check_baked(device)
-
-
 test_a_seeded_bug_is_noticed = bug_tests(
     {
         "mirrored instances: front and back are exchanged": (
-            check_baked,
+            test_instances_equal_their_baked_meshes,
             Bug(
                 "scene/surface.glsl",
                 "resolve_triangle",

@@ -138,6 +138,7 @@ def check_ways(lighting=None):
         assert not [name for name in query if query[name].tobytes() != pipeline[name].tobytes()]
 
 
+@pytest.mark.slow  # the driver compiles for minutes; tests/proofs/frame compares the two ways in a Cornell box
 def test_paths_by_queries_and_pipelines_are_equal(any_device):
     check_ways()
 

@@ -18,16 +18,12 @@ def fresh(tracer, scene, samples=4, **settings):
     return tracer(scene, (32, 32), **settings).render(samples=samples)["radiance"]
 
 
-def check_noise(device):
+def test_pixels_and_seeds_are_independent(device):
     """The noise of neighboring pixels is uncorrelated, and so is that of successive seeds."""
     noise = [trace(device, closed_box(), 1, (64, 64), seed=seed, max_bounces=2)[..., 0] for seed in (1, 2, 3)]
     first, *others = (n - n.mean() for n in noise)
     for other in (np.roll(first, 1, 0), np.roll(first, 1, 1), np.roll(first, (1, 1), (0, 1)), *others):
         assert abs((first * other).mean() / (first.std() * other.std())) < 4.5 / 64
-
-
-def test_pixels_and_seeds_are_independent(device):
-    check_noise(device)
 
 
 SUN = sv.DirectionalLight(direction=(0.2, -0.3, 1), illuminance=20)
@@ -110,7 +106,7 @@ def test_pictures_of_random_scenes_are_finite(device):
 test_a_seeded_bug_is_noticed = bug_tests(
     {
         "seeds have no effect": (
-            check_noise,
+            test_pixels_and_seeds_are_independent,
             Bug("common/random.glsl", "seed_rng", "return correct(pixel, sample_index, 0u);"),
         ),
     }

@@ -136,7 +136,7 @@ def test_normal_map(tracer, scale):
     np.testing.assert_allclose(renderer["geometric_normal"][16, 16, :3], (0, 0, 1), atol=1e-5)
 
 
-def check_mirrored(device):
+def test_normal_maps_of_mirrored_instances(device):
     """The shading normal of a mirrored instance is the mirror image of that of the unmirrored one."""
     material = sv.Material(normal_texture=flat(204, 89, 0), double_sided=True)
     positions = QUAD.positions + np.array((0, 0, 2), np.float32)
@@ -151,10 +151,6 @@ def check_mirrored(device):
                 expected = signs * normals[0]
                 expected *= np.sign(expected[2])  # on back sides the normal is negated
                 np.testing.assert_allclose(normals[-1], expected, atol=1e-5, err_msg=str((signs, tangents)))
-
-
-def test_normal_maps_of_mirrored_instances(device):
-    check_mirrored(device)
 
 
 # ---- vertex colors and the second set of uvs ---------------------------------------------------------
@@ -190,7 +186,7 @@ def test_vertex_colors(tracer):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "mirrored instances: tangents aren't": (check_mirrored, Bug(
+    "mirrored instances: tangents aren't": (test_normal_maps_of_mirrored_instances, Bug(
         "scene/surface.glsl", "resolve_tangents",
         "mat3 tangents = correct(instance, mesh, point, barycentrics, normal, texture_index); "
         "tangents[1] *= sign(determinant(mat3(instance.world_from_object))); return tangents;")),
