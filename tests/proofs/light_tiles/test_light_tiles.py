@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
@@ -139,7 +140,7 @@ def measure_contribution(device):
     wi, share = receive(chosen, points)
     z_up = [0, 2, 1]  # the normal is z in brdf.comp
     material = brdf_runs.materials(1.0, 0.0, 0.0, 1.0)
-    with ShaderRunner(device) as shaders:
+    with ShaderRunner(device, Path(__file__).parents[1] / "brdf/glsl") as shaders:
         brdf = brdf_runs.run(shaders, "evaluate", len(wi), material, -directions[:, z_up], wi[:, z_up])[:, 1]
     logarithms = np.log2(1 + lit[there] * scene.camera.exposure / (share * brdf))
     error = np.abs(logarithms - np.log2(1 + chosen.exposed)) / step_and_rounding(logarithms)
