@@ -250,7 +250,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     UNIQUE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x + 1024u * this_frame.index)")),  # seeds are summed
     SCROLL: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x)")),  # all frames are alike
     CONTRIBUTION: (measure_contribution, Bug(
-        FILE, "unpack_light_sample", "packed.inverse_pdf *= 1.1; return correct(packed);")),
+        "common/packing.glsl", "pack_radiance_log2_rgb9e5", "return correct(2.0 * radiance, exposure);")),
     NOISE: (measure_noise, Bug(
         "common/packing.glsl", "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;")),
     "packed as they resolve: double-sided lights": (
