@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
@@ -30,8 +31,7 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
 from solari_vk.scene.matrices import transform_points
 
-FILE, PACKING = "passes/solari019/light_tiles/light_tiles.glsl", "common/packing.glsl"
-NO_TILES = Bug(FILE, "sample_light_candidate", "return draw_light_candidate(rng);")
+FILE = "passes/solari019/light_tiles/light_tiles.glsl"
 _0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0.18", "Energy Loss Bug")
 ENCODED = Rule("packed radiance from 1e-4 to 1e9 times white is exact within half a step of log2 rgb9e5", *_0_18)
 SUN = Rule("a sun of 100,000 lux isn't clipped at EV100 9.7", *_0_18)
@@ -41,50 +41,56 @@ UNIQUE = Rule("the tiles of four frames hold no sample twice", *_0_17)
 SCROLL = Rule("samples are uncorrelated within tiles, between tiles and between frames", *_0_17)
 CONTRIBUTION = Rule("a packed sample lights a floor as the light itself does", *_0_17)
 NOISE = Rule("choosing by tiles is no noisier than resolving each candidate", SUITE, "Light tiles")
-_EACH = sv.Settings().light_tile_samples
 _MAX_Z = NormalDist().inv_cdf(0.9999)
-COLOR = np.array((1.0, 0.3, 0.0))
-SATURATED = np.array((1.0, 0.5, 5e-4))
+COLOR, SATURATED = np.array((1.0, 0.3, 0.0)), np.array((1.0, 0.5, 5e-4))
 # Radiance of the lamps (16, 3) in units of white.
 EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * np.where(np.arange(16)[:, None] % 2, SATURATED, COLOR)
-HALF_SIDE = 0.1
 BALL = 10.0
 EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
 ALONE = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
 
 
-def lamps_above(exposed, lux=LUX):
+def lamps_above(exposed, lux=LUX, angle=SUN_ANGLE):
     """A white floor under a grid of lamps of radiance `exposed` (N, 3), an emissive ball and the sun, in this order."""
     scene = floor_scene(matte(1.0))
     scene.camera.ev100 = EV100
-    scene.add(sv.DirectionalLight(direction=rgb((0.3, -1, 0.2)), illuminance=lux, angular_diameter=SUN_ANGLE))
+    scene.add(sv.DirectionalLight(direction=rgb((0.3, -1, 0.2)), illuminance=lux, angular_diameter=angle))
     for index, color in enumerate(exposed / scene.camera.exposure):
         at = (0.8 * (index % 4) - 1.2, 4.0, 0.8 * (index // 4) - 1.2)
-        scene.add(sv.Instance(mesh=shapes.quad(at, (HALF_SIDE, 0, 0), (0, 0, HALF_SIDE)), material=lamp(color)))
-    ball = lamp(BALL / scene.camera.exposure)
-    scene.add(sv.Instance(mesh=shapes.sphere(0.2, 8), material=ball, transform=place(1.0, (0, 5, 0))))
+        scene.add(shapes.quad(at, (0.1, 0, 0), (0, 0, 0.1)), lamp(color))
+    scene.add(shapes.sphere(0.2, 8), lamp(BALL / scene.camera.exposure), place(1.0, (0, 5, 0)))
     return scene
 
 
-def _take_tiles(renderer, frames):
-    """The light samples and their packed records, (frames, tiles, samples per tile) each."""
+def take_tiles(renderer, frames=1):
+    """The light samples, their packed records, (frames, tiles, samples per tile) each, and the lights' probabilities,
+    as the page of solari_vk/bound/lights/light_list.py says."""
     taken = []
     for _ in range(frames):
-        frame = renderer.render(renderer.binder.scene.camera)
+        frame = renderer.render()
         taken.append([frame["light_tile_samples"], frame["light_tiles"]])
-    named, packed = (np.stack(of).reshape(frames, -1, _EACH) for of in zip(*taken, strict=True))
-    return named, packed
+    shape = frames, -1, renderer.settings.light_tile_samples
+    named, packed = (np.stack(of).reshape(shape) for of in zip(*taken, strict=True))
+    powers = renderer.binder.lights.powers
+    return named, packed, (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE / len(powers)
+
+
+def triangles_of(mesh):
+    """A mesh's triangles (N, 3, 3) in the order of upload, and the share of each in its area in object space."""
+    corners = mesh.positions[mesh.triangles]
+    corners = corners[spatial_order(corners.mean(axis=1))].astype(np.float64)
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return corners, areas / areas.sum()
 
 
 def measure_tiles(device):
     """Measures the samples of four frames."""
     scene = lamps_above(EXPOSED)
     with make_renderer(device, scene, (8, 8), **OFF) as renderer:
-        named, packed = _take_tiles(renderer, 4)
-        powers = renderer.binder.lights.powers
-    probabilities = (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE / len(powers)
+        named, packed, probabilities = take_tiles(renderer, 4)
     yield from _measure_packing(named.ravel(), packed.ravel(), scene.camera.exposure)
-    yield from _measure_choice(named, probabilities)
+    shares = [np.full(2, 0.5)] * len(EXPOSED) + [triangles_of(shapes.sphere(0.2, 8))[1], np.ones(1)]
+    yield from _measure_choice(named, probabilities, shares)
 
 
 def _measure_packing(named, packed, exposure):
@@ -102,16 +108,11 @@ def _measure_packing(named, packed, exposure):
     yield Measurement(BLACK, float((samples.exposed[exposed == 0] != 0).sum()), 0.0, "lit")
 
 
-def _measure_choice(named, probabilities):
+def _measure_choice(named, probabilities, shares):
     """Tests whether lights, triangles and random numbers are chosen independently and with the right probabilities."""
-    ball = shapes.sphere(0.2, 8)
-    corners = ball.positions[ball.triangles].astype(np.float64)
-    a, b, c = corners[spatial_order(corners.mean(axis=1))].transpose(1, 0, 2)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    parts = [np.full(2, 0.5)] * len(EXPOSED) + [areas / areas.sum(), np.ones(1)]
-    first = np.cumsum([0, *(len(of) for of in parts)])
+    first = np.cumsum([0, *(len(of) for of in shares)])
     observed = np.bincount((first[named["light_index"]] + named["part"]).ravel(), minlength=first[-1])
-    expected = named.size * np.concatenate([p * of for p, of in zip(probabilities, parts, strict=True)])
+    expected = named.size * np.concatenate([p * of for p, of in zip(probabilities, shares, strict=True)])
     z = standard_deviations(chi_squared_p(observed, expected))
     yield Measurement(CHOICE, z, _MAX_Z, "standard deviations")
     yield Measurement(UNIQUE, float(named.size - len(np.unique(named))), 0.0, f"of {named.size:,} again")
@@ -129,7 +130,7 @@ def measure_contribution(device):
     """Compares ReSTIR DI with one candidate, which shades with the light itself, with the packed record's light."""
     scene, size = lamps_above(EXPOSED), (32, 32)
     with make_renderer(device, scene, size, **ALONE, di_candidates=1) as renderer:
-        named, packed = (taken.ravel() for taken in _take_tiles(renderer, 1))
+        named, packed = (taken.ravel() for taken in take_tiles(renderer)[:2])
         reservoirs, lit = renderer["di_reservoirs"].ravel(), renderer["di_diffuse"].reshape(-1, 3).astype(np.float64)
     there = lit.max(axis=-1) > 0
     place_of = {sample.tobytes(): index for index, sample in enumerate(named)}
@@ -139,7 +140,7 @@ def measure_contribution(device):
     wi, share = receive(chosen, points)
     z_up = [0, 2, 1]  # the normal is z in brdf.comp
     material = brdf_runs.materials(1.0, 0.0, 0.0, 1.0)
-    with ShaderRunner(device) as shaders:
+    with ShaderRunner(device, Path(__file__).parents[1] / "brdf/glsl") as shaders:
         brdf = brdf_runs.run(shaders, "evaluate", len(wi), material, -directions[:, z_up], wi[:, z_up])[:, 1]
     logarithms = np.log2(1 + lit[there] * scene.camera.exposure / (share * brdf))
     error = np.abs(logarithms - np.log2(1 + chosen.exposed)) / step_and_rounding(logarithms)
@@ -149,17 +150,16 @@ def measure_contribution(device):
 def measure_noise(device):
     """Choosing by packed records gives direct light with the same variance as choosing by the lights themselves."""
     scene = lamps_above(np.geomspace(3.0, 300.0, 12)[:, None] * COLOR, lux=1000.0)
+    no_tiles = Bug(FILE, "sample_light_candidate", "return draw_light_candidate(rng);")
     variances = []
-    for bugs in ((), (NO_TILES,)):
+    for bugs in ((), (no_tiles,)):
         with seeded(*bugs), make_renderer(device, scene, (32, 32), **ALONE, di_candidates=32) as renderer:
-            frames = [renderer.render(scene.camera)["di_diffuse"].sum(axis=-1, dtype=np.float64) for _ in range(16)]
+            frames = [renderer.render()["di_diffuse"].sum(axis=-1, dtype=np.float64) for _ in range(16)]
             variances.append(float(np.var(frames, axis=0, ddof=1).mean()))
     yield Measurement(NOISE, variances[0] / variances[1] - 1, 0.2, "more variance")
 
 
 # ---- samples against numpy --------------------------------------------------------------------------
-
-TILES, SAMPLES = 16, 512
 
 
 def random_numbers(seeds):
@@ -167,113 +167,55 @@ def random_numbers(seeds):
     return (pcg_hash(seeds) >> 8) * 2.0**-24, (pcg_hash(pcg_step(seeds)) >> 8) * 2.0**-24
 
 
-class World:
-    """A scene of emissive meshes, one double-sided, one mirrored, and a sun. `emissive` has the order of the lights."""
-
-    def __init__(self):
-        random = np.random.default_rng(7)
-        soup = sv.Mesh(positions=random.normal(size=(21, 3)), indices=np.arange(21).reshape(-1, 3))
-        self.emissive = [
-            (shapes.quad((0, 3, 0), (0.5, 0, 0), (0, 0, 0.5)), lamp((17.0, 12.0, 4.0)), place()),
-            (soup, lamp((0.01, 300.0, 1.0), double_sided=True), place((0.3, 2.0, 0.7), (4, 1, 2), 0.7)),
-            (shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), lamp(1e-4), place((-1, 1, 1), (-3, 2, 1))),
-        ]
-        self.sun = sv.DirectionalLight(direction=(0.3, -1, 0.2), illuminance=500.0, angular_diameter=0.2)
-        floor = shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0))
-        self.scene = sv.Scene(sv.Instance(mesh=floor, material=matte(0.5)))
-        for mesh, material, transform in self.emissive:
-            self.scene.add(sv.Instance(mesh=mesh, material=material, transform=transform))
-        self.scene.add(self.sun)
-        self.scene.add(sv.Camera.look_at((0, 2, 6), (0, 0, 0), ev100=3.0))
-
-    def probabilities(self, powers):
-        """Those of all lights of these powers in lumens, as the page of solari_vk/bound/lights/light_list.py says."""
-        return (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE / len(powers)
-
-    def resolve(self, samples, powers):
-        """Position (or direction to the sun), normal, radiance and inverse pdf of light samples, in float64."""
-        count = len(samples)
-        probabilities = self.probabilities(powers)
-        position, normal, radiance = (np.zeros((count, 3)) for _ in range(3))
-        inverse_pdf = np.zeros(count)
-        u, v = random_numbers(samples["seed"])
-        for light, (mesh, material, transform) in enumerate(self.emissive):
-            mine = samples["light_index"] == light
-            m = np.asarray(transform, np.float64)
-            corners = np.asarray(mesh.positions, np.float64)[mesh.triangles]
-            order = spatial_order(corners.mean(axis=1))
-            corners = transform_points(m, corners[order])
-            a, b, c = corners[samples["part"][mine]].transpose(1, 0, 2)
-            root = np.sqrt(u[mine])[:, None]
-            across = v[mine][:, None]
-            position[mine] = (1 - root) * a + root * (1 - across) * b + root * across * c
-            cross = np.cross(b - a, c - a) * np.sign(np.linalg.det(m[:3, :3]))
-            length = np.linalg.norm(cross, axis=1)
-            normal[mine] = cross / length[:, None]
-            radiance[mine] = material.emissive
-            # Triangles are chosen by their area in object space, which a matrix that shears changes unevenly.
-            a, b, c = np.asarray(mesh.positions, np.float64)[mesh.triangles].transpose(1, 0, 2)
-            areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-            of_part = (areas / areas.sum())[order][samples["part"][mine]]
-            inverse_pdf[mine] = length / 2 / (probabilities[light] * of_part)
-        directional = samples["light_index"] == len(self.emissive)
-        solid_angle = 2 * np.pi * (1 - np.cos(self.sun.angular_diameter / 2))
-        inverse_pdf[directional] = solid_angle / probabilities[-1]
-        radiance[directional] = self.sun.illuminance / (np.pi * np.sin(self.sun.angular_diameter / 2) ** 2)
-        return directional, position, normal, radiance, inverse_pdf
-
-
-def take(device, world, **settings):
-    """The samples and the packed samples of a frame, (tiles, samples per tile) each, and the lights' powers."""
-    settings = {"light_tile_count": TILES, "light_tile_samples": SAMPLES} | settings
-    with direct_renderer(device, world.scene, (8, 8), **settings) as renderer:
-        frame = renderer.render(world.scene.camera)
-        shape = settings["light_tile_count"], settings["light_tile_samples"]
-        powers = renderer.binder.lights.powers
-        return frame["light_tile_samples"].reshape(shape), frame["light_tiles"].reshape(shape), powers
-
-
-def test_samples_are_packed_as_they_resolve(device):
-    world = World()
-    samples, packed, powers = (values.ravel() for values in take(device, world))
-    assert packed.dtype.itemsize == 32
-    directional, position, normal, radiance, inverse_pdf = world.resolve(samples, powers)
-    np.testing.assert_allclose(packed["world_position"][~directional], position[~directional], atol=2e-5)
-    toward = packed["world_position"][directional].astype(np.float64)
-    assert np.abs(np.linalg.norm(toward, axis=1) - 1).max() < 1e-6
-    axis = -np.asarray(world.sun.direction, np.float64)
-    angles = np.arccos(np.clip(toward @ axis, -1, 1))
-    assert angles.max() <= world.sun.angular_diameter / 2 + 1e-4
-    assert stats.kstest((1 - np.cos(angles)) / (1 - np.cos(world.sun.angular_diameter / 2)), "uniform").pvalue > 1e-3
-
-    normal[directional] = -toward
-    assert np.linalg.norm(decode_octahedral(packed["world_normal"]) - normal, axis=1).max() < 1e-4
+# The second sizes are no multiples of the workgroup's.
+@pytest.mark.parametrize(("tiles", "samples"), [(16, 512), (3, 47)])
+def test_samples_are_packed_as_they_resolve(device, tiles, samples):
+    """Resolves samples in float64: of a lamp, a distorted one with two sides, a mirrored one, and a wide sun."""
+    scene = lamps_above(EXPOSED[8:9], angle=0.2)
+    soup = sv.Mesh(positions=np.random.default_rng(7).normal(size=(21, 3)))
+    two_sided = sv.Instance(soup, lamp(3e3, double_sided=True), place((0.3, 2.0, 0.7), (4, 1, 2), 0.7))
+    scene.add(two_sided)
+    scene.add(shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), lamp(1.0), place((-1, 1, 1), (-3, 2, 1)))
+    settings = {"light_tile_count": tiles, "light_tile_samples": samples}
+    with direct_renderer(device, scene, (8, 8), **settings) as renderer:
+        named, packed, probabilities = take_tiles(renderer)
+    assert named.shape == (1, tiles, samples)
+    named, packed = named.ravel(), packed.ravel()
+    emissive = [instance for instance in scene if instance.material.emits]
+    sun, directional = scene.lights[0], named["light_index"] == len(emissive)
+    solid_angle = 2 * np.pi * (1 - np.cos(sun.angular_diameter / 2))
+    position, normal = packed["world_position"].astype(np.float64), -packed["world_position"].astype(np.float64)
+    inverse_pdf = np.full(len(named), solid_angle / probabilities[-1])
+    u, v = (numbers[:, None] for numbers in random_numbers(named["seed"]))
+    for light, instance in enumerate(emissive):
+        mine = named["light_index"] == light
+        corners, shares = triangles_of(instance.mesh)
+        part, m = named["part"][mine], instance.transform.astype(np.float64)
+        a, b, c = transform_points(m, corners[part]).transpose(1, 0, 2)
+        root, across = np.sqrt(u[mine]), v[mine]
+        position[mine] = (1 - root) * a + root * (1 - across) * b + root * across * c
+        cross = np.cross(b - a, c - a) * np.sign(np.linalg.det(m[:3, :3]))
+        length = np.linalg.norm(cross, axis=1)
+        normal[mine] = cross / length[:, None]
+        inverse_pdf[mine] = length / 2 / (probabilities[light] * shares[part])
+    np.testing.assert_allclose(packed["world_position"], position, atol=2e-5)
     np.testing.assert_allclose(packed["inverse_pdf"], inverse_pdf, rtol=1e-5)
+    assert np.linalg.norm(decode_octahedral(packed["world_normal"]) - normal, axis=1).max() < 1e-4
     np.testing.assert_array_equal(packed["kind"], directional)  # 0 and 1 are rows of LIGHT_KINDS
-    np.testing.assert_array_equal(packed["data"], samples["light_index"] == 1)  # light 1 is double-sided
+    np.testing.assert_array_equal(packed["data"], named["light_index"] == emissive.index(two_sided))
 
-    expected = np.log2(1 + radiance * world.scene.camera.exposure)
-    assert (np.abs(decode_rgb9e5(packed["radiance"]) - expected) <= step_and_rounding(expected)).all()
-
-
-def test_a_seed_determines_the_tiles(device):
-    first, again = (take(device, World())[0] for _ in range(2))
-    assert (first == again).all()
-
-
-def test_tile_sizes_need_not_be_multiples_of_the_workgroup(device):
-    world = World()
-    samples, packed, powers = take(device, world, light_tile_count=3, light_tile_samples=7)
-    assert samples.shape == (3, 7)
-    np.testing.assert_allclose(packed["inverse_pdf"].ravel(), world.resolve(samples.ravel(), powers)[-1], rtol=1e-5)
+    toward = position[directional]
+    assert np.abs(np.linalg.norm(toward, axis=1) - 1).max() < 1e-6
+    height = (1 - toward @ -sun.direction) * 2 * np.pi / solid_angle  # uniform over a disk on the sphere
+    assert height.max() < 1 + 1e-3
+    assert stats.kstest(height, "uniform").pvalue > 1e-3
 
 
 def test_no_lights(device):
-    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=matte(0.5))
-    scene = sv.Scene(floor, sv.Camera.look_at((0, 2, 6), (0, 0, 0)))
+    scene = floor_scene(matte(0.5))
     with direct_renderer(device, scene, (16, 16)) as renderer:
         for _ in range(3):
-            frame = renderer.render(scene.camera)
+            frame = renderer.render()
             assert (frame["di_reservoirs"]["light_sample"]["light_index"] == NO_INDEX).all()
             assert (frame["di_diffuse"] == 0).all()
             assert (frame["di_specular"] == 0).all()
@@ -307,9 +249,10 @@ test_a_seeded_bug_is_noticed = bug_tests({
     CHOICE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x % 1024u)")),  # all tiles are alike
     UNIQUE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x + 1024u * this_frame.index)")),  # seeds are summed
     SCROLL: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x)")),  # all frames are alike
-    CONTRIBUTION: (measure_contribution, Bug(PACKING, "pack_radiance_log2_rgb9e5",
-                                             "return correct(2.0 * radiance, exposure);")),
-    NOISE: (measure_noise, Bug(PACKING, "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;")),
-    "packed as they resolve: double-sided lights": (test_samples_are_packed_as_they_resolve, packing(
-        "packed.data = 0u;")),
+    CONTRIBUTION: (measure_contribution, Bug(
+        "common/packing.glsl", "pack_radiance_log2_rgb9e5", "return correct(2.0 * radiance, exposure);")),
+    NOISE: (measure_noise, Bug(
+        "common/packing.glsl", "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;")),
+    "packed as they resolve: double-sided lights": (
+        lambda device: test_samples_are_packed_as_they_resolve(device, 16, 512), packing("packed.data = 0u;")),
 })  # fmt: skip

@@ -1,79 +1,200 @@
-"""Environment maps: what the conformance group `environments` doesn't measure. Mitsuba, edits, both ways to trace,
-other lighting, and seeded bugs that the group's rules notice."""
+"""Environment maps: closed forms of what they send to a floor and to the camera, how often light samples take their
+texels, edits, and frames against the path tracer."""
 
 from __future__ import annotations
 
+import math
+from statistics import NormalDist
+from unittest import mock
+
 import numpy as np
 import pytest
-import test_environment_maps as environment_checks
-from support import brdf, mitsuba_scene
 from support.frames import each_lighting
+from support.lamp_over_floor import ALBEDO, floor_scene
 from support.measured import hold
-from support.oracles import environments
-from support.realtime import make_renderer, trace
-from test_environment_maps import floor_scene, map_with_sun, random_map, turned
+from support.oracles import closed_forms, environments
+from support.pictures import compare_picture, take_picture
+from support.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
+from support.seeded_bugs import Bug, bug_tests
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights import environment_buffers
-from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import matte, rgb
+from solari_vk.scene.builtin import matte, place, rgb
+from solari_vk.scene.lights.environment import directions, luminances, solid_angles
+
+_CLOSED = ("closed form", "irradiance by a sum over directions")
+BACKGROUND = Rule("the background is the map in the direction of each pixel's ray", SUITE, "Environments")
+MIRROR = Rule("a flat mirror shows the map in the reflected direction", SUITE, "Environments")
+TEXELS = Rule("light samples take texels by their light", SUITE, "Environments")
+DIRECTIONS = Rule("a light sample's direction lies in its texel, whose probability it has", SUITE, "Environments")
+EVEN = Rule("the points of light samples are spread evenly over a texel", SUITE, "Environments")
+NOISE = Rule("a sun of 100,000 in a map: noise of one light sample over its mean", SUITE, "Environments")
+MEANS = Rule("a frame under a map and a sun has the path tracer's mean", SUITE, "Environments")
+FAST, FULL = Effort(6, 16, 32, 1024), Effort(16, 32, 64, 8192)
+_MAX_Z = NormalDist().inv_cdf(0.9999)
+# Half a step of rgb9e5 at its coarsest, relative to the largest of three colors.
+_HALF_STEP = 2.0**-9
+LAMBERT = sv.Material(base_color=ALBEDO)
 
 
-@pytest.mark.slow  # eight million texels; the conformance suite measures a smaller map
-def test_a_sun_in_a_large_map_adds_no_bias(device):
-    hold(environment_checks.measure_sun(device, 4096))
+def turned(angle):
+    """A rotation about a slanted axis."""
+    axis = np.array((1.0, 2.0, -0.5)) / math.sqrt(5.25)
+    cross = np.cross(np.eye(3), -axis)
+    matrix = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return matrix
 
 
-@pytest.mark.slow  # the conformance suite measures the default lighting
+def random_map(seed, height=8, width=16):
+    """A map whose texels differ by orders of magnitude, some of which are black."""
+    generator = np.random.default_rng(seed)
+    image = np.exp(1.5 * generator.normal(size=(height, width, 3))).astype(np.float32)
+    image[generator.random((height, width)) < 0.2] = 0
+    return image
+
+
+def measure_floor(device, strategy):
+    """Lambert floors under one color, and under a random map that is turned."""
+    for name, environment in (
+        ("one color", sv.Environment((1.0, 0.5, 2.0), intensity=3.0)),
+        ("a random map", sv.Environment(random_map(1), intensity=0.25, rotation=turned(2.0))),
+    ):
+        scene = floor_scene(LAMBERT)
+        scene.environment = environment
+        samples, bar = (8192, 0.02) if strategy == "brdf" else (4096, 0.01)
+        made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True, light_strategy=strategy)
+        expected = environments.irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
+        yield from compare_picture(f"a floor under {name}, {strategy}", _CLOSED, made, expected, bar)
+
+
+def measure_mirror(device, **settings):
+    """What a frame shows of a map in a mirror of metal, and beside it."""
+    image = random_map(2)
+    scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.1, 0, -1), vertical_fov=1.0))
+    scene.environment = environment = sv.Environment(image, rotation=turned(1.0))
+    normal = np.array((0.0, 0.6, 0.8))
+    mirror = sv.Material(base_color=rgb(1.0), metallic=1.0, roughness=0.0)
+    scene.add(shapes.quad((0, 0, -2), (9, 0, 0), (0, 0.4, -0.3)), mirror)
+    with make_renderer(device, scene, (32, 32), jitter=False, **settings) as renderer:
+        frame = renderer.render(scene.camera)
+        seen, in_mirror = frame["radiance"], np.isfinite(frame["depth"])
+    _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
+    for rule, where, along in (
+        (BACKGROUND, ~in_mirror, rays), (MIRROR, in_mirror, rays - 2 * (rays @ normal)[..., None] * normal)
+    ):  # fmt: skip
+        errors = np.abs(seen[where] - environments.radiance(environment, along[where]))
+        yield Measurement(rule, float(errors.max()) / (_HALF_STEP * float(image.max())), 2.0, "of a step")
+
+
+def measure_texels(device):
+    """The light samples of a frame."""
+    scene = floor_scene(matte(1.0))
+    scene.environment = environment = sv.Environment(random_map(3), rotation=turned(0.5))
+    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "solari019/light_tiles/"), **OFF) as renderer:
+        frame = renderer.render(scene.camera)
+        part, packed = frame["light_tile_samples"]["part"].ravel(), frame["light_tiles"].ravel()
+    height, width = environment.image.shape[:2]
+    fine = sv.Environment(environment.image)
+    each = 16  # directions along each side of a texel
+    light = luminances(
+        environments.radiance(fine, directions(height * each, width * each).reshape(-1, 3)).astype(np.float32)
+    ).reshape(height, each, width, each) * solid_angles(height * each, width * each).reshape(height, each, 1, 1)
+    expected = light.sum(axis=(1, 3)).ravel()
+    # Interpolated luminance is weighted by the sine at each texel's center, which the sum over directions isn't.
+    z = standard_deviations(chi_squared_p(np.bincount(part, minlength=expected.size), _chances(fine) * part.size))
+    yield Measurement(TEXELS, z, _MAX_Z, "standard deviations")
+    far_off = np.abs(_chances(fine) - expected / expected.sum()).sum()
+    yield Measurement(Rule("texels' probabilities follow their light", SUITE, "Environments"), float(far_off), 0.05)
+
+    x, y, z_axis = (packed["world_position"].astype(np.float64) @ environment.rotation.astype(np.float64)).T
+    column = width * (np.arctan2(z_axis, x) / (2 * np.pi) + 0.5)
+    row = height * np.arctan2(np.hypot(x, z_axis), y) / np.pi
+    points = np.stack([column - part % width, row - part // width])
+    apart = np.abs(points - 0.5).max()
+    solid_angle = 2 * np.pi**2 / (width * height) * np.hypot(x, z_axis)
+    error = np.abs(packed["inverse_pdf"] * _chances(fine)[part] / solid_angle - 1).max()
+    yield Measurement(DIRECTIONS, float(max(apart - 0.5, error)), 1e-4, "texels, or relative error")
+    cells = np.floor(points * 8).clip(0, 7).astype(int)
+    counts = np.bincount(cells[0] * 8 + cells[1], minlength=64)
+    z = standard_deviations(chi_squared_p(counts, np.full(64, part.size / 64)))
+    yield Measurement(EVEN, z, _MAX_Z, "standard deviations")
+
+
+def _chances(environment):
+    """The probability of each texel: luminance blurred by (1, 6, 1) / 8 both ways, times the sine of its row."""
+    light = luminances(environment.image)
+    blurred = (6 * light + np.roll(light, 1, axis=1) + np.roll(light, -1, axis=1)) / 8
+    above, below = np.vstack([blurred[:1], blurred[:-1]]), np.vstack([blurred[1:], blurred[-1:]])
+    weights = (6 * blurred + above + below) / 8 * np.sin(np.pi * (np.arange(len(light)) + 0.5) / len(light))[:, None]
+    chances = (weights / weights.sum()).ravel()
+    return chances
+
+
+def measure_sun(device, height):
+    """A floor under a dim sky, of which one texel is 100,000 times as bright as the others."""
+    image = np.full((height, 2 * height, 3), (0.3, 0.5, 0.9), np.float32)
+    image[height // 5, height // 3] = 1e5
+    scene = floor_scene(LAMBERT)
+    scene.environment = sv.Environment(image)
+    above = directions(*image.shape[:2])[..., 1].clip(0) * solid_angles(*image.shape[:2])
+    expected = np.einsum("yxc,yx->c", image.astype(np.float64), above) * ALBEDO / math.pi
+    samples = 4096
+    made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True)
+    yield from compare_picture(f"a floor under a sun in a map {height} high", _CLOSED, made, expected, 0.01)
+    deviation = np.sqrt(made.variance * samples) / made.mean
+    yield Measurement(NOISE, float(deviation.mean()), 3.0, "standard deviations")
+
+
+def measure_means(device, effort, **settings):
+    """A floor, a matte ball and a shiny one under a map with a sun beside it."""
+    scene = floor_scene(matte(0.5))
+    scene.environment = sv.Environment(random_map(4), rotation=1.0)
+    scene.add(sv.DirectionalLight(rgb(-1), illuminance=10.0, angular_diameter=0.1))
+    scene.add(shapes.sphere(0.5, 16), matte(ALBEDO), place(at=(0.6, 0.5, 0)))
+    shiny = sv.Material(base_color=rgb(0.9), metallic=1.0, roughness=0.3)
+    scene.add(shapes.sphere(0.5, 16), shiny, place(at=(-0.6, 0.5, 0)))
+    expected = trace(device, scene, effort.samples).mean(axis=(0, 1))
+    with make_renderer(device, scene, **settings) as renderer:
+        found = run_pictures(
+            renderer, scene.camera, effort, lambda frame: frame["radiance"].mean(axis=(0, 1), dtype=np.float64)
+        )
+    yield measure_mean(MEANS, found, expected, 0.03, effort)
+
+
+# ---- each rule holds, and can fail --------------------------------------------------------------------
+
+
+def slow(measure, *arguments, name):
+    return pytest.param(lambda device: measure(device, *arguments), id=name, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("measure", [
+    pytest.param(lambda device: measure_floor(device, "mis"), id="floor"), measure_mirror, measure_texels,
+    pytest.param(lambda device: measure_sun(device, 256), id="sun"),
+    slow(measure_floor, "nee", name="light samples"), slow(measure_floor, "brdf", name="random rays"),
+    slow(measure_sun, 2048, name="large sun"), slow(measure_means, FULL, name="precise means"),
+])  # fmt: skip
+def test_rules_hold(device, measure):
+    hold(measure(device))
+
+
+@pytest.mark.slow
 @each_lighting
-def test_all_frames_have_the_path_tracers_light(device, lighting):
-    hold(environment_checks.measure_means(device, environment_checks.FAST, **lighting))
+def test_frames_have_the_path_tracers_light(device, lighting):
+    hold(measure_means(device, FAST, **lighting))
 
 
-def test_a_table_that_ignores_the_map_is_noticed(device, monkeypatch):
-    """Texels are taken alike: still unbiased, but noisy where the map has a sun."""
-    monkeypatch.setattr(environment_buffers, "texel_weights", lambda image: np.ones(image.shape[:2]))
-    found = {measured.rule: measured for measured in environment_checks.measure_texels(device)}
-    assert not found[environment_checks.TEXELS].holds
-    noisy = {measured.rule: measured for measured in environment_checks.measure_sun(device, 256)}
-    assert not noisy[environment_checks.NOISE].holds
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_white_floor_reflects_its_irradiance(device, seed):
-    scene = sv.Scene(sv.Camera.look_at((0, 0, 4), (0, 0, 0), vertical_fov=0.3))
-    scene.add(shapes.quad((0, 0, 0), (2, 0, 0), (0, 2, 0)), sv.Material(base_color=rgb(1)))
-    scene.environment = environment = sv.Environment(random_map(seed + 10), rotation=turned(seed))
-    found = trace(device, scene, 4096, (8, 8), lambert=True, max_bounces=4).mean(axis=(0, 1))
-    np.testing.assert_allclose(found / (environments.irradiance(environment, (0, 0, 1)) / np.pi), 1, atol=0.01)
-
-
-def test_white_materials_reflect_a_random_map_by_their_brdf(device):
-    """Seen at 45 degrees in parallel rays: the sum of BRDF times radiance times cosine over a grid of directions."""
-    wo = np.array((1, 0, 1)) / np.sqrt(2)
-    scene = sv.Scene(sv.Camera.look_at(4 * wo, (0, 0, 0), orthographic_height=4))
-    scene.environment = environment = sv.Environment(random_map(5), rotation=turned(5))
-    wi, solid = brdf.hemisphere_grid(300, 600)
-    weights = environments.radiance(environment, wi.reshape(-1, 3)).reshape(wi.shape) * wi[..., 2:] * solid[..., None]
-    expected = []
-    for row, (metallic, roughness) in enumerate(((1.0, 0.6), (1.0, 0.3), (0.0, 0.4), (0.5, 0.8))):
-        white = sv.Material(base_color=rgb(1), metallic=metallic, perceptual_roughness=roughness)
-        scene.add(shapes.quad((0, 1.5 - row, 0), (2, 0, 0), (0, 0.5, 0)), white)
-        expected.append((brdf.Surface(1.0, metallic, roughness).value(wo, wi) * weights).sum(axis=(0, 1)))
-    found = trace(device, scene, 4096, (8, 16), max_bounces=4).reshape(4, -1, 3).mean(axis=1)
-    np.testing.assert_allclose(found / expected, 1, atol=0.01)
-
-
-def test_edits_of_a_map_show_at_once(device, monkeypatch):
-    made = []
-    init = EnvironmentBuffers.__init__
-    monkeypatch.setattr(EnvironmentBuffers, "__init__", lambda *a: (made.append(a[-1]), init(*a))[1])
+def test_edits_of_a_map_show_at_once(device):
     scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (1, 0, 0)))
     image = np.zeros((2, 4, 3), np.float32)
     image[:, 1:3] = 1  # the middle column is +x
-
-    with sv.PathTracer(device, scene, (4, 4)) as tracer:
+    with (
+        mock.patch.object(environment_buffers, "texel_weights", wraps=environment_buffers.texel_weights) as made,
+        sv.PathTracer(device, scene, (4, 4)) as tracer,
+    ):
 
         def seen():
             return float(tracer.render(scene.camera, samples=1)["radiance"][2, 2, 0])
@@ -85,74 +206,31 @@ def test_edits_of_a_map_show_at_once(device, monkeypatch):
         assert seen() == 0.5
         scene.environment.rotation = np.pi
         assert seen() == 0
-        assert len(made) == 1, "neither intensity nor rotation makes the map anew"
+        assert made.call_count == 1, "neither intensity nor rotation makes the map anew"
         scene.environment.image = 2.0
         assert seen() == 1
-        assert len(made) == 2
         scene.environment = None
         assert seen() == 0
         assert not scene.lights
 
 
-def test_rays_by_queries_and_pipelines_see_the_same(any_device):
-    scene = floor_scene(matte(0.5), shapes_ball())
-    scene.environment = map_with_sun(8, 50.0)
-    pictures = []
-    for rays in ("query", "pipeline"):
-        with sv.Device(validation=True, rays=rays) as device:
-            pictures.append(trace(device, scene, 4, (24, 16), seed=3))
-    assert pictures[0].tobytes() == pictures[1].tobytes()
-
-
-@pytest.mark.slow  # the driver compiles all passes twice
-@each_lighting
-def test_frames_by_queries_and_pipelines_are_the_same(any_device, lighting):
-    pictures = []
-    for rays in ("query", "pipeline"):
-        scene = floor_scene(matte(0.5), shapes_ball())
-        scene.environment = map_with_sun(8, 50.0)
-        with (
-            sv.Device(validation=True, rays=rays) as device,
-            make_renderer(device, scene, (24, 16), **lighting) as renderer,
-        ):
-            for _ in range(3):
-                frame = renderer.render(scene.camera)
-            pictures.append(frame["radiance"])
-    assert pictures[0].tobytes() == pictures[1].tobytes()
-
-
-def shapes_ball():
-    """A shiny ball on the floor."""
-    return sv.Instance(shapes.sphere(0.5, 12), sv.Material(metallic=1.0, roughness=0.2), (0, 0.5, 0))
-
-
-def test_mitsubas_floor_gets_the_same_light(device):
-    """Mitsuba's map has its rows from pole to pole, and so do the pixels that both are sampled from."""
-    mi = mitsuba_scene.select_variant(vectorized=False)
-    height, width = 64, 128
-    polar = np.pi * np.arange(height) / (height - 1)  # Mitsuba's first and last rows are the poles
-    longitude = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-    environment = sv.Environment(smooth_map(polar_of(256), longitude_of(512)), rotation=0.7)
-    scene = floor_scene(sv.Material(base_color=rgb((0.8, 0.5, 0.2))))
-    scene.environment = environment
-    ours = trace(device, scene, 2048, (16, 16), lambert=True, max_bounces=1).mean(axis=(0, 1))
-
-    emitter = mitsuba_scene.environment_of(mi, environment, smooth_map(polar, longitude))
-    live = mitsuba_scene.scene_of(mi, scene, 16, 16, bounces=1, lambert=True, emitters={"map": emitter})
-    theirs, variance = mitsuba_scene.render(mi, live, 8, 64, seed=1)
-    error = 4 * np.sqrt(variance.mean(axis=(0, 1)) / 256) / theirs.mean(axis=(0, 1))
-    np.testing.assert_allclose(ours / theirs.mean(axis=(0, 1)), 1, atol=0.005 + error.max())
-
-
-def polar_of(height):
-    return np.pi * (np.arange(height) + 0.5) / height
-
-
-def longitude_of(width):
-    return 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-
-
-def smooth_map(polar, longitude):
-    """Radiance (height, width, 3) that is brightest on one side, in other places for each color."""
-    around = np.stack([1 + 0.9 * np.sin(longitude + turn) for turn in (0.0, 1.0, 3.0)], axis=-1)
-    return (around * (1 + np.cos(polar))[:, None, None] ** 2).astype(np.float32)
+LIGHT = "scene/lights/environment.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    "a floor": (lambda device: measure_floor(device, "mis"), Bug(
+        LIGHT, "texel_solid_angle", "return correct(map, 1.0);")),
+    BACKGROUND: (measure_mirror, Bug(
+        LIGHT, "environment_radiance", "return correct(map, round(position));")),
+    MIRROR: (measure_mirror, Bug(
+        LIGHT, "meet_environment", "return correct(index, -direction);")),
+    DIRECTIONS: (measure_texels, Bug(
+        LIGHT, "texel_solid_angle", "return 1.01 * correct(map, polar_sine);")),
+    EVEN: (measure_texels, Bug(
+        LIGHT, "resolve_environment", "return correct(index, part, 0.2 * u, inverse_probability);")),
+    TEXELS: (measure_texels, Bug(
+        "scene/lights/choice.glsl", "choose_part", "return rand_range_u(light.part_count, rng);")),
+    # Light samples take all texels alike: still unbiased, but noisy where the map has a sun.
+    NOISE: (lambda device: measure_sun(device, 128), Bug(
+        "scene/lights/choice.glsl", "has_equal_parts", "return true;")),
+    MEANS: (lambda device: measure_means(device, FAST), Bug(
+        "scene/sampling.glsl", "met_radiance", "return 0.5 * correct(met, choice_probability, bounce_pdf);")),
+}, quick=(EVEN,))  # fmt: skip

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import pytest
 from scipy import stats
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
@@ -10,59 +13,64 @@ import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
 from solari_vk.bound.lights.light_list import EQUAL_SHARE
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
 COUNT = 400_000
 SIDE = 12
 
 
-def ceiling():
-    """A lamp of 2 SIDE^2 triangles; its texture is black but for one bright and a few dim spots."""
-    pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
-    pixels[2, 3], pixels[7, 5], pixels[7, 6], pixels[9] = (255, 255, 255), (80, 0, 0), (0, 0, 80), (9, 9, 9)
-    x, z = np.meshgrid(np.arange(SIDE + 1), np.arange(SIDE + 1))
-    first = (np.arange(SIDE)[:, None] * (SIDE + 1) + np.arange(SIDE)).ravel()
-    corners = np.stack([first, first + 1, first + SIDE + 1, first + 1, first + SIDE + 2, first + SIDE + 1], axis=1)
-    grid = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3) / SIDE
-    mesh = sv.Mesh(grid - (0.5, 0, 0.5), corners.reshape(-1, 3), uvs=grid[:, ::2])
-    return mesh, sv.Texture(pixels, magnification="nearest")
+def triangle_grid(side):
+    """A square of 2 side^2 triangles over [-1, 1]^2 at height 1, facing down."""
+    x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    corners = np.stack([first, first + 1, first + side + 1, first + 1, first + side + 2, first + side + 1], axis=1)
+    positions = np.stack([x, np.ones_like(x), z], axis=-1).reshape(-1, 3)
+    return sv.Mesh(positions, corners.reshape(-1, 3), uvs=0.5 + 0.5 * positions[:, ::2])
 
 
 def make_world():
-    mesh, texture = ceiling()
+    """A lamp whose texture is black but for one bright and a few dim spots, other lamps, dark ones, and suns."""
+    pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
+    pixels[2, 3], pixels[7, 5], pixels[7, 6], pixels[9] = (255, 255, 255), (80, 0, 0), (0, 0, 80), (9, 9, 9)
+    grid = triangle_grid(SIDE)
+    ceiling = sv.Mesh(grid.positions * (0.5, 0, 0.5), grid.triangles, uvs=grid.uvs)
+    texture = sv.Texture(pixels, magnification="nearest")
     soup = sv.Mesh(np.random.default_rng(1).normal(size=(21, 3)))
     shear = np.array([[2, 0.5, 0, 0.3], [0, 1, 0, 2], [0, 0.7, 3, 0.1]])
     mirror = np.array([[-1, 0, 0, 2.5], [0, 1, 0, 1.5], [0, 0, 1, 0]])
+    black = np.zeros((1, 1), np.uint8)
     return sv.Scene(
-        sv.Instance(mesh, sv.Material(emissive=(5.0, 4.0, 3.0), emissive_texture=texture), transform=(0, 0.5, 0)),
+        sv.Instance(ceiling, sv.Material(emissive=(5.0, 4.0, 3.0), emissive_texture=texture), transform=(0, 0.5, 0)),
         sv.Instance(soup, sv.Material(emissive=(0.0, 0.2, 0.0), double_sided=True), transform=shear),
         sv.Instance(soup, sv.Material(emissive=(0.0, 0.0, 1.0)), transform=mirror),
         sv.Instance(shapes.facing_quad((0.0, 3.0, 1.0), 0.4), sv.Material(emissive=(1.0, 1.0, 1.0))),
-        sv.Instance(soup, sv.Material(emissive=(1.0, 1.0, 1.0), emissive_texture=np.zeros((1, 1), np.uint8)),
-                    transform=(9, 9, 9)),
+        sv.Instance(soup, sv.Material(emissive=(1.0, 1.0, 1.0), emissive_texture=black), transform=(9, 9, 9)),
         sv.DirectionalLight(direction=(0, -1, 0), illuminance=2.0),
         sv.DirectionalLight(direction=(0, -1, 0), illuminance=0.0),
-    )  # fmt: skip
+    )
 
 
 def draw(shaders, world):
-    """The samples, the lights' powers, and the mesh's triangle of each uploaded triangle for each light."""
+    """The samples, and the lights' powers."""
     binder = SceneBinder(shaders.device, world)
     try:
         binder.update()
         drawn = shaders.run("test/light_choice", COUNT, binder.resources, {"drawn": COUNT})["drawn"]
-        orders = [binder._geometry.orders[instance.mesh] for instance in world]
-        return drawn, binder.lights.powers, orders
+        return drawn, binder.lights.powers
     finally:
         shaders.device.wait_idle()
         binder.destroy()
 
 
-def part_shares(world, orders):
+def part_shares(world):
     """The probabilities of each light's parts, in the order of upload."""
-    for instance, order in zip(world, orders, strict=True):
-        corners = instance.mesh.positions[instance.mesh.triangles].astype(np.float64)
+    for instance in world:
+        corners = instance.mesh.positions[instance.mesh.triangles]
+        order = spatial_order(corners.mean(axis=1))
+        corners = corners.astype(np.float64)
         weights = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         texture = instance.material.emissive_texture
         if texture is not None and texture.image.pixels[..., :3].any():
@@ -76,11 +84,11 @@ def part_shares(world, orders):
 
 def check_choice(shaders):
     world = make_world()
-    drawn, powers, orders = draw(shaders, world)
+    drawn, powers = draw(shaders, world)
     lit = powers > 0
     chances = (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE * lit / lit.sum()
     assert np.isin(drawn["light_index"], np.flatnonzero(lit)).all(), "dark lights are never taken"
-    shares = [chance * share for chance, share in zip(chances, part_shares(world, orders), strict=True)]
+    shares = [chance * share for chance, share in zip(chances, part_shares(world), strict=True)]
     first = np.cumsum([0, *(len(share) for share in shares)])
     expected = np.concatenate(shares)
     place = first[drawn["light_index"]] + drawn["part"]
@@ -106,6 +114,51 @@ def test_lights_and_triangles_are_chosen_by_their_light(shaders):
 
 def test_the_density_at_a_hit_is_that_of_the_sample(shaders):
     check_densities(shaders)
+
+
+# ---- there is no limit of 65,536, neither for lights nor for the triangles of a light ----------------
+
+
+def light_under(device, *lamps):
+    """The mean radiance of a floor, rendered with light samples only, and its standard error."""
+    scene = sv.Scene(sv.Camera.look_at((0, 0.9, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=math.radians(60)), *lamps)
+    scene.add(shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), matte(0.5))
+    with sv.PathTracer(device, scene, (32, 32), max_bounces=1, lambert=True, light_strategy="nee") as tracer:
+        radiance = tracer.render(samples=64)["radiance"]
+        return float(radiance[..., 1].mean()), math.sqrt(tracer["variance"].mean() / radiance[..., 0].size)
+
+
+def many_triangles():
+    return [sv.Instance(triangle_grid(300), lamp(3.0))]
+
+
+def many_lights():
+    """Seventy thousand instances, each a light. A limit on indices would lose the last ones."""
+    half = 1 / 265
+    mesh, material = shapes.quad((0, 0, 0), (half, 0, 0), (0, 0, half)), lamp(3.0)
+    at = np.linspace(half - 1, 1 - half, 265)
+    return [sv.Instance(mesh, material, (x, 1.0, z)) for x in at for z in at]
+
+
+@pytest.mark.parametrize("make", [many_triangles, pytest.param(many_lights, marks=pytest.mark.slow)])
+def test_many_parts_of_a_square_light_a_floor_like_two(device, make):
+    expected, least = light_under(device, sv.Instance(triangle_grid(1), lamp(3.0)))
+    value, error = light_under(device, *make())
+    assert abs(value - expected) < 4 * math.hypot(error, least)
+    assert math.hypot(error, least) < 0.005 * value
+
+
+def test_a_bright_spot_of_a_dark_lamp(device):
+    """A lamp of 20,000 triangles of which 1 % is lit: light samples that took all triangles equally often would have a
+    relative variance of 99, those that take the dark part for a tenth of the light have one of 0.1."""
+    pixels = np.zeros((10, 10, 3), np.uint8)
+    pixels[2, 6] = 255
+    material = lamp(300.0)
+    material.emissive_texture = sv.Texture(sv.TextureImage(pixels), magnification="nearest")
+    value, error = light_under(device, sv.Instance(triangle_grid(100), material))
+    truth, least = light_under(device, sv.Instance(shapes.quad((0.3, 1, -0.5), (0.1, 0, 0), (0, 0, 0.1)), lamp(300.0)))
+    assert abs(value - truth) < 4 * math.hypot(error, least)
+    assert 32 * 32 * 64 * (error / value) ** 2 < 0.2
 
 
 CHOICE = "scene/lights/choice.glsl"

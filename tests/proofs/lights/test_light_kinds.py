@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.direct_light import direct_light, direct_renderer
+from support.realtime import trace
 
 import solari_vk as sv
 from solari_vk.bound.lights import light_kinds
@@ -31,37 +32,6 @@ class Bulb(Light):
     _converters = {"name": checks.text, "position": checks.array(3), "intensity": checks.number(0, 1e15)}
 
 
-BULB = light_kinds.LightKind(
-    "bulb", Bulb, light_kinds.NEVER,
-    power=lambda light, area: 4 * np.pi * light.intensity,
-    buffer="bulbs",
-    record=lambda light: {"position": light.position, "intensity": light.intensity},
-    position=lambda light: light.position,
-    bounds=lambda light: np.array([light.position, light.position]),
-)  # fmt: skip
-BULB_GLSL = """
-#ifndef SCENE_LIGHTS_BULB_GLSL
-#define SCENE_LIGHTS_BULB_GLSL
-#include "scene/bindings.glsl"
-#include "scene/lights/types.glsl"
-
-struct Bulb { vec3 position; float intensity; };
-layout(set = 0, scalar) readonly buffer Bulbs {
-    Bulb at[];
-} bulbs;
-
-ResolvedLightSample resolve_bulb(uint index, uint part, vec2 u, float inverse_probability) {
-    Bulb light = bulbs.at[index];
-    return ResolvedLightSample(
-        LIGHT_BULB, 0u, light.position, vec3(0.0, 1.0, 0.0), 0.0, vec3(light.intensity), inverse_probability
-    );
-}
-float emission_cosine_bulb(uint data, float cosine) { return 1.0; }
-uint shown_id_bulb(uint index) { return 1000u + index; }
-#endif
-"""
-
-
 @checked
 class Sky(Light):
     """Light from all directions; `radiance` is in cd/m^2."""
@@ -72,6 +42,14 @@ class Sky(Light):
     _converters = {"name": checks.text, "radiance": checks.number(0, 1e15)}
 
 
+BULB = light_kinds.LightKind(
+    "bulb", Bulb, light_kinds.NEVER,
+    power=lambda light, area: 4 * np.pi * light.intensity,
+    buffer="bulbs",
+    record=lambda light: {"position": light.position, "intensity": light.intensity},
+    position=lambda light: light.position,
+    bounds=lambda light: np.array([light.position, light.position]),
+)  # fmt: skip
 SKY = light_kinds.LightKind(
     "sky", Sky, light_kinds.AT_INFINITY,
     power=lambda light, area: np.pi * light.radiance * area,
@@ -79,13 +57,31 @@ SKY = light_kinds.LightKind(
     record=lambda light: {"radiance": light.radiance},
     position=lambda light: np.zeros(3),
 )  # fmt: skip
-SKY_GLSL = """
-#ifndef SCENE_LIGHTS_SKY_GLSL
-#define SCENE_LIGHTS_SKY_GLSL
+HEAD = """
 #include "common/random.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/types.glsl"
+"""
+GLSL = {"bulb": """
+#ifndef BULB_GLSL
+#define BULB_GLSL
+""" + HEAD + """
+struct Bulb { vec3 position; float intensity; };
+layout(set = 0, scalar) readonly buffer Bulbs { Bulb at[]; } bulbs;
 
+ResolvedLightSample resolve_bulb(uint index, uint part, vec2 u, float inverse_probability) {
+    Bulb light = bulbs.at[index];
+    return ResolvedLightSample(
+        LIGHT_BULB, 0u, light.position, vec3(0.0, 1.0, 0.0), 0.0, vec3(light.intensity), inverse_probability
+    );
+}
+float emission_cosine_bulb(uint data, float cosine) { return 1.0; }
+uint shown_id_bulb(uint index) { return 1000u + index; }
+#endif
+""", "sky": """
+#ifndef SKY_GLSL
+#define SKY_GLSL
+""" + HEAD + """
 struct Sky { float radiance; };
 layout(set = 0, scalar) readonly buffer Skies { Sky at[]; } skies;
 
@@ -100,8 +96,7 @@ MetLight meet_sky(uint index, vec3 direction) {
     return MetLight(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0), INFINITY);
 }
 #endif
-"""
-
+"""}  # fmt: skip
 HEIGHT, INTENSITY, RADIANCE, ALBEDO = 2.0, 30.0, 0.7, 0.5
 SIZE = 16, 16
 
@@ -111,15 +106,13 @@ def scene(tmp_path, monkeypatch):
     """A floor under a bulb, a sky and a sun of low illuminance."""
     folder = tmp_path / "scene" / "lights"
     folder.mkdir(parents=True)
-    (folder / "bulb.glsl").write_text(BULB_GLSL)
-    (folder / "sky.glsl").write_text(SKY_GLSL)
+    for name, text in GLSL.items():
+        (folder / f"{name}.glsl").write_text(text)
     monkeypatch.setattr(compiler, "overlays", [tmp_path, *compiler.overlays])
     monkeypatch.setattr(light_kinds, "LIGHT_KINDS", (*light_kinds.LIGHT_KINDS, SKY, BULB))
-    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=matte(ALBEDO))
-    camera = sv.Camera.look_at((0, 1, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2)
     return sv.Scene(
-        floor,
-        camera,
+        sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=matte(ALBEDO)),
+        sv.Camera.look_at((0, 1, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2),
         sv.DirectionalLight(direction=(0, -1, 0), illuminance=1.0),
         Sky(radiance=RADIANCE),
         Bulb(position=(0, HEIGHT, 0), intensity=INTENSITY),
@@ -134,9 +127,7 @@ def assert_lit(radiance):
 
 @pytest.mark.parametrize("strategy", ["mis", "nee"])
 def test_the_path_tracer_renders_two_new_kinds(device, scene, strategy):
-    with sv.PathTracer(device, scene, SIZE, max_bounces=1, light_strategy=strategy, lambert=True) as tracer:
-        assert_lit(tracer.render(scene.camera, samples=64)["radiance"])
-    scene.remove(scene.lights[-1])
+    assert_lit(trace(device, scene, 64, SIZE, max_bounces=1, light_strategy=strategy, lambert=True))
 
 
 def test_restir_di_renders_two_new_kinds(device, scene):

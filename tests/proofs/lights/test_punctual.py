@@ -1,4 +1,4 @@
-"""Point lights, spotlights and sphere lights in whole frames, by both ways to trace, and against Mitsuba."""
+"""Point lights, spotlights and sphere lights in whole frames, against Mitsuba, and after changes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 from support import mitsuba_scene
-from support.frames import TILES, WHOLE, each_lighting, left_of, settle, snapshot
+from support.frames import TILES, WHOLE, left_of, settle
 from support.measured import hold
+from support.pictures import take_picture
 from support.realtime import (
     SPLIT,
     Effort,
@@ -18,7 +19,7 @@ from support.realtime import (
     run_pictures,
     trace,
 )
-from support.seeded_bugs import Bug, seeded
+from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
@@ -27,19 +28,18 @@ from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 
-AT = {"point": (1.5, 1.3, 1.6), "spot": (0.5, 1.9, 1.3), "sphere": (0.6, 1.5, 1.2)}  # in the box, 2 m wide
 REUSE = {"restir": True}
 
 
 def box_with_lamps(*names):
-    """The Cornell box with these lamps of AT instead of its own."""
+    """The Cornell box with these lamps, by default all, instead of its own."""
     scene = sv.builtin("cornell_box")
     for lamp in [instance for instance in scene if instance.material.emits]:
         scene.remove(lamp)
     lamps = {
-        "point": sv.PointLight(AT["point"], intensity=2, color=(1, 0.6, 0.4), name="point"),
-        "spot": sv.SpotLight(AT["spot"], (0.1, -1, -0.1), intensity=10, color=(0.4, 0.6, 1), name="spot"),
-        "sphere": sv.PointLight(AT["sphere"], intensity=3, radius=0.15, name="sphere"),
+        "point": sv.PointLight((1.5, 1.3, 1.6), intensity=2, color=(1, 0.6, 0.4), name="point"),
+        "spot": sv.SpotLight((0.5, 1.9, 1.3), (0.1, -1, -0.1), intensity=10, color=(0.4, 0.6, 1), name="spot"),
+        "sphere": sv.PointLight((0.6, 1.5, 1.2), intensity=3, radius=0.15, name="sphere"),
     }
     for name in names or lamps:
         scene.add(lamps[name])
@@ -49,7 +49,10 @@ def box_with_lamps(*names):
 # ---- whole frames -----------------------------------------------------------------------------------
 
 
-@each_lighting
+@pytest.mark.parametrize("lighting", [{}, *(
+    pytest.param(lighting, marks=pytest.mark.slow)
+    for lighting in ({"denoise": True, "antialiasing": True}, REUSE, SPLIT)
+)], ids=["raw", "denoised", "reuse", "split"])  # fmt: skip
 def test_frames_have_the_path_tracers_light(device, lighting):
     """With three lamps, one of which the camera sees."""
     scene, size, effort = box_with_lamps(), (32, 32), Effort(4, 24, 16)
@@ -70,8 +73,8 @@ def test_mirrors_show_spheres(device, lighting):
     lamps = [sv.PointLight((x, 0, z), intensity=math.pi * radius**2, radius=radius) for x, z, radius in places]
     dark = sv.PointLight((0, 0, 0), intensity=0)  # so that the shaders are those of the test above
     camera = sv.Camera.look_at((0, 0, 2), (0, 0, -2), vertical_fov=0.9)
-    scene = sv.Scene(sv.Instance(sv.shapes.quad((0, 0, -2), (3, 0, 0), (0, 3, 0)), mirror), camera, dark, *lamps)
-    scene.add(sv.shapes.quad((0, 0, 6), (0, 9, 0), (9, 0, 0)), sv.Material(base_color=0, reflectance=0), name="wall")
+    scene = sv.Scene(sv.Instance(shapes.quad((0, 0, -2), (3, 0, 0), (0, 3, 0)), mirror), camera, dark, *lamps)
+    scene.add(shapes.quad((0, 0, 6), (0, 9, 0), (9, 0, 0)), sv.Material(base_color=0, reflectance=0), name="wall")
     size = (32, 32)
     expected = trace(device, scene, 64, size)
     with make_renderer(device, scene, size, **lighting) as renderer:
@@ -113,26 +116,6 @@ def test_light_that_pixels_reuse_follows_a_lamp(device, radius):
     assert abs(left) < 0.03
 
 
-# ---- both ways to trace ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("frames", [0, pytest.param(3, marks=pytest.mark.slow)], ids=["path tracer", "frames"])
-def test_queries_and_pipelines_agree(any_device, frames):
-    def pictures(way):
-        scene = box_with_lamps()
-        with sv.Device(validation=True, rays=way) as device:
-            with sv.PathTracer(device, scene, (24, 16), seed=5) as tracer:
-                yield np.array(tracer.render(scene.camera, samples=2)["radiance"]).tobytes()
-            if frames:
-                with make_renderer(device, scene, (24, 16), seed=5, gbuffer="raster", **REUSE) as renderer:
-                    for _ in range(frames):
-                        taken = snapshot(renderer.render(scene.camera))
-                        yield [(name, array.tobytes()) for name, array in taken.items()]
-
-    for query, pipeline in zip(pictures("query"), pictures("pipeline"), strict=True):
-        assert query == pipeline
-
-
 # ---- Mitsuba ----------------------------------------------------------------------------------------
 
 
@@ -152,86 +135,63 @@ def emitters(mi, point, spot):
     }  # fmt: skip
 
 
-TOO_BRIGHT = Bug(
-    "scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);")
-
-
-@pytest.mark.parametrize("mutant", [
-    pytest.param(None, id="right"), pytest.param(TOO_BRIGHT, id="3 % too bright", marks=pytest.mark.slow),
-])  # fmt: skip
-def test_a_box_under_point_and_spot_is_mitsubas(picture, mutant):
+def test_a_box_under_point_and_spot_is_mitsubas(device):
     scene = box_with_lamps("point", "spot")
     scene.lights["spot"].update(inner_cone_angle=0.5985, outer_cone_angle=0.6)
     mitsuba = mitsuba_scene.select_variant(vectorized=False)
     lamps = emitters(mitsuba, scene.lights["point"], scene.lights["spot"])
     theirs = mitsuba_scene.scene_of(mitsuba, scene, 32, 32, bounces=4, lambert=True, emitters=lamps)
-    mean, variance = mitsuba_scene.render(mitsuba, theirs, 8, 64)
-    with seeded(*([mutant] if mutant else [])):
-        made = picture(scene, (32, 32), 1024, max_bounces=4, lambert=True)
-    result = compare(made.mean, made.variance, mean, variance)
-    print(result)
-    if mutant:
-        assert result.reach > 0.02
-    else:
-        assert_equal(result, 0.012)
+    made = take_picture(device, scene, (32, 32), 1024, max_bounces=4, lambert=True)
+    assert_equal(compare(made.mean, made.variance, *mitsuba_scene.render(mitsuba, theirs, 8, 64)), 0.012)
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    "lamps are 3 % too bright": (test_a_box_under_point_and_spot_is_mitsubas, Bug(
+        "scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);")),
+})  # fmt: skip
 
 
 # ---- changes ----------------------------------------------------------------------------------------
 
 
-def test_a_lamp_changes_its_kind_with_its_radius(device):
+@pytest.fixture
+def binder(device):
+    """A binder of the box with its point light and its spotlight."""
+    bound = SceneBinder(device, box_with_lamps("point", "spot"))
+    bound.update()
+    yield bound
+    device.wait_idle()
+    bound.destroy()
+
+
+def test_a_lamp_changes_its_kind_with_its_radius(binder):
     """Points and spheres are kinds with their own records; the box in the tree grows with the sphere."""
-    scene = box_with_lamps("point", "spot")
-    binder = SceneBinder(device, scene)
-    try:
-        for radius, kinds in ((0.0, ["point", "point"]), (0.25, ["point", "sphere"]), (0.0, ["point", "point"])):
-            scene.lights["point"].radius = radius
-            binder.update()
-            sources = binder.lights.sources.records[:2]
-            assert sources["kind"].tolist() == [KIND_INDEX[kind] for kind in kinds]
-            info = binder.lights.info.records[0]
-            assert info["light_count"] == info["first_light_at_infinity"] == 2
-            assert info["first_light_without_surface"] == kinds.count("point")
-            boxes = binder.lights.tree.records[sources["node"]]
-            assert sorted(boxes["half_size"].max(axis=1).tolist()) == [0.0, radius]
-    finally:
-        device.wait_idle()
-        binder.destroy()
+    for radius, kinds in ((0.0, ["point", "point"]), (0.25, ["point", "sphere"]), (0.0, ["point", "point"])):
+        binder.scene.lights["point"].radius = radius
+        binder.update()
+        sources, info = binder.lights.sources.records[:2], binder.lights.info.records[0]
+        assert sources["kind"].tolist() == [KIND_INDEX[kind] for kind in kinds]
+        assert info["light_count"] == info["first_light_at_infinity"] == 2
+        assert info["first_light_without_surface"] == kinds.count("point")
+        boxes = binder.lights.tree.records[sources["node"]]
+        assert sorted(boxes["half_size"].max(axis=1).tolist()) == [0.0, radius]
 
 
-def test_a_turning_spotlight_counts_as_changing_light(device):
-    scene = box_with_lamps("spot")
-    with make_renderer(device, scene, (8, 8), passes=("gbuffer/",)) as renderer:
-        settle(renderer, scene.camera, 2)
-        binder = renderer.binder
-        before = binder.lights.positions
-        scene.lights["spot"].direction = (1, -1, 0)
-        renderer.render(scene.camera)
-        assert np.linalg.norm(binder.lights.positions - before) > 1
-
-
-def test_a_moved_lamp_is_written_alone(device, monkeypatch):
+def test_a_moved_lamp_is_written_alone(binder, monkeypatch):
     """The rows of all lights, and what is random in them, stay; a brighter lamp changes the choice among all."""
-    scene = box_with_lamps()
-    binder = SceneBinder(device, scene)
-    lights = binder.lights
-    try:
-        binder.update()
-        ids, powers, table = lights.ids, lights.powers, lights.sources
-        marked = []
-        monkeypatch.setattr(table, "mark", lambda rows: marked.extend(rows))
-        scene.lights["point"].position = (1, 1, 1)
-        scene.lights["spot"].direction = (0, -1, 0)
-        binder.update()
-        assert not marked
-        assert lights.ids is ids
-        assert lights.powers is powers
-        boxes = lights.tree.records[table.records["node"][:3]]
-        assert boxes["center"][0].tolist() == lights.positions[0].tolist() == [1, 1, 1]
-        scene.lights["point"].intensity = 9
-        binder.update()
-        assert set(marked) == {0, 1, 2}
-        assert lights.powers is not powers
-    finally:
-        device.wait_idle()
-        binder.destroy()
+    lights, marked = binder.lights, []
+    ids, powers, positions = lights.ids, lights.powers, lights.positions.copy()
+    monkeypatch.setattr(lights.sources, "mark", marked.extend)
+    binder.scene.lights["point"].position = (1, 1, 1)
+    binder.scene.lights["spot"].direction = (1, -1, 0)
+    binder.update()
+    assert not marked
+    assert lights.ids is ids
+    assert lights.powers is powers
+    boxes = lights.tree.records[lights.sources.records["node"][:2]]
+    assert boxes["center"][0].tolist() == lights.positions[0].tolist() == [1, 1, 1]
+    assert np.linalg.norm(lights.positions[1] - positions[1]) > 1, "a turning spotlight counts as changing light"
+    binder.scene.lights["point"].intensity = 9
+    binder.update()
+    assert set(marked) == {0, 1}
+    assert lights.powers is not powers

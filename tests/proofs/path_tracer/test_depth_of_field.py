@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from support.seeded_bugs import Bug, seeded
+from support.realtime import trace
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -17,24 +18,21 @@ FOV, DISTANCE, APERTURE = 0.5, 4.0, 0.4
 CAMERAS = {"perspective": {}, "orthographic": {"orthographic_height": 2 * DISTANCE * math.tan(FOV / 2)}}
 
 
-def spread(device, focus, aperture=APERTURE, **fields):
+def spread(device, **fields):
     """The light of a picture of a small lamp, and its variance along x and y in squared pixels."""
-    side = 0.06
-    scene = sv.Scene(sv.Instance(shapes.quad((0, 0, -DISTANCE), (side, 0, 0), (0, side, 0)), lamp(1000.0, "lamp")))
-    camera = sv.Camera(vertical_fov=FOV, aperture=aperture, focus_distance=focus, **fields)
-    with sv.PathTracer(device, scene, SIZE, seed=8, max_bounces=0) as tracer:
-        light = tracer.render(camera, samples=1024)["radiance"].sum(axis=2).astype(np.float64)
-    total = light.sum()
-    variances = []
+    scene = sv.Scene(sv.Camera(vertical_fov=FOV, **fields))
+    scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
+    light = trace(device, scene, 1024, SIZE, seed=8, max_bounces=0).sum(axis=2)
+    at, variances = np.arange(SIZE[0]), []
     for axis in range(2):
-        along = light.sum(axis=axis) / total
-        at = np.arange(len(along))
+        along = light.sum(axis=axis) / light.sum()
         variances.append((along * (at - (along * at).sum()) ** 2).sum())
-    return total, np.array(variances)
+    return light.sum(), np.array(variances)
 
 
-def check(device, kind, focus):
-    sharp, blurred = (spread(device, focus, aperture, **CAMERAS[kind]) for aperture in (0.0, APERTURE))
+@pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 12.0), ("orthographic", 2.0)])
+def test_the_disk_of_confusion(device, kind, focus):
+    sharp, blurred = (spread(device, aperture=a, focus_distance=focus, **CAMERAS[kind]) for a in (0.0, APERTURE))
     assert blurred[0] == pytest.approx(sharp[0], rel=0.05)
     # The disk's radius in meters at the lamp; the variance of a disk along an axis is a quarter of its squared radius.
     radius = APERTURE / 2 * abs(1 - DISTANCE / focus)
@@ -42,38 +40,15 @@ def check(device, kind, focus):
     np.testing.assert_allclose(blurred[1] - sharp[1], (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
 
 
-@pytest.mark.parametrize("focus", [2.0, 4.0, 12.0])
-@pytest.mark.parametrize("kind", CAMERAS)
-def test_the_disk_of_confusion(device, kind, focus):
-    check(device, kind, focus)
-
-
-@pytest.mark.slow
-def test_a_lens_twice_as_wide_is_noticed(device):
-    with seeded(Bug("scene/camera.glsl", "through_lens", "return correct(ray, 2.0 * on_lens);")), \
-            pytest.raises(AssertionError):
-        check(device, "perspective", 2.0)
-
-
-def lit_with_and_without_lens(device):
-    """The pixels that lamps light, which all are in focus, also at the picture's edge."""
-    scene = sv.Scene()
-    for x in (-2.8, 0.0, 2.8):
-        scene.add(shapes.quad((x, 0, -DISTANCE), (0.1, 0, 0), (0, 0.1, 0)), lamp(1000.0, "lamp"))
+def test_what_is_in_focus_is_sharp_everywhere(device):
+    """The same pixels are lit with and without a lens, also at the picture's edge."""
     lit = []
     for aperture in (0.0, 2.0):
-        camera = sv.Camera(vertical_fov=1.4, aperture=aperture, focus_distance=DISTANCE)
-        with sv.PathTracer(device, scene, SIZE, seed=8, max_bounces=0) as tracer:
-            lit.append(tracer.render(camera, samples=64)["radiance"].max(axis=2) > 0)
-    return lit
-
-
-def test_what_is_in_focus_is_sharp_everywhere(device):
-    np.testing.assert_array_equal(*lit_with_and_without_lens(device))
-    sphere = Bug("scene/camera.glsl", "through_lens", "ray.depth_per_t = 1.0; return correct(ray, on_lens);")
-    with seeded(sphere):
-        sharp, blurred = lit_with_and_without_lens(device)
-    assert (sharp != blurred).any(), "a focus at equal distances instead of depths is seen"
+        scene = sv.Scene(sv.Camera(vertical_fov=1.4, aperture=aperture, focus_distance=DISTANCE))
+        for x in (-2.8, 0.0, 2.8):
+            scene.add(shapes.quad((x, 0, -DISTANCE), (0.1, 0, 0), (0, 0.1, 0)), lamp(1000.0))
+        lit.append(trace(device, scene, 64, SIZE, seed=8, max_bounces=0).max(axis=2) > 0)
+    np.testing.assert_array_equal(*lit)
 
 
 def test_the_realtime_renderer_refuses_it(device):
@@ -89,3 +64,12 @@ def test_a_changed_lens_starts_a_new_picture(device):
             before = tracer.render(camera, samples=2)["radiance"].copy()
             camera.update(**fields)
             assert (tracer.render(camera, samples=2)["radiance"] != before).any()
+
+
+LENS = ("scene/camera.glsl", "through_lens")
+test_a_seeded_bug_is_noticed = bug_tests({
+    "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
+        *LENS, "return correct(ray, 2.0 * on_lens);")),
+    "a focus at equal distances instead of depths": (test_what_is_in_focus_is_sharp_everywhere, Bug(
+        *LENS, "ray.depth_per_t = 1.0; return correct(ray, on_lens);")),
+})  # fmt: skip

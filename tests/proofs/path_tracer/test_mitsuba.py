@@ -29,6 +29,7 @@ def test_cornell_box_is_mitsubas(picture, name, samples, bar):
     assert_equal(result, bar, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_stored_reference_is_what_mitsuba_renders(name):
     scene, lambert = CASES[name]()

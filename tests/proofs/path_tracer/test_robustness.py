@@ -1,31 +1,29 @@
-"""The path tracer's restarts after edits, variance estimate, and finite pictures of broken scenes."""
+"""The path tracer's restarts after edits, noise and its estimate, and finite pictures of broken scenes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from support.frames import find
+from support.random_scenes import random_items
+from support.realtime import trace
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import builtin, cornell_box, lamp, matte, place
-
-AOVS = ("depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic", "emissive")
+from solari_vk.scene.builtin import closed_box, cornell_box, lamp, matte, place
 
 
-def fresh(tracer, scene, samples=4, size=(32, 32), camera=None, **settings):
-    return tracer(scene, size, **settings).render(camera or scene.camera, samples=samples)["radiance"]
+def fresh(tracer, scene, samples=4, **settings):
+    return tracer(scene, (32, 32), **settings).render(samples=samples)["radiance"]
 
 
-def test_different_frames_and_pixels_are_independent(tracer):
+def test_pixels_and_seeds_are_independent(device):
     """The noise of neighboring pixels is uncorrelated, and so is that of successive seeds."""
-    scene = builtin("closed_box")
-    noise = [fresh(tracer, scene, 1, (64, 64), seed=s, max_bounces=2)[..., 0].astype(np.float64) for s in (1, 2, 3)]
-    noise = [n - n.mean() for n in noise]
-    first = noise[0]
-    for shifted in (np.roll(first, 1, 0), np.roll(first, 1, 1), np.roll(first, (1, 1), (0, 1)), *noise[1:]):
-        correlation = (noise[0] * shifted).mean() / (noise[0].std() * shifted.std())
-        assert abs(correlation) < 4.5 / 64
+    noise = [trace(device, closed_box(), 1, (64, 64), seed=seed, max_bounces=2)[..., 0] for seed in (1, 2, 3)]
+    first, *others = (n - n.mean() for n in noise)
+    for other in (np.roll(first, 1, 0), np.roll(first, 1, 1), np.roll(first, (1, 1), (0, 1)), *others):
+        assert abs((first * other).mean() / (first.std() * other.std())) < 4.5 / 64
 
 
 SUN = sv.DirectionalLight(direction=(0.2, -0.3, 1), illuminance=20)
@@ -70,78 +68,46 @@ def test_variance_is_calibrated(picture, tracer):
         assert ratio == pytest.approx(1, abs=0.15)
 
 
-def all_finite(tracer, scene, camera=None, samples=8, **settings):
-    renderer = tracer(scene, (32, 32), **settings)
-    radiance = renderer.render(camera or scene.camera, samples=samples)["radiance"]
-    assert np.isfinite(radiance).all()
-    assert (radiance >= 0).all()
-    for name in AOVS:
-        values = renderer[name]
-        assert np.isfinite(values[renderer["instance_id"] < len(scene.instances)]).all(), name
-    return radiance
-
-
 def test_degenerate_triangles_are_harmless(tracer):
-    """Meshes of points, lines and slivers don't change the picture, and give no light when they are emissive."""
-    plain = cornell_box()
-    broken = cornell_box()
-    random = np.random.default_rng(1)
-    points = random.uniform(0.4, 1.6, (12, 3))
+    """Meshes of points, lines and slivers don't change the picture, and give no light when they are emissive, nor do
+    triangles without area in a lamp."""
+    scene = cornell_box()
+    expected = fresh(tracer, scene, 256).mean()
+    points = np.random.default_rng(1).uniform(0.4, 1.6, (12, 3))
     spoiled = np.concatenate([np.repeat(points[:3], 3, axis=0), points[[3, 4, 3, 5, 5, 6]]])
     for material in (matte(0.5), lamp(5.0)):
-        broken.add(sv.Instance(mesh=sv.Mesh(positions=spoiled), material=material))
-        broken.add(sv.Instance(mesh=sv.Mesh(positions=spoiled, normals=np.zeros_like(spoiled)), material=material))
-    radiance = all_finite(tracer, broken, samples=256)
-    expected = fresh(tracer, plain, 256)
-    assert radiance.mean() == pytest.approx(expected.mean(), rel=0.05)
-
-
-def test_zero_area_triangles_within_a_lamp(tracer):
-    scene = cornell_box()
+        scene.add(sv.Mesh(positions=spoiled), material)
+        scene.add(sv.Mesh(positions=spoiled, normals=np.zeros_like(spoiled)), material)
     light = find(scene, "lamp")
-    expected = fresh(tracer, scene, 256)
-    whole = light.mesh
-    indices = np.concatenate([whole.indices, [[0, 0, 1], [2, 2, 2]]])
-    light.mesh = sv.Mesh(positions=whole.positions, normals=whole.normals, indices=indices)
-    assert all_finite(tracer, scene, samples=256).mean() == pytest.approx(expected.mean(), rel=0.04)
+    indices = np.concatenate([light.mesh.indices, [[0, 0, 1], [2, 2, 2]]])
+    light.mesh = sv.Mesh(positions=light.mesh.positions, normals=light.mesh.normals, indices=indices)
+    assert fresh(tracer, scene, 256).mean() == pytest.approx(expected, rel=0.04)
 
 
-@pytest.mark.parametrize("normals", ["zero", "opposite", "tangential"])
-def test_odd_vertex_normals(tracer, normals):
-    ball = shapes.sphere(0.4, 16)
-    turned = np.roll(ball.normals, 1, axis=1)
-    values = {"zero": 0 * ball.normals, "opposite": -ball.normals, "tangential": turned}[normals]
-    scene = cornell_box()
-    mesh = sv.Mesh(positions=ball.positions, normals=values, indices=ball.indices)
-    for roughness, metallic in ((0.0, 1.0), (0.5, 0.0)):
-        material = sv.Material(perceptual_roughness=roughness, metallic=metallic)
-        scene.add(sv.Instance(mesh=mesh, material=material, transform=place(at=(0.6 + metallic, 1.3, 0.4))))
-    all_finite(tracer, scene, max_bounces=6)
+def test_pictures_of_random_scenes_are_finite(device):
+    """Most of them unusual: odd normals, extreme materials and lights, cameras inside things, nothing at all."""
+    scene = sv.Scene()
+    with sv.PathTracer(device, scene, (16, 16), max_bounces=6) as tracer:
+        for number in range(60):
+            *items, camera = random_items(np.random.default_rng(number))
+            for item in (*scene.instances, *scene.lights):
+                scene.remove(item)
+            for item in items:
+                scene.add(item)
+            radiance = tracer.render(camera, samples=4)["radiance"]
+            assert np.isfinite(radiance).all(), number
+            assert (radiance >= 0).all(), number
+            assert items or not radiance.any(), "an empty scene is black"
+            met = tracer["instance_id"] < len(scene.instances)
+            for name in ("depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic"):
+                assert np.isfinite(tracer[name][met]).all(), (number, name)
 
 
-@pytest.mark.parametrize("roughness", [0.0, 0.03, 0.0317, 0.1, 1.0])
-def test_extreme_materials(tracer, roughness):
-    scene = cornell_box()
-    for i, instance in enumerate(scene):
-        if not instance.material.emits:
-            instance.material.update(
-                perceptual_roughness=roughness, metallic=i % 3 / 2, base_color=i % 2, reflectance=i % 4 / 3
-            )
-    all_finite(tracer, scene, max_bounces=8)
-
-
-def test_extreme_lights_and_no_lights(tracer):
-    for radiance in (1e-30, 1e8):
-        all_finite(tracer, cornell_box(radiance=(radiance, 0, radiance)))
-    scene = cornell_box()
-    scene.remove(find(scene, "lamp"))
-    assert (all_finite(tracer, scene) == 0).all()
-    assert (all_finite(tracer, sv.Scene(), sv.Camera()) == 0).all(), "an empty scene is black"
-
-
-def test_camera_in_odd_places(tracer):
-    """Pictures are finite from a wall's surface, a lamp's plane, the inside of a block, and far away."""
-    scene = cornell_box()
-    for eye in ((1.0, 0.0, 1.0), (1.0, 2.0, 1.0), (0.65, 0.3, 0.6), (1e5, 1e5, -1e5)):
-        camera = sv.Camera.look_at(eye, (1.0, 0.9, 1.1))
-        all_finite(tracer, scene, camera)
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "seeds have no effect": (
+            test_pixels_and_seeds_are_independent,
+            Bug("common/random.glsl", "seed_rng", "return correct(pixel, sample_index, 0u);"),
+        ),
+    }
+)
