@@ -94,7 +94,7 @@ vec2 sample_triangle_barycentrics(vec2 u) {
 }
 
 // The random numbers for which sample_triangle_barycentrics returns these weights.
-vec2 triangle_numbers(vec2 barycentrics) {
+vec2 invert_triangle_sample(vec2 barycentrics) {
     float root = barycentrics.x + barycentrics.y;
     return vec2(root * root, root > 0.0 ? barycentrics.y / root : 0.0);
 }

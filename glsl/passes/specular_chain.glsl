@@ -40,16 +40,16 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
     found.emitted = vec3(0.0);
     found.first_position = walk.origin;
     walk.bounce_pdf = 0.0;
-    for (found.mirror_count = 0u; found.mirror_count < MAX_MIRRORS; found.mirror_count++) {
-        Segment segment = trace_segment(walk, NO_RECEIVER, rng);
+    for (found.mirror_count = 0u; found.mirror_count < MAX_SPECULAR_BOUNCES; found.mirror_count++) {
+        Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
         count_rays(segment.rays);
         if (found.mirror_count == 0u) {
-            found.first_transmittance = segment.through;
-            segment.through = FULL_TRANSMITTANCE;
+            found.first_transmittance = segment.transmittance;
+            segment.transmittance = FULL_TRANSMITTANCE;
         }
-        found.exists = pass_segment(walk, segment, found.emitted);
+        found.exists = accumulate_segment(walk, segment, found.emitted);
         if (!found.exists) { return found; }
-        found.surface = arrive(walk, segment.hit);
+        found.surface = resolve_surface(walk, segment.hit);
         found.ray_t = segment.hit.t;
         walk.origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
         if (found.mirror_count == 0u) { found.first_position = walk.origin; }

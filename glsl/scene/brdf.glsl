@@ -46,7 +46,7 @@ vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     return below_layers(brdf, value, wo, wi) + (wi.z > 0.0 ? evaluate_coat(brdf.coat, wi) : 0.0);
 }
 
-vec3 evaluate_brdf(Brdf brdf, vec3 wo, vec3 wi) {
+vec3 brdf_times_cosine(Brdf brdf, vec3 wo, vec3 wi) {
     return evaluate_diffuse_brdf(brdf, wo, wi) + evaluate_specular_brdf(brdf, wo, wi);
 }
 
@@ -70,7 +70,7 @@ const BrdfSample INVALID_SAMPLE = BrdfSample(vec3(0.0), vec3(0.0), 0.0, false);
 
 BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
     float pdf = brdf_pdf(brdf, wo, wi);
-    return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
+    return BrdfSample(wi, pdf > 0.0 ? brdf_times_cosine(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
 }
 
 // The same for a lobe that only reflects: what it sends below the surface is no sample of the glass.

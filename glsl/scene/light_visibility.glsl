@@ -7,7 +7,7 @@
 
 // From a ray origin, already offset from its surface, to just before the light's point.
 vec3 light_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
-    light_sample = aim_light(light_sample, ray_origin);
+    light_sample = light_sample_seen_from(light_sample, ray_origin);
     vec3 to_light = light_sample.world_position - ray_origin;
     // ends before the light by the rounding error of the light's point and of a ray of this length
     float offset = light_sample.ray_offset + 16.0 * ROUNDING_UNIT * max_component(abs(to_light));

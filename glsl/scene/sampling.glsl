@@ -11,7 +11,7 @@
 #include "scene/lights/types.glsl"
 
 struct LightContribution {
-    vec3 received_radiance;  // to be multiplied by inverse_pdf and by the BRDF with its cosine
+    vec3 radiance_times_geometry;  // to be multiplied by inverse_pdf and by the BRDF with its cosine
     float inverse_pdf;
     vec3 wi;
     float solid_angle_pdf;   // of wi, for MIS with BRDF samples; differs from Solari, which mixes measures
@@ -48,7 +48,7 @@ ResolvedLightSample resolve_light_sample(LightSample light_sample) {
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.
 LightContribution calculate_resolved_light_contribution(ResolvedLightSample light_sample, vec3 world_position) {
-    light_sample = aim_light(light_sample, world_position);
+    light_sample = light_sample_seen_from(light_sample, world_position);
     vec3 origin = is_at_infinity(light_sample.kind) ? vec3(0.0) : world_position;
     vec3 to_light = light_sample.world_position - origin;
     vec3 wi = safe_normalize(to_light, vec3(0.0));
@@ -69,7 +69,7 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
 // The radiance of a light that a ray meets, weighted by MIS against light samples, which choose the light with a
 // probability. `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light
 // samples; 0 gives none.
-vec3 met_radiance(MetLight met, float choice_probability, float bounce_pdf) {
+vec3 light_hit_radiance(LightHit met, float choice_probability, float bounce_pdf) {
     if (!(met.inverse_pdf > 0.0)) { return vec3(0.0); }
     float light_pdf = choice_probability / met.inverse_pdf;
     return met.radiance * power_heuristic(bounce_pdf, light_pdf);
@@ -80,8 +80,8 @@ vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = meet_light(light.kind, light.index, direction);
-        radiance += met_radiance(met, light.choice.probability, bounce_pdf);
+        LightHit met = evaluate_light(light.kind, light.index, direction);
+        radiance += light_hit_radiance(met, light.choice.probability, bounce_pdf);
     }
     return radiance;
 }
@@ -92,8 +92,8 @@ vec3 radiance_along_ray(vec3 origin, vec3 direction, float t_max, float bounce_p
     if (!SCENE_SPHERE) { return radiance; }
     for (uint i = scene_info.first_light_without_surface; i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = cross_light(light.kind, light.index, origin, direction, t_max);
-        radiance += met_radiance(met, light.choice.probability, bounce_pdf);
+        LightHit met = intersect_light(light.kind, light.index, origin, direction, t_max);
+        radiance += light_hit_radiance(met, light.choice.probability, bounce_pdf);
     }
     return radiance;
 }

@@ -117,14 +117,14 @@ bool trace_transmittance_in(
 // ---- surfaces ---------------------------------------------------------------------------------------
 
 // Decides which blended surfaces a ray passes (see alpha_threshold), independently of other rays.
-uvec2 random_blend_point(inout uint rng) { return SCENE_BLEND ? uvec2(0u, rand_u(rng)) : uvec2(0u); }
+uvec2 random_alpha_seed(inout uint rng) { return SCENE_BLEND ? uvec2(0u, rand_u(rng)) : uvec2(0u); }
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
     return trace_closest_hit(origin, t_min, direction, t_max, flags, uvec2(0u));
 }
 
 // What light on the way of a ray from its origin to its hit meets: the blended surfaces that the ray has passed.
-RayTransmittance trace_transmittance_and_chance(vec3 origin, vec3 direction, float t_max, Hit hit) {
+RayTransmittance trace_transmittance_and_probability(vec3 origin, vec3 direction, float t_max, Hit hit) {
     RayTransmittance through = FULL_TRANSMITTANCE;
     if (SCENE_BLEND) {
         // ends before the hit, which may be on a blended surface too

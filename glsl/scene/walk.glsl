@@ -2,9 +2,9 @@
 //
 //     Walk walk = start_walk(origin, direction);
 //     while (true) {
-//         Segment segment = trace_segment(walk, NO_RECEIVER, rng);
-//         if (!pass_segment(walk, segment, radiance)) { break; }
-//         ResolvedRayHitFull surface = arrive(walk, segment.hit);
+//         Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
+//         if (!accumulate_segment(walk, segment, radiance)) { break; }
+//         ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
 //         radiance += emitted_light(walk, surface, light_pdf);
 //         radiance += sample_light(walk, ...), if its shadow ray says so
 //         if (!scatter(walk, surface, sample_brdf(...)) || !survives(walk, ...)) { break; }
@@ -25,7 +25,7 @@
 #include "scene/trace.glsl"
 
 const uint FIRST_ROULETTE_BOUNCE = 3u;
-const uint MAX_MIRRORS = 64u;  // bounces at perfect mirrors, which don't count as others do
+const uint MAX_SPECULAR_BOUNCES = 64u;  // bounces by delta lobes, which don't count as others do
 
 // ---- media ------------------------------------------------------------------------------------------
 
@@ -57,7 +57,8 @@ struct Walk {
     vec3 direction;
     float t_min, t_max;
     bool from_camera;   // surfaces and lights are as cameras see them
-    // The density of the direction, as MIS uses it: INFINITY leaves all lights to the walk, 0 to light samples.
+    // The pdf of the direction in solid angle, over the number of light samples that compete with it in MIS: INFINITY
+    // for delta lobes and where no light samples do, 0 where light samples alone find lights.
     float bounce_pdf;
     vec3 throughput;
     Medium medium;
@@ -78,10 +79,10 @@ Walk start_walk(CameraRay ray) {
     return walk;
 }
 
-// The light of lamps that a ray passes.
+// What lights emit that a ray passes through: spheres that light samples choose, and rays see but don't hit.
 struct LightAlongRay {
-    vec3 radiance;  // where the ray starts
-    vec3 for_reservoir;   // before it is tinted on its way, over the probability with which the ray passes until there
+    vec3 radiance;
+    vec3 untinted;  // without transmittance, over the probability that the ray passes blended surfaces until there
 };
 
 const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
@@ -89,14 +90,14 @@ const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
 // A ray of a walk, to the next surface if there is one.
 struct Segment {
     Hit hit;
-    RayTransmittance through;  // of light from the hit; all light to a camera passes free
-    LightAlongRay passed;
+    RayTransmittance transmittance;  // of light from the hit; all light to a camera passes free
+    LightAlongRay along_ray;
     uint rays;        // that this took
 };
 
 Hit find_surface(Walk walk, inout uint rng) {
     uint faces = walk.from_camera ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
-    return trace_closest_hit(walk.origin, walk.t_min, walk.direction, walk.t_max, faces, random_blend_point(rng));
+    return trace_closest_hit(walk.origin, walk.t_min, walk.direction, walk.t_max, faces, random_alpha_seed(rng));
 }
 
 // `receiver`: where the light samples were chosen that compete with the walk's direction.
@@ -107,29 +108,30 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     float t_end = min(segment.hit.t, walk.t_max);
     for (uint i = scene_info.first_light_without_surface; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = cross_light(light.kind, light.index, walk.origin, walk.direction, t_end);
-        if (!(met.inverse_pdf > 0.0)) { continue; }
-        vec3 radiance = met_radiance(met, light_choice_probability(i, receiver), walk.bounce_pdf);
-        RayTransmittance through = FULL_TRANSMITTANCE;
+        LightHit light_hit = intersect_light(light.kind, light.index, walk.origin, walk.direction, t_end);
+        if (!(light_hit.inverse_pdf > 0.0)) { continue; }
+        vec3 radiance = light_hit_radiance(light_hit, light_choice_probability(i, receiver), walk.bounce_pdf);
+        RayTransmittance passes = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
-            through = trace_transmittance_and_chance(walk.origin, walk.direction, met.t, NO_HIT);
+            passes = trace_transmittance_and_probability(walk.origin, walk.direction, light_hit.t, NO_HIT);
             segment.rays += 1u;
         }
-        segment.passed.radiance += radiance * through.tint;
-        segment.passed.for_reservoir += radiance / through.probability;
+        segment.along_ray.radiance += radiance * passes.tint;
+        segment.along_ray.untinted += radiance / passes.probability;
     }
     if (tinted) {
-        segment.through = trace_transmittance_and_chance(walk.origin, walk.direction, walk.t_max, segment.hit);
+        segment.transmittance = trace_transmittance_and_probability(walk.origin, walk.direction, walk.t_max,
+            segment.hit);
         segment.rays += 1u;
     }
     return segment;
 }
 
-// Adds the light of lamps that a segment passes, and of lights at infinity if it meets no surface, and tints what the
-// walk carries. Returns whether there is a surface.
-bool pass_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
-    radiance += walk.throughput * segment.passed.radiance;
-    walk.throughput *= segment.through.tint;
+// Adds what lights emit along a segment, and lights at infinity if it hits no surface, and multiplies the throughput by
+// its transmittance. Returns whether there is a surface.
+bool accumulate_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
+    radiance += walk.throughput * segment.along_ray.radiance;
+    walk.throughput *= segment.transmittance.tint;
     if (segment.hit.instance != NO_INDEX) { return true; }
     radiance += walk.throughput * radiance_at_infinity(walk.direction, walk.bounce_pdf);
     return false;
@@ -137,19 +139,20 @@ bool pass_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
 
 // ---- surfaces ---------------------------------------------------------------------------------------
 
-// The surface that a segment met.
-ResolvedRayHitFull arrive(inout Walk walk, Hit hit) {
+// The surface where a segment ends.
+ResolvedRayHitFull resolve_surface(inout Walk walk, Hit hit) {
     walk.cone_width += walk.cone_spread * hit.t;
     walk.throughput *= transmittance(walk.medium, hit.t);
     return resolve_ray_hit_full(hit, walk.direction, walk.cone_width);
 }
 
-// What a ray that has hit a wall of glass carries: such rays are those that haven't passed it straight.
+// A thin wall of smooth glass has a delta lobe straight through it, which rays take by chance when they are traced, as
+// through a blended surface. So a ray that has hit one is divided by the probability that it did, and has no such lobe.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
-    vec4 cover = resolve_cover(hit.instance, hit.triangle, hit.barycentrics, direction, false);
-    if (cover.w < 1.0) {
-        throughput /= cover.w;
+    vec4 color_opacity = resolve_cover(hit.instance, hit.triangle, hit.barycentrics, direction, false);
+    if (color_opacity.w < 1.0) {
+        throughput /= color_opacity.w;
         material.lobes.passed_straight = true;
     }
 }
@@ -163,16 +166,16 @@ vec3 emitted_light(Walk walk, ResolvedRayHitFull surface, float light_pdf) {
 
 // Where rays that go in a direction leave a surface.
 vec3 ray_origin(ResolvedRayHitFull surface, vec3 direction) {
-    bool through = SCENE_GLASS && dot(direction, surface.geometric_world_normal) < 0.0;
-    float offset = through ? -surface.ray_offset : surface.ray_offset;
+    bool transmits = SCENE_GLASS && dot(direction, surface.geometric_world_normal) < 0.0;
+    float offset = transmits ? -surface.ray_offset : surface.ray_offset;
     return surface.world_position + offset * surface.geometric_world_normal;
 }
 
 // Whether a direction is possible: above the surface, or through glass below it, for its shading normal and for its
-// geometric normal. `height` is its cosine with the shading normal.
-bool is_possible(float height, vec3 direction, vec3 geometric_normal) {
+// geometric normal. `cos_theta` is its cosine with the shading normal.
+bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
     float geometric = dot(direction, geometric_normal);
-    return (height > 0.0 && geometric > 0.0) || (SCENE_GLASS && height < 0.0 && geometric < 0.0);
+    return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_GLASS && cos_theta < 0.0 && geometric < 0.0);
 }
 
 // Leaves a surface in a sampled direction; its origin remains to be set. `frame` has the shading normal as its z axis,
@@ -184,7 +187,7 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     walk.bounce_pdf = next.pdf;
     walk.throughput *= next.weight;
     if (SCENE_GLASS && next.wi.z < 0.0) { walk.medium = below; }
-    return is_possible(next.wi.z, walk.direction, geometric_normal);
+    return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
 // Russian roulette: from some bounce on, whether a walk goes on, with the share of light that it carries as
@@ -207,11 +210,11 @@ struct NextEvent {
 
 // The share of the light of a light sample that reaches the origin of a shadow ray.
 vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
-    vec3 share = trace_light_transmittance(origin, light_sample);
-    if (!SCENE_GLASS || medium.material == NO_INDEX) { return share; }
+    vec3 visible = trace_light_transmittance(origin, light_sample);
+    if (!SCENE_GLASS || medium.material == NO_INDEX) { return visible; }
     bool far = is_at_infinity(light_sample.kind);
-    vec3 end = aim_light(light_sample, origin).world_position;
-    return share * transmittance(medium, far ? INFINITY : distance(origin, end));
+    vec3 end = light_sample_seen_from(light_sample, origin).world_position;
+    return visible * transmittance(medium, far ? INFINITY : distance(origin, end));
 }
 
 // One sample of a light chosen by power. `mis`: weighted against the walk's meeting the light.
@@ -224,10 +227,10 @@ NextEvent sample_light(
     event.light_sample = resolve_light_sample(generate_random_light_sample(rng));
     LightContribution light = calculate_resolved_light_contribution(event.light_sample, surface.world_position);
     vec3 wi = light.wi * frame;
-    if (!is_possible(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
+    if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
     event.origin = ray_origin(surface, light.wi);
     event.medium = wi.z < 0.0 ? below : walk.medium;
-    vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi);
+    vec3 value = light.radiance_times_geometry * light.inverse_pdf * brdf_times_cosine(brdf, wo, wi);
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;
     return event;

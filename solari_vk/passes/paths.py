@@ -11,7 +11,7 @@ from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
 RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
-ROUNDS = 3  # dispatches that go on with the paths that are left after their first rays
+WAVES = 3  # dispatches that go on with the paths that are left after their first rays
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
@@ -28,7 +28,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
     passes = [
         part
-        for sample, index in itertools.product(range(samples), range(ROUNDS + 1))
+        for sample, index in itertools.product(range(samples), range(WAVES + 1))
         for part in (
             Pass("paths/next_wave", threads=1, constants={"sample_index": sample, "wave_index": index}),
             later if index else first,
@@ -69,5 +69,5 @@ def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def glsl_header() -> str:
-    """The index of the last round."""
-    return constants(LAST_ROUND=ROUNDS)
+    """The index of the last wave."""
+    return constants(LAST_WAVE=WAVES)

@@ -9,15 +9,16 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x54FF53A5u;
 
-LobeHistory add_sample(LobeHistory history, vec4 found, float confidence) {
-    if (!is_valid(found.rgb)) { return history; }
-    float value = luminance(found.rgb);
+LobeHistory add_sample(LobeHistory history, vec4 value_distance, float confidence) {
+    if (!is_valid(value_distance.rgb)) { return history; }
+    float value = luminance(value_distance.rgb);
     history.frames = min(history.frames * confidence, float(denoise_settings.frames - 1u));
     float weight = 1.0 / (history.frames + 1.0);
-    float inverse = found.w > 0.0 ? max(1.0 / found.w, INVERSE_OF_INFINITY) : history.inverse_distance;
+    float inverse = value_distance.w > 0.0 ? max(1.0 / value_distance.w, INVERSE_OF_INFINITY)
+        : history.inverse_distance;
     return LobeHistory(
-        mix(history.radiance, found.rgb, weight), mix(history.second_moment, value * value, weight),
-        mix(history.recent, value, max(weight, RECENT)), history.frames + 1.0,
+        mix(history.radiance, value_distance.rgb, weight), mix(history.second_moment, value * value, weight),
+        mix(history.fast_luminance, value, max(weight, FAST_WEIGHT)), history.frames + 1.0,
         history.inverse_distance > 0.0 ? mix(history.inverse_distance, inverse, weight) : inverse
     );
 }
@@ -28,12 +29,12 @@ void main() {
     uint index = pixel_index(pixel, camera.size), kind = kind_of(denoise_guides.at[index]);
     vec2 confidence = denoise_blocks.at[cell_at(pixel)].confidence;
     if (min(confidence.x, confidence.y) < 1.0) { shorten_alternate(index, min(confidence.x, confidence.y)); }
-    if (kind == NOTHING_SHOWN) { return; }
+    if (kind == NO_SURFACE) { return; }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = add_sample(unpack_lobe_history(denoise_diffuse.at[index]), diffuse_sample(index),
         confidence.x);
-    vec4 by_specular = specular_sample(index, pixel, kind);
-    LobeHistory specular = add_sample(unpack_lobe_history(denoise_specular.at[index]), by_specular, confidence.y);
+    vec4 specular_value = specular_sample(index, pixel, kind);
+    LobeHistory specular = add_sample(unpack_lobe_history(denoise_specular.at[index]), specular_value, confidence.y);
     denoise_diffuse.at[index] = pack_lobe_history(diffuse, rng);
     denoise_specular.at[index] = pack_lobe_history(specular, rng);
 }

@@ -10,7 +10,7 @@
 #include "passes/denoise/signal.glsl"
 
 struct AlternateHistory {
-    uvec2 surface;  // a packed guide, with the number of frames in place of the depth's last bits; 0 for none
+    uvec2 surface;  // a packed guide, with the number of frames in the depth's last 8 bits, 6 to 13; 0 for none
     uvec3 light;    // the radiance of both lobes and their second moments
 };
 

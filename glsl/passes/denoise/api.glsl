@@ -13,7 +13,7 @@ struct Denoised {
 
 // Whether the denoiser works on a pixel: it is on, and there is a surface or a reflection.
 bool is_denoised(uint index) {
-    return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NOTHING_SHOWN;
+    return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NO_SURFACE;
 }
 
 // The number of frames that the mean of a lobe has: before this frame's light is added, or after it.
@@ -35,10 +35,10 @@ float standard_error(Denoised light, vec3 by_diffuse, vec3 by_specular) {
 // The light of a pixel that is denoised, after all passes of the denoiser.
 Denoised denoised(uvec2 pixel) {
     Signal diffuse, specular;
-    light_at_sample(ivec2(pixel), diffuse, specular);
+    denoised_at_jitter(ivec2(pixel), diffuse, specular);
     uint kind = kind_of(denoise_guides.at[pixel_index(pixel, camera.size)]);
     vec2 deviations = max(vec2(diffuse.deviation, specular.deviation), 0.0);
-    return Denoised(diffuse.radiance, specular.radiance, reflected_albedo(ivec2(pixel), kind), deviations);
+    return Denoised(diffuse.radiance, specular.radiance, replaced_albedo(ivec2(pixel), kind), deviations);
 }
 
 #endif

@@ -18,12 +18,12 @@ void add_slope(inout vec3 sum, Signal own, Signal below, Signal above, vec2 weig
     sum += own.deviation >= 0.0 ? slope * distance / max(weights.x + weights.y, 1.0) : vec3(0.0);
 }
 
-void light_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
+void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
     Signals own = load_filtered(pixel_index(pixel, camera.size));
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
-    EdgeStopping edges = make_edge_stopping(load_guide(pixel), 0.0, NARROW_ALPHA);
+    EdgeStopping edges = make_edge_stopping(load_guide(pixel), 0.0, MIN_ALPHA_NO_EDGES);
     ivec2 last = ivec2(camera.size) - 1;
     for (int axis = 0; axis < 2; axis++) {
         Signals found[2];

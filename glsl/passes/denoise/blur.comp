@@ -31,21 +31,21 @@ struct FilterSum {
     vec3 radiance;
     float weight_sum;      // weight of the surfaces that are alike
     float accepted_weight;  // of it, what was added
-    float sensitivity;   // by how much the sum changes when all its signals change by 1
-    float variance;
-    float deviation;  // if the noise of all pixels were the same
+    float sensitivity;      // derivative of the sum by its signals, since weights depend on them too
+    float variance;         // if the noise of pixels is independent
+    float correlated_deviation;  // if it is the same in all
 };
 
 const FilterSum EMPTY_SUM = FilterSum(vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
-// sensitivity: by how much the sum changes when the signal changes by 1.
+// sensitivity: derivative of the sum by the signal.
 void add(inout FilterSum sum, Signal signal, float weight, float sensitivity) {
     float deviation = sensitivity * signal.deviation;
     sum.radiance += weight * signal.radiance;
     sum.accepted_weight += weight;
     sum.sensitivity += sensitivity;
     sum.variance += deviation * deviation;
-    sum.deviation += deviation;
+    sum.correlated_deviation += deviation;
 }
 
 // What signals are compared by: in the first pass, where they have most noise, means of 3 x 3 pixels.
@@ -61,23 +61,24 @@ bool is_clean(ivec2 pixel, uint kind, Signals signals) {
     vec2 deviations = vec2(signals.diffuse.deviation, signals.specular.deviation);
     if (min(deviations.x, deviations.y) < 0.0) { return false; }
     vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, pixel).g, imageLoad(guides_specular_albedo, pixel).g);
-    if (kind != SURFACE_SHOWN) { albedos = vec2(0.0, 1.0); }
+    if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }
     return length(albedos * deviations) < CLEAN * dot(albedos, values);
 }
 
-// A neighbor counts by how well noise explains its difference: by the square of `share`. The rest of its weight is the
-// center's. A filtered neighbor takes no light, so that none is taken from it. Since a weight falls when signals differ
-// more, the sum responds less to the neighbor than the weight says, and more to the center. In the first pass, weights
-// hardly depend on the signals themselves.
-void add_neighbor(inout FilterSum sum, Signal center, Signal other, float difference, float weight, bool is_filtered) {
+// A neighbor counts by how well noise explains its difference: by the square of `luminance_weight`. The rest of its
+// weight is the center's. A converged neighbor takes no light, so that none is taken from it. Since a weight falls when
+// signals differ more, the sum responds less to the neighbor than the weight says, and more to the center. In the first
+// pass, weights hardly depend on the signals themselves.
+void add_neighbor(inout FilterSum sum, Signal center, Signal other, float difference, float weight,
+    bool other_converged) {
     float variance = center.deviation * center.deviation + other.deviation * other.deviation;
-    float tolerance = TOLERANCE * TOLERANCE * variance + DARKEST;
-    float share = is_filtered ? 0.0 : tolerance / (tolerance + difference * difference);
-    share = center.deviation < 0.0 ? 1.0 : share;
+    float tolerance = SIGMA_LUMINANCE * SIGMA_LUMINANCE * variance + DARKEST;
+    float luminance_weight = other_converged ? 0.0 : tolerance / (tolerance + difference * difference);
+    luminance_weight = center.deviation < 0.0 ? 1.0 : luminance_weight;
     weight = other.deviation < 0.0 ? 0.0 : weight;
     sum.weight_sum += weight;
-    weight *= share * share;
-    add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * share - 3.0, 0.0));
+    weight *= luminance_weight * luminance_weight;
+    add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * luminance_weight - 3.0, 0.0));
 }
 
 // The mean of the sum and the center.
@@ -87,7 +88,8 @@ Signal mean(FilterSum sum, Signal center) {
         add(sum, center, sum.weight_sum - sum.accepted_weight, sum.weight_sum - sum.sensitivity);
     }
     if (sum.accepted_weight == 0.0) { return Signal(vec3(0.0), -1.0); }
-    float variance = mix(sum.variance, sum.deviation * sum.deviation, CORRELATION[min(level, 2u)]);
+    float variance = mix(sum.variance, sum.correlated_deviation * sum.correlated_deviation, CORRELATION[min(level,
+        2u)]);
     return Signal(sum.radiance / sum.accepted_weight, sqrt(variance) / sum.accepted_weight);
 }
 
@@ -97,35 +99,37 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     uvec4 bits = load_bits(index);
     uint state = state_of(bits.z);
-    if (state == FILTERED) { store_bits(index, bits ^ uvec4(0u, 0u, (FILTERED ^ IN_BOTH) << 30u, 0u)); }
-    if (is_final(state)) { return; }
+    if (state == CONVERGED) { store_bits(index, bits ^ uvec4(0u, 0u, (CONVERGED ^ CONVERGED_IN_BOTH) << 30u, 0u)); }
+    if (is_converged(state)) { return; }
     Guide guide = load_guide(pixel);
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
-    float widest = state == NARROW ? NARROW_ALPHA : UNCERTAIN_ALPHA;
-    EdgeStopping edges = make_edge_stopping(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9), widest);
+    float max_min_alpha = state == EDGES_UNKNOWN ? MIN_ALPHA_NO_EDGES : MIN_ALPHA_UNCERTAIN;
+    EdgeStopping edges = make_edge_stopping(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9),
+        max_min_alpha);
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {
             if (x == 0 && y == 0) { continue; }
             ivec2 step = ivec2(x, y) << level, other = pixel + step, inside = clamp(other, ivec2(0), size - 1);
             uint at = pixel_index(inside, camera.size);
-            float share = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
-            vec2 weights = share * edge_stopping_weights(edges, denoise_guides.at[at], step);
+            float kernel = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
+            vec2 weights = kernel * edge_stopping_weights(edges, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);
-            Signals found = unpack_signals(other_bits.xyz);
-            bool is_filtered = is_final(found.state);
-            vec2 differences = luminances(other_bits.w, found) - values;
-            add_neighbor(diffuse, own.diffuse, found.diffuse, differences.x, weights.x, is_filtered);
-            add_neighbor(specular, own.specular, found.specular, differences.y, weights.y, is_filtered);
+            Signals neighbor = unpack_signals(other_bits.xyz);
+            bool other_converged = is_converged(neighbor.state);
+            vec2 differences = luminances(other_bits.w, neighbor) - values;
+            add_neighbor(diffuse, own.diffuse, neighbor.diffuse, differences.x, weights.x, other_converged);
+            add_neighbor(specular, own.specular, neighbor.specular, differences.y, weights.y, other_converged);
         }
     }
     // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
-    vec2 taken = vec2(diffuse.accepted_weight, specular.accepted_weight), weight_sum = vec2(diffuse.weight_sum,
+    vec2 accepted_weight = vec2(diffuse.accepted_weight, specular.accepted_weight),
+        weight_sum = vec2(diffuse.weight_sum,
         specular.weight_sum);
-    bool ends = level > 0u && all(lessThan(taken, TOO_LITTLE * weight_sum));
+    bool gains_nothing = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), state);
-    if (ends || is_clean(pixel, guide.kind, filtered)) { filtered.state = FILTERED; }
+    if (gains_nothing || is_clean(pixel, guide.kind, filtered)) { filtered.state = CONVERGED; }
     uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;
     store_bits(index, uvec4(pack_signals(filtered, random), 0u));
 }

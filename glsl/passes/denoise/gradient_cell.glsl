@@ -11,9 +11,9 @@
 #include "scene/camera.glsl"
 
 struct Gradient {
-    float total;    // luminance minus that of the history; noise of either sign cancels out
-    float squares;
-    float larger;   // of both luminances
+    float difference_sum;    // luminance minus that of the history; noise of either sign cancels out
+    float squared_sum;
+    float max_sum;   // of both luminances
 };
 
 struct LobeGradient {
@@ -38,13 +38,13 @@ struct GradientCell {
 
 // What the cells around one tell: the share of the histories that changes of light leave valid, and the luminance
 // without the brightest pixel.
-struct CellConfidence {
+struct CellNeighborhood {
     vec2 confidence;
     vec2 luminance;
 };
 
 layout(set = 1, scalar) buffer DenoiseCellsBlock { GradientCell at[]; } denoise_cells;
-layout(set = 1, scalar) buffer DenoiseBlocksBlock { CellConfidence at[]; } denoise_blocks;
+layout(set = 1, scalar) buffer DenoiseBlocksBlock { CellNeighborhood at[]; } denoise_blocks;
 
 uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
 
@@ -54,8 +54,9 @@ const Gradient NO_GRADIENT = Gradient(0.0, 0.0, 0.0);
 const LobeGradient NO_PIXELS = LobeGradient(NO_GRADIENT, NO_GRADIENT, 0.0, 0.0, 0.0, 0.0);
 
 PackedLobeGradient pack_gradient(LobeGradient cell, inout uint rng) {
-    return PackedLobeGradient(cell.now.total, cell.recently.total, uvec4(
-        pack_two(cell.now.squares, cell.now.larger, rng), pack_two(cell.recently.squares, cell.recently.larger, rng),
+    return PackedLobeGradient(cell.now.difference_sum, cell.recently.difference_sum, uvec4(
+        pack_two(cell.now.squared_sum, cell.now.max_sum, rng), pack_two(cell.recently.squared_sum,
+            cell.recently.max_sum, rng),
         pack_two(cell.variance, cell.pixels, rng), pack_two(cell.luminance, cell.brightest, rng)
     ));
 }

@@ -10,23 +10,23 @@
 #include "passes/denoise/constants.glsl"
 #include "passes/guides/bindings.glsl"
 
-const uint NOTHING_SHOWN = 0u;     // no surface, or in mirrors of metal none but lights: nothing that has noise
-const uint SURFACE_SHOWN = 1u;
-const uint REFLECTION_SHOWN = 2u;  // of a surface, in mirrors of metal, or through clear glass
+const uint NO_SURFACE = 0u;        // nothing that has noise: no surface, or in mirrors of metal none but lights
+const uint PRIMARY_SURFACE = 1u;   // what the pixel shows itself
+const uint REPLACED_SURFACE = 2u;  // primary surface replacement: what mirrors of metal or clear glass show
 
 struct Guide {
     uint kind;
-    float depth;    // meters along the view axis, to the virtual position for reflections
+    float depth;    // meters along the view axis, to the virtual position of a replaced surface
     vec3 position;  // relative to the camera
     vec3 normal;
-    float material;  // perceptual roughness; of reflections the luminance of the albedo
+    float material;  // perceptual roughness; of a replaced surface the luminance of its albedo
 };
 
-const float NORMAL_CODES = 511.0, MATERIAL_CODES = 63.0;
+const float NORMAL_SCALE = 511.0, MATERIAL_SCALE = 63.0;
 
 // Ten bits for each coordinate of the normal, since filters unpack many, and a float of 26 bits without a sign.
 uvec2 pack_guide(Guide guide) {
-    ivec3 normal = ivec3(round(NORMAL_CODES * guide.normal)) & 0x3FF;
+    ivec3 normal = ivec3(round(NORMAL_SCALE * guide.normal)) & 0x3FF;
     uint depth = floatBitsToUint(guide.depth) + 0x10u >> 5u;
     return uvec2(
         uint(normal.x | normal.y << 10 | normal.z << 20) | guide.kind << 30u,
@@ -44,11 +44,11 @@ uint kind_of(uvec2 guide) { return guide.x >> 30u; }
 
 float depth_of(uvec2 guide) { return uintBitsToFloat(guide.y >> 6u << 5u); }
 
-// In units of 1 / MATERIAL_CODES.
-float material_code(uvec2 guide) { return float(int(guide.y) & int(MATERIAL_CODES)); }
+// In units of 1 / MATERIAL_SCALE.
+float quantized_material(uvec2 guide) { return float(int(guide.y) & int(MATERIAL_SCALE)); }
 
-// In units of 1 / NORMAL_CODES; its length may be off by 0.2 %.
-vec3 normal_code(uvec2 guide) {
+// In units of 1 / NORMAL_SCALE; its length may be off by 0.2 %.
+vec3 quantized_normal(uvec2 guide) {
     int bits = int(guide.x);
     return vec3(bitfieldExtract(bits, 0, 10), bitfieldExtract(bits, 10, 10), bitfieldExtract(bits, 20, 10));
 }
@@ -56,8 +56,8 @@ vec3 normal_code(uvec2 guide) {
 Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
     float depth = depth_of(bits);
     return Guide(
-        kind_of(bits), depth, position_at(vec2(pixel) + 0.5, depth, from), normal_code(bits) / NORMAL_CODES,
-        material_code(bits) / MATERIAL_CODES
+        kind_of(bits), depth, position_at(vec2(pixel) + 0.5, depth, from), quantized_normal(bits) / NORMAL_SCALE,
+        quantized_material(bits) / MATERIAL_SCALE
     );
 }
 
@@ -71,28 +71,31 @@ Guide load_previous_guide(ivec2 pixel) {
 }
 
 // The share of light that the surface reflects which the pixel shows by itself or in mirrors.
-vec3 shown_albedo(ivec2 pixel) {
+vec3 guide_albedo(ivec2 pixel) {
     vec3 albedo = imageLoad(guides_diffuse_albedo, pixel).rgb + imageLoad(guides_specular_albedo, pixel).rgb;
     return min(albedo, vec3(1.0));
 }
 
 // What the light of reflections is divided by, so that filters keep the texture of the surface seen in mirrors.
-vec3 reflected_albedo(ivec2 pixel, uint kind) {
-    return kind == REFLECTION_SHOWN ? mix(vec3(0.02), vec3(1.0), shown_albedo(pixel)) : vec3(1.0);
+vec3 replaced_albedo(ivec2 pixel, uint kind) {
+    return kind == REPLACED_SURFACE ? mix(vec3(0.02), vec3(1.0), guide_albedo(pixel)) : vec3(1.0);
 }
 
 // The guide of this frame, from the guide images.
 Guide make_guide(ivec2 pixel) {
     float depth_value = imageLoad(guides_depth, pixel).x;
     vec4 normal_roughness = imageLoad(guides_normal_roughness, pixel);
-    bool own = imageLoad(guides_specular_albedo, pixel).a > 0.5;
-    bool lit = imageLoad(guides_diffuse_albedo, pixel).a > 0.5;
+    // Alpha, of passes/guides/write.comp: 1 where the guides are of the primary surface; where the replaced one has
+    // noise.
+    bool is_primary = imageLoad(guides_specular_albedo, pixel).a > 0.5;
+    bool is_noisy = imageLoad(guides_diffuse_albedo, pixel).a > 0.5;
     Guide guide;
-    guide.kind = depth_value == 0.0 ? NOTHING_SHOWN : own ? SURFACE_SHOWN : lit ? REFLECTION_SHOWN : NOTHING_SHOWN;
+    guide.kind = depth_value == 0.0 ? NO_SURFACE : is_primary ? PRIMARY_SURFACE : is_noisy ? REPLACED_SURFACE
+        : NO_SURFACE;
     guide.depth = depth_value > 0.0 ? camera.near / depth_value : FARTHEST;
     guide.position = position_at(vec2(pixel) + 0.5, guide.depth, camera);
     guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));
-    guide.material = own ? normal_roughness.w : luminance(shown_albedo(pixel));
+    guide.material = is_primary ? normal_roughness.w : luminance(guide_albedo(pixel));
     return guide;
 }
 

@@ -11,9 +11,9 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 void add_gradient(inout Gradient sum, Gradient other) {
-    sum.total += other.total;
-    sum.squares += other.squares;
-    sum.larger += other.larger;
+    sum.difference_sum += other.difference_sum;
+    sum.squared_sum += other.squared_sum;
+    sum.max_sum += other.max_sum;
 }
 
 void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
@@ -27,14 +27,14 @@ void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
 
 // The share of the history that remains valid. Squares count as variance too, since a history may not know outliers.
 float confidence(Gradient sum, float variance, vec2 bounds) {
-    float deviation = sqrt(max(sum.squares, variance));
+    float deviation = sqrt(max(sum.squared_sum, variance));
     if (!(deviation > 0.0)) { return 1.0; }
-    float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
-    return pow(1.0 - certain * min(abs(sum.total) / max(sum.larger, DARKEST), 1.0), EXPONENT);
+    float certain = smoothstep(bounds.x, bounds.y, abs(sum.difference_sum) / deviation);
+    return pow(1.0 - certain * min(abs(sum.difference_sum) / max(sum.max_sum, DARKEST), 1.0), CHANGE_EXPONENT);
 }
 
 float confidence(LobeGradient sum, vec2 bounds) {
-    float recently = confidence(sum.recently, RECENT_VARIANCE * sum.variance, bounds);
+    float recently = confidence(sum.recently, FAST_VARIANCE * sum.variance, bounds);
     return min(confidence(sum.now, sum.variance, bounds), recently);
 }
 
@@ -44,12 +44,12 @@ float light_change(LobeGradient cell, vec3 position) {
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
 }
 
-vec2 bounds_of(float change) { return mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0 * change, 1.0)); }
+vec2 bounds_of(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_AFTER_CHANGE, min(4.0 * change, 1.0)); }
 
 // The mean without the brightest pixel. Few pixels tell nothing without it; no pixel is brighter than their sum, so
 // that none of them is limited.
 float robust_luminance(LobeGradient sum) {
-    if (sum.pixels <= FEW) { return sum.luminance; }
+    if (sum.pixels <= ROBUST_PIXELS) { return sum.luminance; }
     return max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0);
 }
 
@@ -61,21 +61,22 @@ void main() {
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
     vec2 bounds = bounds_of(light_change(unpack_gradient(own.diffuse), position));
     vec2 specular_bounds = bounds_of(light_change(unpack_gradient(own.specular), position));
-    vec2 trust = vec2(1.0), light = vec2(0.0);
+    vec2 lobe_confidence = vec2(1.0), light = vec2(0.0);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
-    for (int ring = 0; ring <= WIDEST; ring++) {
+    for (int ring = 0; ring <= LARGEST_RING; ring++) {
         for (int y = -ring; y <= ring; y++) {
             int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
             for (int x = -ring; x <= ring; x += max(step, 1)) {
                 ivec2 other = cell + ivec2(x, y);
                 if (!is_inside(other, cells)) { continue; }
-                GradientCell found = denoise_cells.at[pixel_index(other, cells)];
-                add_neighbor_gradient(diffuse, unpack_gradient(found.diffuse));
-                add_neighbor_gradient(specular, unpack_gradient(found.specular));
+                GradientCell neighbor = denoise_cells.at[pixel_index(other, cells)];
+                add_neighbor_gradient(diffuse, unpack_gradient(neighbor.diffuse));
+                add_neighbor_gradient(specular, unpack_gradient(neighbor.specular));
             }
         }
-        trust = min(trust, vec2(confidence(diffuse, bounds), confidence(specular, specular_bounds)));
+        lobe_confidence = min(lobe_confidence, vec2(confidence(diffuse, bounds), confidence(specular,
+            specular_bounds)));
         if (ring == 1) { light = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
     }
-    denoise_blocks.at[pixel_index(cell, cells)] = CellConfidence(trust, light);
+    denoise_blocks.at[pixel_index(cell, cells)] = CellNeighborhood(lobe_confidence, light);
 }

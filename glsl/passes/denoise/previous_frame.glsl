@@ -24,7 +24,7 @@ struct Taps {
     float normal_divergence;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
 };
 
-// Motion in pixels, with that of the picture by the camera's own jitter.
+// Motion in pixels, with that of the picture by `Camera.jitter`, which a user may set.
 vec2 in_pixels(vec2 motion) {
     return (motion + this_frame.picture_shift / vec2(camera.picture_size)) * vec2(camera.size);
 }
@@ -39,7 +39,7 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
-    if (guide.kind != SURFACE_SHOWN || !moved) {
+    if (guide.kind != PRIMARY_SURFACE || !moved) {
         return PreviousSurface(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
     }
     vec3 origin = camera.world_from_view[3];
@@ -51,7 +51,7 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
 
 bool is_the_same(Guide then, PreviousSurface previous, Guide guide, float plane_distance) {
     if (then.kind != guide.kind) { return false; }
-    bool near = guide.kind == SURFACE_SHOWN
+    bool near = guide.kind == PRIMARY_SURFACE
         ? abs(dot(then.position - previous.position, previous.normal)) < plane_distance * pixel_width(then.depth)
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
     return near && dot(then.normal, previous.normal) > SAME_NORMAL
@@ -81,13 +81,13 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
 // by bilinear interpolation where some of the pixels showed another surface.
 Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_distance) {
     ivec2 corner = ivec2(floor(where - 0.5));
-    vec2 share = where - 0.5 - vec2(corner);
+    vec2 fraction = where - 0.5 - vec2(corner);
     Taps taps = no_taps();
-    if (max(share.x, share.y) < 1e-3) {  // nothing moved
+    if (max(fraction.x, fraction.y) < 1e-3) {  // nothing moved
         add_tap(taps, corner, 1.0, previous, guide, plane_distance);
         return taps;
     }
-    vec4 across = spline(share.x), down = spline(share.y);
+    vec4 across = spline(fraction.x), down = spline(fraction.y);
     for (int i = 0; i < 16; i++) {
         ivec2 step = ivec2(i & 3, i >> 2);
         add_tap(taps, corner + step - 1, across[step.x] * down[step.y], previous, guide, plane_distance);
@@ -96,7 +96,7 @@ Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_di
     taps = no_taps();
     for (int i = 0; i < 4; i++) {
         ivec2 step = ivec2(i & 1, i >> 1);
-        vec2 weights = mix(1.0 - share, share, vec2(step));
+        vec2 weights = mix(1.0 - fraction, fraction, vec2(step));
         add_tap(taps, corner + step, weights.x * weights.y, previous, guide, plane_distance);
     }
     return taps;
@@ -105,7 +105,7 @@ Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_di
 void add_history(inout LobeHistory sum, LobeHistory found, float weight) {
     sum.radiance += weight * found.radiance;
     sum.second_moment += weight * found.second_moment;
-    sum.recent += weight * found.recent;
+    sum.fast_luminance += weight * found.fast_luminance;
     sum.frames += weight * found.frames;
     sum.inverse_distance += weight * found.inverse_distance;
 }
@@ -114,7 +114,8 @@ void add_history(inout LobeHistory sum, LobeHistory found, float weight) {
 LobeHistory without_overshoot(LobeHistory lobe) {
     vec3 radiance = max(lobe.radiance, vec3(0.0));
     return LobeHistory(
-        radiance, max(lobe.second_moment, square(luminance(radiance))), max(lobe.recent, 0.0), max(lobe.frames, 0.0),
+        radiance, max(lobe.second_moment, square(luminance(radiance))), max(lobe.fast_luminance, 0.0),
+            max(lobe.frames, 0.0),
         max(lobe.inverse_distance, 0.0)
     );
 }

@@ -11,7 +11,7 @@ vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }
 
 vec4 specular_sample(uint index, ivec2 pixel, uint kind) {
     vec4 found = paths_specular.at[index];
-    return vec4(found.rgb / reflected_albedo(pixel, kind), found.w);
+    return vec4(found.rgb / replaced_albedo(pixel, kind), found.w);
 }
 
 #endif

@@ -16,9 +16,9 @@ struct Signals {
     uint state;
 };
 
-// What is known of a pixel's signals in a buffer: filters leave them as they are, and they are in both buffers; or,
-// in new pixels and settled ones, it isn't known whether they are at the edge of a bright reflection.
-const uint FILTERED = 1u, IN_BOTH = 2u, NARROW = 3u;
+// The state of a pixel's signals in a buffer. What has converged is left as it is by later passes, and is copied once,
+// so that it is in both buffers. In new pixels and settled ones the edges of bright reflections are unknown.
+const uint FILTERING = 0u, CONVERGED = 1u, CONVERGED_IN_BOTH = 2u, EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
 
 // Eight bits a channel with the exponent of the largest. random: 30 bits, for random rounding.
@@ -26,8 +26,8 @@ uint pack_color(vec3 color, uint random) {
     color = clamp(color, 0.0, LARGEST);
     uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);
     float scale = 255.0 / 256.0 * uintBitsToFloat(261u - exponent << 23u);
-    vec3 shares = vec3(ivec3(int(random), int(random >> 10u), int(random >> 20u)) & 0x3FF) / 1024.0;
-    uvec3 codes = uvec3(ivec3(color * scale + shares));
+    vec3 dither = vec3(ivec3(int(random), int(random >> 10u), int(random >> 20u)) & 0x3FF) / 1024.0;
+    uvec3 codes = uvec3(ivec3(color * scale + dither));
     return codes.r | codes.g << 8u | codes.b << 16u | exponent << 24u;
 }
 
@@ -52,7 +52,7 @@ uvec3 pack_signals(Signals signals, uvec3 random) {
     );
 }
 
-bool is_final(uint state) { return state == FILTERED || state == IN_BOTH; }
+bool is_converged(uint state) { return state == CONVERGED || state == CONVERGED_IN_BOTH; }
 
 uint state_of(uint last_word) { return last_word >> 30u; }
 

@@ -16,7 +16,7 @@ const uint PASS_SALT = 0x6A09E667u;
 LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
     return LobeHistory(
         mix(a.radiance, b.radiance, share), mix(a.second_moment, b.second_moment, share),
-        mix(a.recent, b.recent, share), mix(a.frames, b.frames, share),
+        mix(a.fast_luminance, b.fast_luminance, share), mix(a.frames, b.frames, share),
         mix(a.inverse_distance, b.inverse_distance, share)
     );
 }
@@ -29,9 +29,10 @@ float curvature(ivec2 pixel, Guide guide) {
         ivec2 other = pixel + (any(greaterThanEqual(pixel + step, ivec2(camera.size))) ? -step : step);
         if (any(lessThan(other, ivec2(0)))) { continue; }
         Guide next = make_guide(other);
-        vec3 apart = next.position - guide.position, turned = next.normal - guide.normal;
-        bool same = next.kind == guide.kind && dot(turned, turned) < 0.1 && dot(turned, turned) > 1e-5;
-        if (same) { sum += 0.5 * dot(turned, apart) / dot(apart, apart); }
+        vec3 apart = next.position - guide.position, normal_change = next.normal - guide.normal;
+        bool same = next.kind == guide.kind && dot(normal_change, normal_change) < 0.1 && dot(normal_change,
+            normal_change) > 1e-5;
+        if (same) { sum += 0.5 * dot(normal_change, apart) / dot(apart, apart); }
     }
     return sum;
 }
@@ -39,22 +40,22 @@ float curvature(ivec2 pixel, Guide guide) {
 // The history of the specular lobe: that of the surface, or that of the reflection, which lies behind the surface.
 LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Taps at_surface) {
     LobeHistory by_surface = read_specular(at_surface);
-    if (guide.kind != SURFACE_SHOWN) { return by_surface; }
+    if (guide.kind != PRIMARY_SURFACE) { return by_surface; }
     vec3 seen_along = normalize(guide.position);
     vec3 previous_seen_along = normalize(previous.position);
     float alpha = guide.material * guide.material;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
     float normal_divergence = at_surface.normal_divergence / at_surface.weight;
     by_surface.frames /= 1.0 + square(normal_divergence / (NORMALS_OF_LOBE * max(alpha, 0.02)));
-    float turned = length(seen_along - previous_seen_along);
-    if (turned < 1e-6) { return by_surface; }
+    float view_change = length(seen_along - previous_seen_along);
+    if (view_change < 1e-6) { return by_surface; }
 
     // Light that surface motion moves along stays valid for angles within the lobe.
-    by_surface.frames /= 1.0 + square(turned / (0.05 * alpha + 0.002));
+    by_surface.frames /= 1.0 + square(view_change / (0.05 * alpha + 0.002));
     float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.material);
     if (share == 0.0 || by_surface.inverse_distance == 0.0) { return by_surface; }
-    float cosine = max(-dot(seen_along, guide.normal), 0.1), bulge = 2.0 * curvature(pixel, guide);
-    float inverse = by_surface.inverse_distance + bulge / cosine;
+    float cosine = max(-dot(seen_along, guide.normal), 0.1), twice_curvature = 2.0 * curvature(pixel, guide);
+    float inverse = by_surface.inverse_distance + twice_curvature / cosine;
     if (!(inverse > 0.0)) { return by_surface; }
     vec3 behind = seen_along / inverse;
     vec2 where = previous_pixel(guide.position + behind, previous.position + behind, pixel);
@@ -63,28 +64,29 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     LobeHistory by_reflection = read_specular(at_reflection);
     // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in
     // the previous picture is uncertain.
-    by_reflection.frames /= 1.0 + square(UNCERTAIN * bulge * pixel_width(guide.depth) / (alpha + 0.02));
+    by_reflection.frames /= 1.0 + square(VIRTUAL_POSITION_ERROR * twice_curvature * pixel_width(guide.depth)
+        / (alpha + 0.02));
     return blend(by_surface, by_reflection, share);
 }
 
 // The light of a pixel whose surface doesn't move, from where it was kept.
 void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
-    if (guide.kind != NOTHING_SHOWN && is_the_same(load_previous_guide(pixel), previous, guide, SAME_PLANE)) {
+    if (guide.kind != NO_SURFACE && is_the_same(load_previous_guide(pixel), previous, guide, SAME_PLANE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
         denoise_specular.at[index] = previous_denoise_specular.at[index];
         return;
     }
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
     AlternateHistory alternate = denoise_alternate.at[index];
-    bool returns = guide.kind != NOTHING_SHOWN
+    bool matches_alternate = guide.kind != NO_SURFACE
         && is_the_same(unpack_guide(surface_of(alternate), pixel, camera), previous, guide, PLANE_OF_ALTERNATE);
-    if (returns) { unpack_alternate(alternate, diffuse, specular); }
+    if (matches_alternate) { unpack_alternate(alternate, diffuse, specular); }
     uvec2 before = previous_denoise_guides.at[index];
-    if (kind_of(before) != NOTHING_SHOWN) {
+    if (kind_of(before) != NO_SURFACE) {
         LobeHistory diffuse_before = unpack_lobe_history(previous_denoise_diffuse.at[index]);
         LobeHistory specular_before = unpack_lobe_history(previous_denoise_specular.at[index]);
         denoise_alternate.at[index] = pack_alternate(before, diffuse_before, specular_before, rng);
-    } else if (returns) {
+    } else if (matches_alternate) {
         denoise_alternate.at[index].surface = uvec2(0u);
     }
     denoise_diffuse.at[index] = pack_lobe_history(diffuse, rng);
@@ -96,8 +98,8 @@ void main() {
     if (!is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size);
     Guide guide = make_guide(pixel);
-    if (denoise_settings.denoise == 0u) { guide.kind = NOTHING_SHOWN; }
-    bool shown = guide.kind != NOTHING_SHOWN;
+    if (denoise_settings.denoise == 0u) { guide.kind = NO_SURFACE; }
+    bool shown = guide.kind != NO_SURFACE;
     denoise_guides.at[index] = shown ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;

@@ -10,22 +10,22 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x1F83D9ABu;
 
 void add_gradient(inout Gradient sum, float value, float mean) {
-    sum.total += value - mean;
-    sum.squares += square(value - mean);
-    sum.larger += max(value, mean);
+    sum.difference_sum += value - mean;
+    sum.squared_sum += square(value - mean);
+    sum.max_sum += max(value, mean);
 }
 
 void add_pixel(inout LobeGradient cell, LobeHistory history, vec3 radiance) {
     if (!is_valid(radiance)) { return; }
     float value = luminance(radiance), mean = luminance(history.radiance);
-    float both = mix(mean, value, 1.0 / (history.frames + 1.0));
-    cell.luminance += both;
-    cell.brightest = max(cell.brightest, both);
+    float updated_mean = mix(mean, value, 1.0 / (history.frames + 1.0));
+    cell.luminance += updated_mean;
+    cell.brightest = max(cell.brightest, updated_mean);
     cell.pixels += 1.0;
-    if (history.frames < MIN_FRAMES) { return; }
+    if (history.frames < MIN_GRADIENT_FRAMES) { return; }
     cell.variance += max(history.second_moment - mean * mean, 0.0);
     add_gradient(cell.now, value, mean);
-    add_gradient(cell.recently, mix(history.recent, value, RECENT), mean);
+    add_gradient(cell.recently, mix(history.fast_luminance, value, FAST_WEIGHT), mean);
 }
 
 void main() {
@@ -36,10 +36,10 @@ void main() {
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
             uint index = y * camera.size.x + x, kind = kind_of(denoise_guides.at[index]);
-            if (kind == NOTHING_SHOWN) { continue; }
+            if (kind == NO_SURFACE) { continue; }
             add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
-            vec4 by_specular = specular_sample(index, ivec2(x, y), kind);
-            add_pixel(specular, unpack_lobe_history(denoise_specular.at[index]), by_specular.rgb);
+            vec4 specular_value = specular_sample(index, ivec2(x, y), kind);
+            add_pixel(specular, unpack_lobe_history(denoise_specular.at[index]), specular_value.rgb);
         }
     }
     uint rng = seed_rng(cell, this_frame.index, this_frame.seed ^ PASS_SALT);

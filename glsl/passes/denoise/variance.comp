@@ -25,36 +25,39 @@ void add_moments(inout Moments sum, LobeHistory lobe, float weight) {
 
 // The luminances of the reflections around a pixel.
 struct Range {
-    float brightest;  // the largest mean minus its standard deviation
-    float darkest;    // the smallest mean plus its standard deviation
+    float max_lower_bound;  // the largest mean minus its standard deviation
+    float min_upper_bound;    // the smallest mean plus its standard deviation
 };
 
 void extend(inout Range range, LobeHistory lobe) {
     if (lobe.frames == 0.0) { return; }
     float mean = luminance(lobe.radiance);
     float deviation = sqrt(max(lobe.second_moment - mean * mean, 0.0) / lobe.frames);
-    range.brightest = max(range.brightest, mean - deviation);
-    range.darkest = min(range.darkest, mean + deviation);
+    range.max_lower_bound = max(range.max_lower_bound, mean - deviation);
+    range.min_upper_bound = min(range.min_upper_bound, mean + deviation);
 }
 
 // In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black or
 // no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The history isn't limited, so
 // that this light is in the picture when more frames confirm it.
-Signal begin(LobeHistory lobe, Moments sum, float block_luminance) {
+Signal estimate_signal(LobeHistory lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
-    float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
-    float alike = sum.weight - OWN_WEIGHT, others = max(sum.mean - OWN_WEIGHT * value, 0.0) / max(alike, ALIKE);
-    float settled = min(SETTLED, float(denoise_settings.frames));
-    float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * lobe.frames * block_luminance);
-    if (value > limit && limit > 0.0 && alike > ALIKE && lobe.frames < settled) {
+    float local_mean = sum.mean / sum.weight, value = luminance(lobe.radiance);
+    float neighbor_weight = sum.weight - OWN_WEIGHT, neighbor_mean = max(sum.mean - OWN_WEIGHT * value, 0.0)
+        / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
+    float converged_frames = min(CONVERGED_FRAMES, float(denoise_settings.frames));
+    float limit = max(NEIGHBORS_LIMIT * neighbor_mean, BLOCK_LIMIT * lobe.frames * block_luminance);
+    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < converged_frames) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
-        near += OWN_WEIGHT * (limit - value) / sum.weight;
+        local_mean += OWN_WEIGHT * (limit - value) / sum.weight;
         value = limit;
     }
-    float spread = max(sum.second_moment / sum.weight - near * near, 0.0);
-    float own = max(lobe.second_moment + near * (near - 2.0 * value), 0.0);  // mean square of sample - near
-    float of_sample = (NEIGHBORHOOD * spread + lobe.frames * own) / (NEIGHBORHOOD + lobe.frames);
+    float spatial_variance = max(sum.second_moment / sum.weight - local_mean * local_mean, 0.0);
+    // mean square of sample - local_mean
+    float own_variance = max(lobe.second_moment + local_mean * (local_mean - 2.0 * value), 0.0);
+    float of_sample = (SPATIAL_VARIANCE_FRAMES * spatial_variance + lobe.frames * own_variance)
+        / (SPATIAL_VARIANCE_FRAMES + lobe.frames);
     return Signal(lobe.radiance, sqrt(of_sample / lobe.frames));
 }
 
@@ -63,20 +66,20 @@ void main() {
     if (denoise_settings.denoise == 0u || !is_inside(pixel, size)) { return; }
     uint index = pixel_index(pixel, camera.size);
     Guide guide = load_guide(pixel);
-    if (guide.kind == NOTHING_SHOWN) {
-        denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, IN_BOTH << 30u, 0u);
+    if (guide.kind == NO_SURFACE) {
+        denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, CONVERGED_IN_BOTH << 30u, 0u);
         return;
     }
     LobeHistory own_diffuse = unpack_lobe_history(denoise_diffuse.at[index]), own_specular =
         unpack_lobe_history(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
-    bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED;
-    bool knows_edges = !settled && own_specular.frames >= FEW_FRAMES;
+    bool settled = min(own_diffuse.frames, own_specular.frames) >= CONVERGED_FRAMES;
+    bool edges_known = !settled && own_specular.frames >= MIN_VARIANCE_FRAMES;
     EdgeStopping edges;
     if (!settled) {
         float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
-        edges = make_edge_stopping(guide, uncertainty, knows_edges ? UNCERTAIN_ALPHA : NARROW_ALPHA);
+        edges = make_edge_stopping(guide, uncertainty, edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_NO_EDGES);
     }
     for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
@@ -85,19 +88,20 @@ void main() {
         vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
         if (i != 4) { weights *= edge_stopping_weights(edges, denoise_guides.at[at], step); }
         add_moments(diffuse, unpack_lobe_history(denoise_diffuse.at[at]), weights.x);
-        LobeHistory reflected = unpack_lobe_history(denoise_specular.at[at]);
-        add_moments(specular, reflected, weights.y);
-        if (weights.x > ALIKE && i != 4) { extend(range, reflected); }
+        LobeHistory other_specular = unpack_lobe_history(denoise_specular.at[at]);
+        add_moments(specular, other_specular, weights.y);
+        if (weights.x > MIN_NEIGHBOR_WEIGHT && i != 4) { extend(range, other_specular); }
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
-    uint state = knows_edges ? 0u : NARROW;
-    Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), state);
+    uint state = edges_known ? FILTERING : EDGES_UNKNOWN;
+    Signals signals = Signals(estimate_signal(own_diffuse, diffuse, block.x), estimate_signal(own_specular, specular,
+        block.y), state);
     // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With a
     // deviation no larger than the dark side's light, the blur doesn't spread the bright side's over it.
-    if (knows_edges && range.brightest > luminance(own_specular.radiance)) {
-        begun.specular.deviation = min(begun.specular.deviation, range.darkest);
+    if (edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
+        signals.specular.deviation = min(signals.specular.deviation, range.min_upper_bound);
     }
     vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
-    denoise_ping.at[index] = uvec4(pack_signals(begun, random.xyz), pack_two(means.x, means.y, random.w));
+    denoise_ping.at[index] = uvec4(pack_signals(signals, random.xyz), pack_two(means.x, means.y, random.w));
 }

@@ -19,26 +19,26 @@ layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct PathState {
     uint rng;
-    uint state;  // number of rays | number of them that left mirrors << 8 | REFLECTS_ONLY | LEAVES_DIFFUSELY
-    LobeRadiance first_weight;  // with the tint of the first ray's passage
+    uint state;  // number of rays | number of them that left mirrors << 8 | SPECULAR_ONLY | DIFFUSE_AT_FIRST_HIT
+    LobeRadiance tinted_first_weight;  // path.first_weight times the transmittance of the first ray
     vec3 throughput;
     vec3 direction;
     uint instance;
     uint triangle;
     vec2 barycentrics;
-    float squared_slope;
-    float spread;
+    float inverse_pdf_sum;
+    float footprint;
     float cone_width;
     uint medium;
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
-// The indices of the pixels whose paths wait: for rounds with even index, then for those with odd index.
+// The indices of the pixels whose paths wait: for waves with even index, then for those with odd index.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
 layout(set = 1, scalar) buffer PathsWaveBlock {
     IndirectDispatch size;
     uint index;
-    uint count;    // of paths that go on in this round
-    uint queued;  // of paths that wait for the next round, so far
+    uint count;    // of paths that go on in this wave
+    uint queued;  // of paths that wait for the next wave, so far
     uint sample_index;  // which path of each pixel is traced now, from 0
 } paths_wave;
 
@@ -47,8 +47,8 @@ layout(set = 1, scalar) buffer PathsWaveBlock {
 // What a path offers to its pixel's reservoir.
 struct ReservoirCandidate {
     uvec4 light;         // a point of a light, as PathReservoir.point
-    float light_weight;  // an estimate of the luminance that the pixel's surface reflects of lights
-    float hit_weight;    // one over the density of the first ray's direction; 0 without a hit
+    float light_resampling_weight;  // the target function times the unbiased contribution weight
+    float hit_contribution_weight;    // unbiased contribution weight: one over the first ray's pdf; 0 without a hit
     vec3 position;       // of the first hit, moved off its surface
     uint normal;
     uint instance;
@@ -62,7 +62,7 @@ struct PathReservoir {
     uvec4 point;
     vec3 radiance;     // of a hit, towards the pixel
     float confidence;  // in frames
-    float weight;      // an estimate of one over the sample's density; 0 when no light was found
+    float weight;      // unbiased contribution weight (W in the paper); 0 when no light was found
     uint instance;     // of the hit; NO_INDEX for a light
 };
 layout(set = 1, scalar) buffer PathsTemporalReservoirsBlock {

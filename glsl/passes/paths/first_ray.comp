@@ -23,7 +23,7 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     path.vertex = make_vertex(surface);
     path.medium_below = medium_below(surface.instance, surface.material);
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
-    path.choice = fract(choice + unit_float(bitfieldReverse(sample_index)));
+    path.lobe_choice = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);
     path.u = sobol_point(this_frame.index, sequence + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
@@ -50,7 +50,7 @@ void main() {
     if (paths_reuse) { light = write_candidate(path, index, surface.material.perceptual_roughness); }
     if (goes_on) { store_path_state(path, index, 1u); }
     Demodulation by = demodulation(surface);
-    vec2 distances = path.diffuse_first ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
+    vec2 distances = path.first_ray_is_diffuse ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
     vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), distances.x);
     vec4 specular = vec4(light.specular / by.specular / float(samples), distances.y);
     if (sample_index > 0u) {

@@ -1,4 +1,4 @@
-// The next ray of each path that waits; in the last round all rays that are left.
+// The next ray of each path that waits; in the last wave all rays that are left.
 #version 460
 #include "generated/passes/paths.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -18,14 +18,14 @@ void main() {
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 
     bool goes_on;
-    do { goes_on = advance(path); } while (goes_on && paths_wave.index == LAST_ROUND);
+    do { goes_on = advance(path); } while (goes_on && paths_wave.index == LAST_WAVE);
     if (goes_on) { store_path_state(path, index, paths_wave.index + 1u); }
 
     GBufferSurface surface = load_gbuffer(pixel);
     LobeRadiance light = path_light(path);
     if (paths_reuse) {
         paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
-        LobeRadiance reusable_radiance = indirect_light(path, path.reusable_radiance);
+        LobeRadiance reusable_radiance = apply_first_weight(path, path.reusable_radiance);
         light.specular += kept_specular(reusable_radiance, surface.material.perceptual_roughness);
     }
     Demodulation by = demodulation(surface);

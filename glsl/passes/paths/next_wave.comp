@@ -1,4 +1,4 @@
-// Begins a round: as many threads as paths wait. Round 0 is that of the first rays.
+// Begins a wave: as many threads as paths wait. Wave 0 is that of the first rays.
 #version 460
 #include "passes/paths/bindings.glsl"
 

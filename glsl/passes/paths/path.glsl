@@ -1,6 +1,7 @@
-// A path through the scene, from a vertex to where it ends: in the world cache, where nothing is, or by chance. Light
-// samples and BRDF samples are weighted by the power heuristic, as in the reference path tracer (Veach 1997), whose
-// mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
+// A path through the scene: from the first vertex, the surface that the pixel shows (x1 in papers, found by the
+// G-buffer), along the first ray to the first hit (x2), and on to where it ends: in the world cache, where nothing is,
+// or by chance. Light samples and BRDF samples are weighted by the power heuristic, as in the reference path tracer
+// (Veach 1997), whose mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
@@ -9,40 +10,40 @@
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
 
-// Paths end in a cell of the world cache when the last ray is longer than the diagonal of the cell, and when the path
-// has spread as far as the rays of a diffuse surface do on that length.
+// Paths end in a cell of the world cache when the last ray is longer than the diagonal of the cell, and when the path's
+// footprint is as wide as that of the rays of a diffuse surface do on that length.
 const float MIN_RAY_IN_CELLS = 1.7320508;
-const float MIN_SPREAD_IN_CELLS = 3.0699801;  // sqrt(3 pi)
+const float MIN_FOOTPRINT_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 
 // Whether pixels share light through reservoirs: passes/paths/reservoir.glsl.
 layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // where the path is; it goes on from here
-    Walk walk;                    // along the last ray; its throughput is that since the first ray
+    Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
     Medium medium_below;          // on the other side of the vertex
-    bool reflects_only;           // the cache stands for the diffuse lobe of the vertex
+    bool specular_only;           // the cache stands for the diffuse lobe of the vertex
     uint bounce;                  // rays traced so far
-    uint mirrors;                 // of them, those that left mirrors
-    LobeRadiance first_weight;           // BRDF times cosine over pdf of the first ray
-    // of the first ray to its end, which tints `radiance` and `reusable_radiance`
-    RayTransmittance first_transmittance;
-    LightAlongRay first_along_ray;     // along the first ray
-    vec3 radiance;                // found so far where the first ray ended, without `reusable_radiance`
+    uint specular_bounces;        // of them, those that delta lobes sampled
+    LobeRadiance first_weight;    // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
+    RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
+    LightAlongRay first_along_ray;
+    vec3 radiance;                // that arrives from the first hit, without `reusable_radiance`
     // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
     vec3 reusable_radiance;
-    bool leaves_diffusely;
+    bool diffuse_at_first_hit;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
-    LobeRadiance direct;  // reflected light of the light sample at the first vertex, without its transmittance
+    LobeRadiance direct;          // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
-    bool diffuse_first;           // whether the diffuse lobe proposed the first ray
-    float squared_slope, spread;  // the spread grows by the slope for each meter
+    bool first_ray_is_diffuse;           // whether the diffuse lobe proposed the first ray
+    // The footprint of the path, in meters: the root of the sum of one over the pdfs of its directions, in steradians,
+    // times the length of each ray. Müller et al., "Real-time Neural Radiance Caching for Path Tracing" (2021).
+    float inverse_pdf_sum, footprint;
     uint lifetime;                // of the cells that the path asks, in frames
-    // What the first vertex samples with: a number of light samples, and random numbers for the direction as
-    // sample_brdf takes them.
+    // What the first vertex samples with: the candidates of its light sample, and the random numbers of its direction.
     uint candidates;
-    float choice;
+    float lobe_choice;
     vec2 u;
     uint rng;
 };
@@ -53,25 +54,25 @@ Path start_path(uint rng) {
     path.walk = start_walk(vec3(0.0), vec3(0.0));
     path.hit = NO_HIT;
     path.medium_below = NO_MEDIUM;
-    path.reflects_only = false;
-    path.bounce = path.mirrors = 0u;
+    path.specular_only = false;
+    path.bounce = path.specular_bounces = 0u;
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = path.reusable_radiance = vec3(0.0);
     path.first_transmittance = FULL_TRANSMITTANCE;
     path.first_along_ray = NO_LIGHT_ALONG_RAY;
     path.direct_transmittance = vec3(1.0);
-    path.leaves_diffusely = false;
+    path.diffuse_at_first_hit = false;
     path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
-    path.diffuse_first = true;
-    path.squared_slope = path.spread = 0.0;
+    path.first_ray_is_diffuse = true;
+    path.inverse_pdf_sum = path.footprint = 0.0;
     path.lifetime = world_cache_settings.lifetime;
     path.candidates = min(paths_settings.candidates, scene_info.part_count);
     path.rng = rng;
     return path;
 }
 
-// What the first vertex reflects of a radiance where the first ray ended.
-LobeRadiance indirect_light(Path path, vec3 radiance) {
+// What the first vertex reflects of a radiance that leaves the first hit.
+LobeRadiance apply_first_weight(Path path, vec3 radiance) {
     return scale(path.first_weight, path.first_transmittance.tint * radiance);
 }
 
@@ -83,12 +84,12 @@ LobeRadiance path_light(Path path) {
     return LobeRadiance(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
-void add_light(inout Path path, vec3 light, bool leaves_diffusely) {
-    if (paths_reuse && leaves_diffusely) { path.reusable_radiance += light; } else { path.radiance += light; }
+void add_light(inout Path path, vec3 light, bool diffuse_at_first_hit) {
+    if (paths_reuse && diffuse_at_first_hit) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
 // The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
-float light_probability(Brdf brdf) {
+float next_event_probability(Brdf brdf) {
     bool by_reflection = brdf.mirror && brdf.specular_probability == 1.0;
     return by_reflection || scene_info.light_count == 0u ? 0.0 : mix(1.0, brdf.perceptual_roughness, brdf.metallic);
 }
@@ -96,7 +97,7 @@ float light_probability(Brdf brdf) {
 // The weight of a BRDF sample by lobe.
 LobeRadiance lobe_weights(Vertex vertex, BrdfSample next) {
     if (next.pdf == INFINITY) { return LobeRadiance(vec3(0.0), next.weight); }
-    return next.pdf > 0.0 ? scale(evaluate_lobes(vertex, next.wi), vec3(1.0 / next.pdf)) : NO_LIGHT;
+    return next.pdf > 0.0 ? scale(lobes_times_cosine(vertex, next.wi), vec3(1.0 / next.pdf)) : NO_LIGHT;
 }
 
 // Whether the specular lobe is so broad that the cache stands for it too.
@@ -105,9 +106,9 @@ bool is_rough(ResolvedMaterial material) {
 }
 
 // Moves the path to the surface that its last ray hit.
-void arrive(inout Path path, inout ResolvedRayHitFull surface) {
+void make_path_vertex(inout Path path, inout ResolvedRayHitFull surface) {
     path.medium_below = medium_below(path.hit.instance, surface.material);
-    regularize(surface.material, path.squared_slope);
+    regularize(surface.material, path.inverse_pdf_sum);
     path.vertex = make_vertex(
         surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
         -path.walk.direction
@@ -121,8 +122,8 @@ void arrive(inout Path path, inout ResolvedRayHitFull surface) {
 bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     if (frame_settings.world_cache == 0u || always_reflects(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
-    bool far = path.hit.t > MIN_RAY_IN_CELLS * cell_size && path.spread > MIN_SPREAD_IN_CELLS * cell_size;
-    if (!far && path.bounce < paths_settings.bounces + path.mirrors) { return true; }
+    bool far = path.hit.t > MIN_RAY_IN_CELLS * cell_size && path.footprint > MIN_FOOTPRINT_IN_CELLS * cell_size;
+    if (!far && path.bounce < paths_settings.bounces + path.specular_bounces) { return true; }
     WorldCacheResult cached = query_cell_of_size(
         surface.world_position, surface.geometric_world_normal, cell_size, path.lifetime, path.rng
     );
@@ -130,76 +131,77 @@ bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
     bool rough = is_rough(surface.material);
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
-    add_light(path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance), path.leaves_diffusely
+    add_light(path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance), path.diffuse_at_first_hit
         || path.bounce == 1u);
-    float share = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
-    if (rough || !(rand_f(path.rng) < share)) { return false; }
-    path.walk.throughput /= share;
-    path.reflects_only = true;
+    float specular_probability = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
+    if (rough || !(rand_f(path.rng) < specular_probability)) { return false; }
+    path.walk.throughput /= specular_probability;
+    path.specular_only = true;
     return true;
 }
 
 // Samples a light and the next direction at the path's vertex, and moves the path to the next vertex. Returns false
 // when the path has ended.
 bool advance(inout Path path) {
-    if (path.reflects_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
-    path.reflects_only = false;
+    if (path.specular_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
+    path.specular_only = false;
     Brdf brdf = path.vertex.brdf;
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
     if (!first) {
         candidates = min(paths_settings.later_candidates, scene_info.part_count);
-        path.choice = rand_f(path.rng);
+        path.lobe_choice = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
     }
-    float probability = light_probability(brdf);
-    float density = probability * float(candidates);
-    DrawnLight drawn;
-    drawn.light = NO_LIGHT;
+    float probability = next_event_probability(brdf);
+    float light_samples = probability * float(candidates);  // expected, for each BRDF sample
+    RisLightSample event;
+    event.light = NO_LIGHT;
     if (rand_f(path.rng) < probability) {
-        drawn = draw_light(path.vertex, candidates, density, path.rng);
-        drawn.light = scale(drawn.light, path.walk.throughput / probability);
+        event = sample_light_by_ris(path.vertex, candidates, light_samples, path.rng);
+        event.light = scale(event.light, path.walk.throughput / probability);
     }
 
-    BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.choice, path.u);
+    BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.lobe_choice, path.u);
     if (first) {
         path.first_weight = lobe_weights(path.vertex, next);
-        path.diffuse_first = next.diffuse;
+        path.first_ray_is_diffuse = next.diffuse;
         next.weight = vec3(1.0);
     } else if (paths_reuse && path.bounce == 1u) {
         // The path goes on for one of the lobes.
         LobeRadiance weights = lobe_weights(path.vertex, next);
-        float share = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
-        path.leaves_diffusely = rand_f(path.rng) < share;
-        next.weight = path.leaves_diffusely ? weights.diffuse / share : weights.specular / (1.0 - share);
+        float diffuse_probability = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
+        path.diffuse_at_first_hit = rand_f(path.rng) < diffuse_probability;
+        next.weight = path.diffuse_at_first_hit ? weights.diffuse / diffuse_probability
+            : weights.specular / (1.0 - diffuse_probability);
     }
     Medium medium = path.walk.medium;
     bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.medium_below);
     path.walk.origin = ray_origin(path.vertex, path.walk.direction);
-    path.walk.bounce_pdf = density > 0.0 ? next.pdf / density : INFINITY;
-    path.squared_slope += 1.0 / next.pdf;
+    path.walk.bounce_pdf = light_samples > 0.0 ? next.pdf / light_samples : INFINITY;
+    path.inverse_pdf_sum += 1.0 / next.pdf;
     path.bounce += 1u;
-    path.mirrors += next.pdf == INFINITY && path.mirrors < MAX_MIRRORS ? 1u : 0u;
-    float carried = max_component(sum(indirect_light(path, path.walk.throughput)));
+    path.specular_bounces += next.pdf == INFINITY && path.specular_bounces < MAX_SPECULAR_BOUNCES ? 1u : 0u;
+    float carried = max_component(sum(apply_first_weight(path, path.walk.throughput)));
     goes_on = goes_on && survives(path.walk, carried, path.bounce, path.rng);
 
-    if (max_component(sum(drawn.light)) > 0.0) {
+    if (max_component(sum(event.light)) > 0.0) {
         count_ray();
-        vec3 to_light = aim_light(drawn.light_sample, path.vertex.position).world_position;
-        if (!is_at_infinity(drawn.light_sample.kind)) { to_light -= path.vertex.position; }
-        bool through = SCENE_GLASS && dot(to_light, path.vertex.geometric_normal) < 0.0;
+        vec3 to_light = light_sample_seen_from(event.light_sample, path.vertex.position).world_position;
+        if (!is_at_infinity(event.light_sample.kind)) { to_light -= path.vertex.position; }
+        bool transmits = SCENE_GLASS && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
-        vec3 visible = trace_light(from, through ? path.medium_below : medium, drawn.light_sample);
+        vec3 visible = trace_light(from, transmits ? path.medium_below : medium, event.light_sample);
         if (visible != vec3(0.0)) {
             if (first) {
-                path.direct = drawn.light;
+                path.direct = event.light;
                 path.direct_transmittance = visible;
-                path.direct_sample = drawn.chosen;
+                path.direct_sample = event.chosen;
             } else if (path.bounce == 2u) {
-                add_light(path, drawn.light.diffuse * visible, true);
-                add_light(path, drawn.light.specular * visible, false);
+                add_light(path, event.light.diffuse * visible, true);
+                add_light(path, event.light.specular * visible, false);
             } else {
-                add_light(path, sum(drawn.light) * visible, path.leaves_diffusely);
+                add_light(path, sum(event.light) * visible, path.diffuse_at_first_hit);
             }
         }
     }
@@ -209,22 +211,22 @@ bool advance(inout Path path) {
     count_rays(segment.rays);
     path.hit = segment.hit;
     if (first) {
-        path.first_along_ray = segment.passed;
-        path.first_transmittance = segment.through;
-        segment.passed = NO_LIGHT_ALONG_RAY;
-        segment.through = FULL_TRANSMITTANCE;
+        path.first_along_ray = segment.along_ray;
+        path.first_transmittance = segment.transmittance;
+        segment.along_ray = NO_LIGHT_ALONG_RAY;
+        segment.transmittance = FULL_TRANSMITTANCE;
     }
-    vec3 found = vec3(0.0);
-    bool arrives = pass_segment(path.walk, segment, found);
-    add_light(path, found, path.leaves_diffusely);
-    if (!arrives) { return false; }
-    path.spread += sqrt(path.squared_slope) * path.hit.t;
-    ResolvedRayHitFull surface = arrive(path.walk, path.hit);
+    vec3 emitted = vec3(0.0);
+    bool hits = accumulate_segment(path.walk, segment, emitted);
+    add_light(path, emitted, path.diffuse_at_first_hit);
+    if (!hits) { return false; }
+    path.footprint += sqrt(path.inverse_pdf_sum) * path.hit.t;
+    ResolvedRayHitFull surface = resolve_surface(path.walk, path.hit);
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
     float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.walk.direction);
-    add_light(path, emitted_light(path.walk, surface, light_pdf), path.leaves_diffusely);
-    arrive(path, surface);
-    return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.mirrors;
+    add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_first_hit);
+    make_path_vertex(path, surface);
+    return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.specular_bounces;
 }
 
 #endif

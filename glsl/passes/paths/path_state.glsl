@@ -1,4 +1,4 @@
-// Paths that wait for their next ray. They go on in rounds, each a dispatch over those that are left, because threads
+// Paths that wait for their next ray. They go on in waves, each a dispatch over those that are left, because threads
 // that run together would otherwise wait for the few among them with long paths: Laine, Karras and Aila, "Megakernels
 // Considered Harmful: Wavefront Path Tracing on GPUs" (2013).
 #ifndef PASSES_PATHS_PATH_STATE_GLSL
@@ -7,20 +7,21 @@
 #include "passes/paths/bindings.glsl"
 #include "passes/paths/path.glsl"
 
-const uint REFLECTS_ONLY = 0x80000000u;
-const uint LEAVES_DIFFUSELY = 0x40000000u;
+const uint SPECULAR_ONLY = 0x80000000u;
+const uint DIFFUSE_AT_FIRST_HIT = 0x40000000u;
 
-// The first entry of a round's list.
+// The first entry of a wave's queue.
 uint queue_begin(uint wave_index) { return wave_index % 2u * (paths_ray_queues.at.length() / 2u); }
 
 void store_path_state(Path path, uint pixel_index, uint wave_index) {
-    uint state = path.bounce | path.mirrors << 8u | (path.reflects_only ? REFLECTS_ONLY : 0u)
-        | (path.leaves_diffusely ? LEAVES_DIFFUSELY : 0u);
+    uint state = path.bounce | path.specular_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
+        | (path.diffuse_at_first_hit ? DIFFUSE_AT_FIRST_HIT : 0u);
     uint row = atomicAdd(paths_wave.queued, 1u);
     paths_ray_queues.at[queue_begin(wave_index) + row] = pixel_index;
     paths_states.at[pixel_index] = PathState(
-        path.rng, state, indirect_light(path, vec3(1.0)), path.walk.throughput, path.walk.direction, path.hit.instance,
-        path.hit.triangle, path.hit.barycentrics, path.squared_slope, path.spread, path.walk.cone_width,
+        path.rng, state, apply_first_weight(path, vec3(1.0)), path.walk.throughput, path.walk.direction,
+            path.hit.instance,
+        path.hit.triangle, path.hit.barycentrics, path.inverse_pdf_sum, path.footprint, path.walk.cone_width,
         path.walk.medium.material
     );
 }
@@ -30,21 +31,21 @@ Path load_path_state(uint pixel_index) {
     PathState state = paths_states.at[pixel_index];
     Path path = start_path(state.rng);
     path.bounce = state.state & 0xFFu;
-    path.mirrors = state.state >> 8u & 0xFFu;
-    path.leaves_diffusely = (state.state & LEAVES_DIFFUSELY) != 0u;
-    path.reflects_only = (state.state & REFLECTS_ONLY) != 0u;
-    path.first_weight = state.first_weight;
+    path.specular_bounces = state.state >> 8u & 0xFFu;
+    path.diffuse_at_first_hit = (state.state & DIFFUSE_AT_FIRST_HIT) != 0u;
+    path.specular_only = (state.state & SPECULAR_ONLY) != 0u;
+    path.first_weight = state.tinted_first_weight;
     path.walk.throughput = state.throughput;
     path.walk.direction = state.direction;
     path.hit = Hit(0.0, state.instance, state.triangle, state.barycentrics, false);
-    path.squared_slope = state.squared_slope;
-    path.spread = state.spread;
+    path.inverse_pdf_sum = state.inverse_pdf_sum;
+    path.footprint = state.footprint;
     path.walk.cone_width = state.cone_width;
     path.walk.medium = Medium(state.medium);
     ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.walk.direction, path.walk.cone_width);
-    vec3 counted = vec3(1.0);  // already
-    remove_straight_transmission(path.hit, path.walk.direction, surface.material, counted);
-    arrive(path, surface);
+    vec3 discarded = vec3(1.0);  // the stored throughput has it already
+    remove_straight_transmission(path.hit, path.walk.direction, surface.material, discarded);
+    make_path_vertex(path, surface);
     return path;
 }
 

@@ -19,10 +19,10 @@
 // Shifts that change a solid angle by more than this factor are refused: their weights would be outliers.
 const float MAX_JACOBIAN = 8.0;
 
-// A sample's light at a surface, without occlusion and transmittance, which targets leave out.
-struct SharedLight {
-    LobeRadiance light;   // to be multiplied by the sample's weight
-    float target;  // its luminance
+// The target function of a sample at a surface: without occlusion and transmittance.
+struct TargetLight {
+    LobeRadiance light;   // integrand: to be multiplied by the sample's unbiased contribution weight
+    float target;         // its luminance
 };
 
 const PathReservoir EMPTY_RESERVOIR = PathReservoir(uvec4(0u), vec3(0.0), 0.0, 0.0, NO_INDEX);
@@ -36,44 +36,44 @@ Vertex make_vertex(GBufferSurface surface) {
 }
 
 // Whether the specular lobe takes light from reservoirs. Samples of a smoother lobe are of no use to other pixels.
-bool shares_specular(float perceptual_roughness) { return perceptual_roughness >= restir_settings.roughness; }
+bool reuses_specular(float perceptual_roughness) { return perceptual_roughness >= restir_settings.roughness; }
 
-LobeRadiance shared_lobes(LobeRadiance lobes, float perceptual_roughness) {
-    return LobeRadiance(lobes.diffuse, shares_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
+LobeRadiance reused_lobes(LobeRadiance lobes, float perceptual_roughness) {
+    return LobeRadiance(lobes.diffuse, reuses_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
 }
 
 // The light of the specular lobe that goes to the pixel at once.
 vec3 kept_specular(LobeRadiance light, float perceptual_roughness) {
-    return shares_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
+    return reuses_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
 }
 
 bool is_hit(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
 vec3 hit_position(PathReservoir reservoir) { return uintBitsToFloat(reservoir.point.xyz); }
 vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservoir.point.w); }
 
-ResolvedLightSample light_point(PathReservoir reservoir) {
+ResolvedLightSample resolve_light_key(PathReservoir reservoir) {
     uvec4 point = reservoir.point;
     LightSource light = light_sources.at[point.x];
     return resolve_light(light.kind, light.index, point.y, uintBitsToFloat(point.zw), 1.0);
 }
 
-SharedLight reflect_sample(Vertex vertex, PathReservoir reservoir) {
-    SharedLight nothing = SharedLight(NO_LIGHT, 0.0);
+TargetLight evaluate_target(Vertex vertex, PathReservoir reservoir) {
+    TargetLight nothing = TargetLight(NO_LIGHT, 0.0);
     if (!(reservoir.weight > 0.0)) { return nothing; }
     vec3 direction, received;
     if (is_hit(reservoir)) {
         direction = safe_normalize(hit_position(reservoir) - vertex.position, vec3(0.0));
         received = reservoir.radiance;
     } else {
-        LightContribution light = calculate_resolved_light_contribution(light_point(reservoir), vertex.position);
+        LightContribution light = calculate_resolved_light_contribution(resolve_light_key(reservoir), vertex.position);
         direction = light.wi;
-        received = light.received_radiance * light.inverse_pdf;
+        received = light.radiance_times_geometry * light.inverse_pdf;
     }
     vec3 wi = direction * vertex.frame;
-    if (!is_possible(wi.z, direction, vertex.geometric_normal)) { return nothing; }
-    LobeRadiance lobes = evaluate_lobes(vertex, wi);
-    LobeRadiance light = scale(shared_lobes(lobes, vertex.brdf.perceptual_roughness), received);
-    return SharedLight(light, luminance(sum(light)));
+    if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal)) { return nothing; }
+    LobeRadiance lobes = lobes_times_cosine(vertex, wi);
+    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.perceptual_roughness), received);
+    return TargetLight(light, luminance(sum(light)));
 }
 
 // The solid angle of a piece of the hit's surface seen from `to`, over that seen from `from`; 1 for points of lights.
@@ -90,29 +90,29 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
 }
 
 // The share of a sample's light that reaches a vertex.
-vec3 transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
-    vec3 segment;
+vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
+    vec3 to_sample;
     float t_max = 1.0;
     if (is_hit(reservoir)) {
-        segment = hit_position(reservoir) - vertex.origin;
+        to_sample = hit_position(reservoir) - vertex.origin;
         // ends before the point by the rounding error of a ray of this length
-        segment += hit_normal(reservoir) * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
+        to_sample += hit_normal(reservoir) * (16.0 * ROUNDING_UNIT * max_component(abs(to_sample)));
     } else {
-        ResolvedLightSample light = light_point(reservoir);
+        ResolvedLightSample light = resolve_light_key(reservoir);
         bool at_infinity = is_at_infinity(light.kind);
-        segment = at_infinity ? light.world_position : light_segment(vertex.origin, light);
+        to_sample = at_infinity ? light.world_position : light_segment(vertex.origin, light);
         t_max = at_infinity ? INFINITY : 1.0;
     }
     count_ray();
-    if (in_previous_frame) { return trace_previous_transmittance(vertex.origin, segment, t_max); }
-    return trace_transmittance(vertex.origin, segment, t_max);
+    if (in_previous_frame) { return trace_previous_transmittance(vertex.origin, to_sample, t_max); }
+    return trace_transmittance(vertex.origin, to_sample, t_max);
 }
 
 bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
-    return transmittance(vertex, reservoir, in_previous_frame) != vec3(0.0);
+    return trace_sample_transmittance(vertex, reservoir, in_previous_frame) != vec3(0.0);
 }
 
-// A pixel's reservoir after a merge, and the light of both samples, each by its share.
+// A pixel's reservoir after a merge, and the light of both samples, each by its MIS weight.
 struct Merge {
     PathReservoir reservoir;
     LobeRadiance light;
@@ -126,31 +126,31 @@ Merge merge_reservoirs(
     Vertex here, PathReservoir own, Vertex there, PathReservoir other, bool there_in_previous_frame,
     vec2 other_confidence, float choice
 ) {
-    SharedLight own_light = reflect_sample(here, own), other_light = reflect_sample(here, other);
-    float own_share = 1.0, other_share = 0.0;
+    TargetLight own_light = evaluate_target(here, own), other_light = evaluate_target(here, other);
+    float own_mis_weight = 1.0, other_mis_weight = 0.0;
     if (own_light.target > 0.0) {
-        float elsewhere = reflect_sample(there, own).target * shift_jacobian(here, there, own);
-        own_share = balance_heuristic(own.confidence * own_light.target, other_confidence.x * elsewhere);
-        if (own_share < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_share = 1.0; }
+        float elsewhere = evaluate_target(there, own).target * shift_jacobian(here, there, own);
+        own_mis_weight = balance_heuristic(own.confidence * own_light.target, other_confidence.x * elsewhere);
+        if (own_mis_weight < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_mis_weight = 1.0; }
     }
     // Only spatial reuse takes the light.
     if (SCENE_BLEND && own_light.target > 0.0 && !there_in_previous_frame) {
-        own_light.light = scale(own_light.light, transmittance(here, own, false));
+        own_light.light = scale(own_light.light, trace_sample_transmittance(here, own, false));
     }
     if (other_light.target > 0.0) {
         float jacobian = shift_jacobian(there, here, other);
-        other_share = balance_heuristic(
-            other_confidence.y * reflect_sample(there, other).target, own.confidence * other_light.target * jacobian
+        other_mis_weight = balance_heuristic(
+            other_confidence.y * evaluate_target(there, other).target, own.confidence * other_light.target * jacobian
         );
         other.weight *= jacobian;
-        if (other_share * jacobian > 0.0) {
-            vec3 arriving = transmittance(here, other, false);
-            if (arriving == vec3(0.0)) { other_share = 0.0; }
+        if (other_mis_weight * jacobian > 0.0) {
+            vec3 arriving = trace_sample_transmittance(here, other, false);
+            if (arriving == vec3(0.0)) { other_mis_weight = 0.0; }
             other_light.light = scale(other_light.light, arriving);
         }
     }
 
-    float own_weight = own_share * own.weight, other_weight = other_share * other.weight;
+    float own_weight = own_mis_weight * own.weight, other_weight = other_mis_weight * other.weight;
     Merge merged;
     merged.light = LobeRadiance(
         own_light.light.diffuse * own_weight + other_light.light.diffuse * other_weight,

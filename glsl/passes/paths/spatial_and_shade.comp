@@ -12,7 +12,7 @@ const uint PASS_SALT = 0x51ED270Bu;
 
 float sample_distance(Vertex vertex, PathReservoir reservoir) {
     if (is_hit(reservoir)) { return distance(vertex.origin, hit_position(reservoir)); }
-    ResolvedLightSample light = light_point(reservoir);
+    ResolvedLightSample light = resolve_light_key(reservoir);
     return is_at_infinity(light.kind) ? INFINITY : distance(vertex.origin, light.world_position);
 }
 
@@ -41,7 +41,7 @@ void main() {
         if (merged.reservoir.weight > 0.0) {
             float distance = sample_distance(vertex, merged.reservoir);
             paths_diffuse.at[index].w = distance;
-            if (shares_specular(surface.material.perceptual_roughness)) { paths_specular.at[index].w = distance; }
+            if (reuses_specular(surface.material.perceptual_roughness)) { paths_specular.at[index].w = distance; }
         }
     }
     paths_reservoirs.at[index] = merged.reservoir;

@@ -10,12 +10,13 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x9E1C5A37u;
 
 PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
-    PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_weight, NO_INDEX);
+    PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_resampling_weight, NO_INDEX);
     uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);
-    PathReservoir hit = PathReservoir(point, candidate.radiance, 1.0, candidate.hit_weight, candidate.instance);
-    float light_target = reflect_sample(vertex, light).target, hit_target = reflect_sample(vertex, hit).target;
-    float hit_luminance = hit_target * candidate.hit_weight;
-    float luminance_sum = candidate.light_weight + hit_luminance;
+    PathReservoir hit = PathReservoir(point, candidate.radiance, 1.0, candidate.hit_contribution_weight,
+        candidate.instance);
+    float light_target = evaluate_target(vertex, light).target, hit_target = evaluate_target(vertex, hit).target;
+    float hit_luminance = hit_target * candidate.hit_contribution_weight;
+    float luminance_sum = candidate.light_resampling_weight + hit_luminance;
     bool takes_hit = choice * luminance_sum < hit_luminance;
     PathReservoir chosen = takes_hit ? hit : light;
     float target = takes_hit ? hit_target : light_target;

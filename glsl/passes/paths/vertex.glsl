@@ -29,11 +29,12 @@ Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 
 
 // Where rays that go in a direction leave the vertex.
 vec3 ray_origin(Vertex vertex, vec3 direction) {
-    bool through = SCENE_GLASS && dot(direction, vertex.geometric_normal) < 0.0;
-    return through ? 2.0 * vertex.position - vertex.origin : vertex.origin;
+    bool transmits = SCENE_GLASS && dot(direction, vertex.geometric_normal) < 0.0;
+    return transmits ? 2.0 * vertex.position - vertex.origin : vertex.origin;
 }
 
-LobeRadiance evaluate_lobes(Vertex vertex, vec3 wi) {
+// BRDF times cosine, by lobe.
+LobeRadiance lobes_times_cosine(Vertex vertex, vec3 wi) {
     return LobeRadiance(
         evaluate_diffuse_brdf(vertex.brdf, vertex.wo, wi), evaluate_specular_brdf(vertex.brdf, vertex.wo, wi)
     );
@@ -42,8 +43,8 @@ LobeRadiance evaluate_lobes(Vertex vertex, vec3 wi) {
 // Makes surfaces rougher that a path reaches after a spread lobe. Otherwise light that a mirror throws on a diffuse
 // surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for
 // Holistic and Robust Light Transport" (2013).
-void regularize(inout ResolvedMaterial material, float squared_slope) {
-    float least = min(1.0, 0.5 * sqrt(squared_slope)) * paths_settings.regularization;
+void regularize(inout ResolvedMaterial material, float inverse_pdf_sum) {
+    float least = min(1.0, 0.5 * sqrt(inverse_pdf_sum)) * paths_settings.regularization;
     if (SCENE_LAYERS) { material.lobes.coat_roughness = max(material.lobes.coat_roughness, sqrt(least)); }
     if (material.roughness >= least) { return; }
     material.roughness = least;
@@ -53,17 +54,17 @@ void regularize(inout ResolvedMaterial material, float squared_slope) {
 // ---- light samples -----------------------------------------------------------------------------------
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `density` is the number of light samples that compete with one BRDF sample.
-LobeRadiance reflect_light(Vertex vertex, ResolvedLightSample light_sample, float density) {
+// samples. `light_samples` is their expected number for each BRDF sample: n in Veach's multi-sample heuristics.
+LobeRadiance evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample, float light_samples) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
     vec3 wi = light.wi * vertex.frame;
-    if (!is_possible(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
-    float mis_weight = power_heuristic(density * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
-    return scale(evaluate_lobes(vertex, wi), light.received_radiance * mis_weight * light.inverse_pdf);
+    if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
+    float mis_weight = power_heuristic(light_samples * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
+    return scale(lobes_times_cosine(vertex, wi), light.radiance_times_geometry * mis_weight * light.inverse_pdf);
 }
 
 // A light sample that waits for its shadow ray.
-struct DrawnLight {
+struct RisLightSample {
     LightSample chosen;
     ResolvedLightSample light_sample;
     LobeRadiance light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
@@ -73,25 +74,25 @@ Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame
 
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
 // samples of lights, chosen by the luminance that the vertex reflects without occlusion.
-DrawnLight draw_light(Vertex vertex, uint candidates, float density, inout uint rng) {
-    DrawnLight drawn;
-    drawn.light = NO_LIGHT;
+RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_samples, inout uint rng) {
+    RisLightSample event;
+    event.light = NO_LIGHT;
     float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
         ChosenLight light = choose_light(receiver(vertex), rng);
         uint part = choose_part(light_sources.at[light.index], rng);
         LightSample light_sample = LightSample(light.index, part, rand_u(rng));
         ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
-        LobeRadiance reflected = reflect_light(vertex, resolved, density);
+        LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
         float weight = luminance(sum(reflected));
         if (choose_weighted(weight_sum, weight, rng)) {
-            drawn = DrawnLight(light_sample, resolved, reflected);
+            event = RisLightSample(light_sample, resolved, reflected);
             chosen_weight = weight;
         }
     }
     float inverse_share = chosen_weight > 0.0 ? weight_sum / (float(candidates) * chosen_weight) : 0.0;
-    drawn.light = scale(drawn.light, vec3(inverse_share));
-    return drawn;
+    event.light = scale(event.light, vec3(inverse_share));
+    return event;
 }
 
 // The density in solid angle with which a vertex samples the point of a light where a ray has met it.

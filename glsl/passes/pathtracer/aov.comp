@@ -16,7 +16,7 @@ void main() {
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
-    uvec2 blend_point = random_blend_point(rng);
+    uvec2 blend_point = random_alpha_seed(rng);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);
     aov_instance_id.at[index] = hit.instance;
     if (hit.instance == NO_INDEX) {

@@ -49,11 +49,11 @@ void main() {
             radiance = vec3(0.0);
         }
 
-        Segment segment = trace_segment(walk, NO_RECEIVER, rng);
+        Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
         rays += segment.rays;
-        path_ended = !pass_segment(walk, segment, radiance);
+        path_ended = !accumulate_segment(walk, segment, radiance);
         if (!path_ended) {
-            ResolvedRayHitFull surface = arrive(walk, segment.hit);
+            ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
             if (bounce == 0u) {
                 radiance += shown_emission(surface);
             } else {

@@ -48,7 +48,7 @@ void main() {
     Hit hit = Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false);
     uint flags = any_hit ? TRACE_ANY_HIT : TRACE_BOTH_FACES;
     uint rng = seed_rng(uvec2(ray_batch.number + INVOCATION_INDEX.x, 0u), 0u, ray_batch.seed);
-    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, flags, random_blend_point(rng)); }
+    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, flags, random_alpha_seed(rng)); }
     // A single write: two of them cost a software device 5 % of its rays a second.
     TracedHit traced = TracedHit(INFINITY, NO_INDEX, NO_INDEX, vec2(0.0), 0u, vec3(0.0), vec3(0.0));
     if (hit.instance != NO_INDEX) {

@@ -1,9 +1,9 @@
-// The numbers of antialiasing. Those without a source of their own were chosen together, by the errors in the section
-// "Antialiasing and upscaling" of docs/denoising.md.
+// The numbers of antialiasing. Those without a source of their own were chosen together, by the errors that
+// `solari-vk bench denoise` measures.
 #ifndef PASSES_TAA_CONSTANTS_GLSL
 #define PASSES_TAA_CONSTANTS_GLSL
 
-// ---- samples; measured: docs/denoising.md, "Pixels that are new" --------------------------------------
+// ---- samples ------------------------------------------------------------------------------------------
 
 // Standard deviations of the Gaussian of a first sample, in pixels of the picture.
 const float SOFTNESS = 0.5, SOFTNESS_OF_BLENDED = 1.0;

@@ -61,7 +61,7 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
     LightContribution light = calculate_resolved_light_contribution(light_sample, hit.world_position);
     float cosine = dot(light.wi, hit.geometric_world_normal);
-    vec3 irradiance = light.received_radiance * (light.inverse_pdf * cosine);
+    vec3 irradiance = light.radiance_times_geometry * (light.inverse_pdf * cosine);
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
     count_ray();

@@ -22,7 +22,7 @@ void main() {
     path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
     path.vertex.brdf = white_diffuse_brdf();
     path.candidates = world_cache_settings.candidates;
-    path.choice = rand_f(path.rng);
+    path.lobe_choice = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);
     path.walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
     path.lifetime = world_cache_samples.at[thread].life;

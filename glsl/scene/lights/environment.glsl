@@ -64,7 +64,7 @@ float emission_cosine_environment(uint data, float cosine) { return 1.0; }
 
 uint shown_id_environment(uint index) { return ~index - 0x10000u; }
 
-MetLight meet_environment(uint index, vec3 direction) {
+LightHit evaluate_environment(uint index, vec3 direction) {
     Environment map = environments.at[index];
     vec3 local = direction * map.world_from_map;
     float polar_sine = length(local.xz);
@@ -73,8 +73,8 @@ MetLight meet_environment(uint index, vec3 direction) {
     uvec2 texel = min(uvec2(max(position, 0.0)), map.size - 1u);
     uint part = texel.y * map.size.x + texel.x;
     float probability = map.choices.at[part].probability;
-    if (!(probability > 0.0)) { return NO_MET_LIGHT; }  // black, with its neighbors
-    return MetLight(
+    if (!(probability > 0.0)) { return NO_LIGHT_HIT; }  // black, with its neighbors
+    return LightHit(
         environment_radiance(map, position), texel_solid_angle(map, polar_sine) / probability, part,
         clamp(position - vec2(texel), 0.0, 1.0), INFINITY
     );

@@ -50,7 +50,7 @@ ResolvedLightSample resolve_sphere(uint index, uint part, vec2 u, float inverse_
     );
 }
 
-ResolvedLightSample aim_sphere(ResolvedLightSample light_sample, vec3 receiver) {
+ResolvedLightSample seen_from_sphere(ResolvedLightSample light_sample, vec3 receiver) {
     PunctualLight light = sphere_lights.at[light_sample.data];
     SphereCone cone = sphere_cone(light, receiver);
     float along = dot(light_sample.world_normal, cone.axis);
@@ -72,19 +72,19 @@ float emission_cosine_sphere(uint index, float cosine) { return 1.0; }
 
 uint shown_id_sphere(uint index) { return 0xC0000000u + index; }
 
-MetLight cross_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
+LightHit intersect_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
     PunctualLight light = sphere_lights.at[index];
     SphereCone cone = sphere_cone(light, origin);
     vec3 difference = direction - cone.axis;
     float one_minus_cos = 0.5 * dot(difference, difference);  // precise for small spheres too
-    if (!(one_minus_cos < cone.one_minus_cos && cone.falloff > 0.0)) { return NO_MET_LIGHT; }
+    if (!(one_minus_cos < cone.one_minus_cos && cone.falloff > 0.0)) { return NO_LIGHT_HIT; }
     float t = sphere_distance(light, cone, one_minus_cos);
-    if (!(t < t_max)) { return NO_MET_LIGHT; }
+    if (!(t < t_max)) { return NO_LIGHT_HIT; }
     float along = 1.0 - 2.0 * one_minus_cos / cone.one_minus_cos;
     vec3 sideways = safe_normalize(direction - cone.axis * (1.0 - one_minus_cos), vec3(0.0));
     vec3 on_unit_sphere = along * cone.axis + safe_sqrt(1.0 - square(along)) * sideways;
     vec2 u = cone_numbers(SPHERE_POLE, 2.0, on_unit_sphere, 1.0 - on_unit_sphere.z);
-    return MetLight(light.strength * cone.falloff, 2.0 * PI * cone.one_minus_cos, 0u, u, t);
+    return LightHit(light.strength * cone.falloff, 2.0 * PI * cone.one_minus_cos, 0u, u, t);
 }
 
 #endif

@@ -17,7 +17,7 @@ struct Receiver {
 };
 
 // Chooses lights by power, wherever they are.
-const Receiver NO_RECEIVER = Receiver(vec3(0.0), vec3(0.0));
+const Receiver CHOSEN_BY_POWER = Receiver(vec3(0.0), vec3(0.0));
 
 struct ChosenLight {
     uint index;

@@ -11,7 +11,7 @@ struct LightSample {
 
 struct ResolvedLightSample {
     uint kind;
-    uint data;            // what the kind stores for emission_cosine and aim_light
+    uint data;            // what the kind stores for emission_cosine and light_sample_seen_from
     vec3 world_position;  // for kinds at infinity, the direction to the light
     vec3 world_normal;
     float ray_offset;
@@ -20,7 +20,7 @@ struct ResolvedLightSample {
 };
 
 // What a ray sees of a light at infinity, or of one that it passes.
-struct MetLight {
+struct LightHit {
     vec3 radiance;
     float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light
     uint part;          // the part of the light that the ray meets
@@ -28,6 +28,6 @@ struct MetLight {
     float t;            // where the ray meets it; INFINITY for lights at infinity
 };
 
-const MetLight NO_MET_LIGHT = MetLight(vec3(0.0), 0.0, 0u, vec2(0.0), INFINITY);
+const LightHit NO_LIGHT_HIT = LightHit(vec3(0.0), 0.0, 0u, vec2(0.0), INFINITY);
 
 #endif

@@ -13,12 +13,12 @@ choose between the kinds. Each NAME.glsl defines:
         cosine between its normal and the direction to the receiver.
     uint shown_id_NAME(uint index)
         A number that stays the same while other lights are added and removed; debug views give each number a color.
-    MetLight meet_NAME(uint index, vec3 direction)
+    LightHit evaluate_NAME(uint index, vec3 direction)
         Kinds at infinity only: what a ray in this direction meets if it meets no surface.
-    MetLight pass_NAME(uint index, vec3 origin, vec3 direction, float t_max)
+    LightHit intersect_NAME(uint index, vec3 origin, vec3 direction, float t_max)
         Kinds that rays pass only: what a ray of this length sees of the light.
-    ResolvedLightSample aim_NAME(ResolvedLightSample light_sample, vec3 receiver)
-        Kinds that are aimed only: what a resolved sample is to one receiver, if that isn't the same for all.
+    ResolvedLightSample seen_from_NAME(ResolvedLightSample light_sample, vec3 receiver)
+        Kinds that depend on the receiver only: what a resolved sample is to one receiver.
 
 `index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
 buffer, in set 0. tests/proofs/lights/test_light_kinds.py adds two kinds in this way.
@@ -52,8 +52,8 @@ class LightKind:
 
     name: part of the names of files, functions and constants in GLSL. source: the class of the scene's objects, of
     which the kind is those that `holds` takes. met_by_rays: where rays meet such a light without having chosen it:
-    AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. aimed: whether there is an aim_NAME.
-    buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its instance's row.
+    AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. depends_on_receiver: whether there
+    is a seen_from_NAME. buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its instance's row.
     power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an emissive surface, for
     all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves when the light does,
     None for instances, whose geometry says it. bounds: the box around the light, min and max (2, 3) in meters; None for
@@ -68,7 +68,7 @@ class LightKind:
     record: Callable[[Any], dict[str, Any]] = lambda light: {}
     position: Callable[[Any], NDArray[np.float64]] | None = None
     bounds: Callable[[Any], NDArray[np.float64]] | None = None
-    aimed: bool = False
+    depends_on_receiver: bool = False
     holds: Callable[[Any], bool] = lambda light: True
 
 
@@ -116,7 +116,7 @@ def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight],
         record=_punctual_record,
         position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if light.falloff[0] else 0.0),
         bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
-        aimed=True,
+        depends_on_receiver=True,
         holds=holds,
     )  # fmt: skip
 
@@ -169,9 +169,9 @@ def glsl_header() -> str:
         _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
         _choose("float emission_cosine", "float cosine", every, argument="data"),
         _choose("uint shown_id", "", every),
-        _choose("MetLight meet_light", "vec3 direction", met[AT_INFINITY]),
-        _choose("MetLight cross_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
-        _aim([kind for kind in LIGHT_KINDS if kind.aimed]),
+        _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
+        _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
+        _seen_from([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
     ])
 
 
@@ -195,10 +195,11 @@ def _choose(function: str, parameters: str, kinds: list[LightKind], argument: st
     return "\n".join([f"{function}({declared}) {{", *lines, unconditional, "}"])
 
 
-def _aim(kinds: list[LightKind]) -> str:
+def _seen_from(kinds: list[LightKind]) -> str:
     """A function that calls the own ones of some kinds, and returns samples of all others as they are."""
     lines = [
-        f"if ({_is(kind, 'light_sample.kind')}) {{ return aim_{kind.name}(light_sample, receiver); }}" for kind in kinds
+        f"if ({_is(kind, 'light_sample.kind')}) {{ return seen_from_{kind.name}(light_sample, receiver); }}"
+        for kind in kinds
     ]
-    head = "ResolvedLightSample aim_light(ResolvedLightSample light_sample, vec3 receiver) {"
+    head = "ResolvedLightSample light_sample_seen_from(ResolvedLightSample light_sample, vec3 receiver) {"
     return "\n".join([head, *lines, "return light_sample;", "}"])

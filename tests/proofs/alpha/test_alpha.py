@@ -322,12 +322,12 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "light takes colors": (check_colored_light, Bug(
         ALPHA, "attenuate_by_cover(inout RayTransmittance through, vec4", "through.probability *= 1.0 - cover.w;")),
     "lamps behind panes": (check_lamps, Bug(
-        "scene/walk.glsl", "pass_segment", "segment.passed.radiance = segment.passed.for_reservoir; "
+        "scene/walk.glsl", "accumulate_segment", "segment.along_ray.radiance = segment.along_ray.untinted; "
         "return correct(walk, segment, radiance);")),
     "masks cover pixels": (check_mask, Bug(
         ALPHA, "is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint", "return true;")),
     "one seed for all rays": (check_random_numbers, Bug(
-        "scene/trace.glsl", "random_blend_point", "return uvec2(7u);")),
+        "scene/trace.glsl", "random_alpha_seed", "return uvec2(7u);")),
     "frames are independent": (check_even_frames, Bug(
         "passes/gbuffer/pixel.glsl", "pixel_blend_point",
         "return pcg4d(uvec4(correct(pixel), this_frame.index, 0u)).xy;")),

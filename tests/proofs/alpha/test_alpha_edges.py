@@ -34,10 +34,10 @@ void main() {{
     vec3 direction = vec3(AIMS[aim], -1.0), tint = vec3(0.0);
     uint hits = 0u, seen = 0u;
     for (uint ray = 0u; ray < RAYS; ray++) {{
-        Hit hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_BOTH_FACES, random_blend_point(rng));
-        tint += trace_transmittance_and_chance(vec3(0.0), direction, 9.0, hit).tint;
+        Hit hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_BOTH_FACES, random_alpha_seed(rng));
+        tint += trace_transmittance_and_probability(vec3(0.0), direction, 9.0, hit).tint;
         hits += hit.instance != NO_INDEX ? 1u : 0u;
-        hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_FRONT_FACES, random_blend_point(rng));
+        hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_FRONT_FACES, random_alpha_seed(rng));
         seen += hit.instance != NO_INDEX ? 1u : 0u;
     }}
     vec3 transmittance = trace_transmittance(vec3(0.0), direction, 9.0);

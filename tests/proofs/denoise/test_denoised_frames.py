@@ -273,5 +273,5 @@ def test_black_surfaces(device):
 # ---- the checks can fail ------------------------------------------------------------------------------
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "error falls: blur without end": (check_errors, Bug("passes/denoise/constants.glsl", "TOLERANCE", "1e3")),
+    "error falls: blur without end": (check_errors, Bug("passes/denoise/constants.glsl", "SIGMA_LUMINANCE", "1e3")),
 })  # fmt: skip

@@ -175,7 +175,7 @@ def check_turns(device):
 TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
 BUGS = {
     "even light": (check_even_light, Bug(
-        BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, is_filtered);")),
+        BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_converged);")),
     "estimated errors": (check_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.5")),
     "outliers": (check_outliers, Bug(BLUR, "add_neighbor", "correct(sum, center, other, difference, weight, false);")),
     "histories": (check_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),

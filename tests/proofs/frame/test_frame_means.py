@@ -133,7 +133,7 @@ def test_white_furnace(device, ball, lighting):
 @each_lighting
 @pytest.mark.parametrize("name", ["sphere_grid", "mirror_hall"])
 def test_glossy_scenes(device, name, lighting):
-    """The denoiser gets a larger picture: it blurs the light of what is few pixels wide (docs/denoising.md)."""
+    """The denoiser gets a larger picture: it blurs the light of what is few pixels wide."""
     size, runs = ((96, 96), 4) if lighting.get("denoise") else ((32, 32), 16)
     scene, effort = sv.builtin(name), Effort(runs, 24, 12)
     expected = trace(device, scene, 512, size, max_bounces=64)

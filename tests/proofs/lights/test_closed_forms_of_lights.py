@@ -186,8 +186,8 @@ SPHERE, FALLOFF = "scene/lights/sphere.glsl", ("scene/lights/punctual.glsl", "pu
 
 def meeting_spheres(change):
     """A bug in the light that a ray meets."""
-    met = "MetLight met = correct(index, origin, direction, t_max)"
-    return Bug(SPHERE, "cross_sphere", f"{met}; {change}; return met;")
+    met = "LightHit met = correct(index, origin, direction, t_max)"
+    return Bug(SPHERE, "intersect_sphere", f"{met}; {change}; return met;")
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
@@ -196,7 +196,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 4.0 * correct(hit, ray_direction, ray_t);")),
     "a textured lamp": (over_floor("a lamp with a bright spot"), Bug(
         CHOICE, "choose_part", "return rand_range_u(light.part_count, rng);")),
-    "a sun": (over_floor("a wide sun"), Bug(SAMPLING, "met_radiance", "return correct(met, 0.5, bounce_pdf);")),
+    "a sun": (over_floor("a wide sun"), Bug(SAMPLING, "light_hit_radiance", "return correct(met, 0.5, bounce_pdf);")),
     "points have no density": (over_floor("a point light"), Bug(SAMPLING, "is_met_by_rays", "return true;")),
     "a range": (over_floor("a point light with a range"), Bug(
         *FALLOFF, "light.inverse_range = 0.0; return correct(light, direction, distance);")),

@@ -221,7 +221,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     BACKGROUND: (measure_mirror, Bug(
         LIGHT, "environment_radiance", "return correct(map, round(position));")),
     MIRROR: (measure_mirror, Bug(
-        LIGHT, "meet_environment", "return correct(index, -direction);")),
+        LIGHT, "evaluate_environment", "return correct(index, -direction);")),
     DIRECTIONS: (measure_texels, Bug(
         LIGHT, "texel_solid_angle", "return 1.01 * correct(map, polar_sine);")),
     EVEN: (measure_texels, Bug(
@@ -232,5 +232,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
     NOISE: (lambda device: measure_sun(device, 128), Bug(
         "scene/lights/choice.glsl", "has_equal_parts", "return true;")),
     MEANS: (lambda device: measure_means(device, FAST), Bug(
-        "scene/sampling.glsl", "met_radiance", "return 0.5 * correct(met, choice_probability, bounce_pdf);")),
+        "scene/sampling.glsl", "light_hit_radiance", "return 0.5 * correct(met, choice_probability, bounce_pdf);")),
 }, quick=(EVEN,))  # fmt: skip

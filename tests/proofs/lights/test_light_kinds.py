@@ -92,8 +92,8 @@ ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_pro
 }
 float emission_cosine_sky(uint data, float cosine) { return 1.0; }
 uint shown_id_sky(uint index) { return 2000u + index; }
-MetLight meet_sky(uint index, vec3 direction) {
-    return MetLight(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0), INFINITY);
+LightHit evaluate_sky(uint index, vec3 direction) {
+    return LightHit(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0), INFINITY);
 }
 #endif
 """}  # fmt: skip

@@ -194,12 +194,13 @@ PATH, VERTEX = "passes/paths/path.glsl", "passes/paths/vertex.glsl"
 one, several, cached = (functools.partial(brief, kind) for kind in ("one", "several", "cached"))
 test_a_seeded_bug_is_noticed = bug_tests({
     # light samples without MIS weight, hits without it
-    ONE: (one, Bug(VERTEX, "reflect_light", "return correct(vertex, light_sample, 1e9 * density);")),
+    ONE: (one, Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, 1e9 * light_samples);")),
     ONE_TILES: (one, Bug(VERTEX, "hit_light_pdf", "return 0.0;")),
     # several light samples are weighted as one
-    SEVERAL_TILES: (several, Bug(VERTEX, "reflect_light", "return correct(vertex, light_sample, min(density, 1.0));")),
+    SEVERAL_TILES: (several, Bug(
+        VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, min(light_samples, 1.0));")),
     # the diffuse lobe is in the cache and followed
-    CACHED: (cached, Bug(PATH, "ask_world_cache", "bool goes_on = correct(path, surface); path.reflects_only = false; "
+    CACHED: (cached, Bug(PATH, "ask_world_cache", "bool goes_on = correct(path, surface); path.specular_only = false; "
                          "return goes_on;")),
     SEQUENCE: (measure_sequence, Bug("passes/paths/first_ray.comp", "start_path", "Path path = correct(pixel, surface, "
                                      "sample_index); path.u = rand_vec2f(path.rng); return path;")),

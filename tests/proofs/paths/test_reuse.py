@@ -133,7 +133,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     REUSED_TILES: (stressed, Bug(RESERVOIR, "shift_jacobian",
                                  "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
     LESS_NOISE: (measure_noise, Bug(RESERVOIR, "hit_normal", "return -correct(reservoir);")),
-    NO_LAG: (measure_lag, Bug(RESERVOIR, "transmittance", "return correct(vertex, reservoir, false);")),
+    NO_LAG: (measure_lag, Bug(RESERVOIR, "trace_sample_transmittance", "return correct(vertex, reservoir, false);")),
     "what was removed: the previous frame counts whole": (check_removal, Bug(
         "passes/paths/temporal.comp", "previous_confidence", "return confidence;")),
 })  # fmt: skip

@@ -40,7 +40,7 @@ float di_weight(GBufferSurface surface, ResolvedLightSample resolved) {
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
     vec3 brdf = INVERSE_PI * color + specular_target(surface, resolved.kind, dielectric_f0, light.wi);
-    return min(luminance(brdf * light.received_radiance) * (cosine * light.inverse_pdf), 1.0 / MIN_DI_TARGET);
+    return min(luminance(brdf * light.radiance_times_geometry) * (cosine * light.inverse_pdf), 1.0 / MIN_DI_TARGET);
 }
 
 // The target of a sample with this weight.

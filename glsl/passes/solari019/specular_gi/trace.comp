@@ -49,12 +49,12 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
     uint visited = 0u, mirrors = 0u;
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
-        Segment segment = trace_segment(walk, NO_RECEIVER, rng);
+        Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
         count_rays(segment.rays);
-        if (!pass_segment(walk, segment, radiance)) { return radiance; }
+        if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
-        ResolvedRayHitFull surface = arrive(walk, segment.hit);
+        ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
         remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
         radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, ray_t));
 
@@ -69,7 +69,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         }
         // Differs from Solari: where the cache has no value, the path continues.
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
-        if (mirrors > MAX_MIRRORS) { return radiance; }
+        if (mirrors > MAX_SPECULAR_BOUNCES) { return radiance; }
         if (!end.found && visited >= max_visited) {
             end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng));
         }

@@ -94,6 +94,6 @@ void main() {
     results.at[i * RESULT_COUNT + 1u] = MODE == MODE_DRAW ? drawn.weight : evaluate_diffuse_brdf(brdf, wo, drawn.wi);
     results.at[i * RESULT_COUNT + 2u] = vec3(pdf, drawn.pdf, brdf.specular_probability);
     results.at[i * RESULT_COUNT + 3u] = MODE == MODE_DRAW
-        ? evaluate_brdf(brdf, wo, drawn.wi)
+        ? brdf_times_cosine(brdf, wo, drawn.wi)
         : evaluate_specular_brdf(brdf, wo, drawn.wi);
 }

@@ -5,14 +5,14 @@
 
 layout(local_size_x = 64) in;
 
-struct DrawnLight {
+struct RisLightSample {
     uint light;
     float probability;
 };
 
 layout(set = 1, scalar) readonly buffer ReceiversBlock { Receiver at[]; } receivers;
 // The same number of draws for each receiver, receiver by receiver.
-layout(set = 1, scalar) writeonly buffer DrawnBlock { DrawnLight at[]; } drawn;
+layout(set = 1, scalar) writeonly buffer DrawnBlock { RisLightSample at[]; } drawn;
 // Of each light, receiver by receiver.
 layout(set = 1, scalar) writeonly buffer ProbabilitiesBlock { float at[]; } probabilities;
 
@@ -21,7 +21,7 @@ void main() {
     if (i < drawn.at.length()) {
         uint rng = seed_rng(uvec2(i, 5u), 0u, 17u);
         ChosenLight chosen = choose_light(receivers.at[i / (drawn.at.length() / receivers.at.length())], rng);
-        drawn.at[i] = DrawnLight(chosen.index, chosen.probability);
+        drawn.at[i] = RisLightSample(chosen.index, chosen.probability);
     }
     if (i < probabilities.at.length()) {
         uint light_count = scene_info.light_count;
