@@ -52,12 +52,12 @@ class LightKind:
 
     name: part of the names of files, functions and constants in GLSL. source: the class of the scene's objects, of
     which the kind is those that `holds` takes. met_by_rays: where rays meet such a light without having chosen it:
-    AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. depends_on_receiver: whether there
-    is a seen_from_NAME. buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its instance's row.
-    power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an emissive surface, for
-    all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves when the light does,
-    None for instances, whose geometry says it. bounds: the box around the light, min and max (2, 3) in meters; None for
-    instances and lights at infinity.
+    AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. depends_on_receiver: whether there is a
+    seen_from_NAME. buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its
+    instance's row. power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an
+    emissive surface, for all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves
+    when the light does, None for instances, whose geometry says it. bounds: the box around the light, min and max (2,
+    3) in meters; None for instances and lights at infinity.
     """
 
     name: str
