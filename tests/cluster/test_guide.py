@@ -16,6 +16,16 @@ from solari_vk.cluster.device_session import Opening
 from solari_vk.measure import cluster
 
 ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs/guides/clusters.md").read_text(), re.M | re.S)
+SPAWN = """
+if __name__ == "__main__":
+    import multiprocessing
+    here = Views()
+    here[0]
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        for index, picture in enumerate(pool.map(Views().__getitem__, range(3))):
+            assert (picture == here[index]).all()
+"""
 
 
 @pytest.fixture
@@ -31,13 +41,18 @@ def run_program(any_device, tmp_path):
 
 @pytest.mark.slow
 def test_the_program_runs(run_program, tmp_path):
-    (program,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs/guides/clusters.md").read_text(), re.M | re.S)
+    program, _ = PROGRAMS
     small = program.replace("(160, 90)", "(16, 9)").replace("samples=64", "samples=2")
     done = run_program(small + "    assert picture.samples == 2\n")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "reference.exr").stat().st_size > 0
     names = {path.name for path in (tmp_path / "views").iterdir()}
     assert names == {"0.exr", "1.exr", "2.exr", "ledger.jsonl"}
+
+
+def test_views_are_the_same_in_processes_of_ones_own(run_program):
+    done = run_program("import solari_vk as sv\n" + PROGRAMS[1] + SPAWN)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
@@ -70,5 +85,5 @@ def test_the_measurement_runs(any_device, tmp_path, monkeypatch, capsys):
     command = ["bench", "cluster", "--workers", "2", "--views", "4", "--size", "8x8", "--samples", "1", "--simulate"]
     assert main([*command, "--markdown", str(page)]) == 0, capsys.readouterr().err
     rows = [line.split("|")[1:-1] for line in page.read_text().splitlines() if line.startswith("| 2 |")]
-    assert [len(row) for row in rows] == [7, 4]
+    assert [len(row) for row in rows] == [6, 2, 4]
     assert all(float(cell) > 0 for row in rows for cell in row)

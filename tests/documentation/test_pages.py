@@ -247,5 +247,5 @@ def test_names_that_pages_give_are_there():
         assert name in FIELDS, name
     variables = set(re.findall(r"^\| `(SOLARI_VK_\w+)`", text_of(DOCS / "reference/cli.md"), re.M))
     sources = "".join(text_of(path) for path in (ROOT / "solari_vk").rglob("*.py"))
-    assert variables == set(re.findall(r"SOLARI_VK_[A-Z]+", sources))
+    assert variables == set(re.findall(r"SOLARI_VK_[A-Z]+(?:_[A-Z]+)*", sources))
     assert json.loads(blocks(DOCS / "guides/animation.md", "json")[0])

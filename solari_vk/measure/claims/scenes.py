@@ -32,9 +32,9 @@ def street() -> Scene:
     return scene
 
 
-def ball_in_white() -> Scene:
+def ball_in_white(perceptual_roughness: float = 0.6, metallic: float = 0.0) -> Scene:
     """A white ball in a black sphere that glows with radiance 1: nothing of the picture may differ from 1."""
     sky = Instance(mesh=shapes.sphere(8.0, 24), material=lamp(1.0, double_sided=True), name="white")
-    white = Material(base_color=rgb(1), perceptual_roughness=0.6, metallic=0.0, name="ball")
+    white = Material(base_color=rgb(1), perceptual_roughness=perceptual_roughness, metallic=metallic, name="ball")
     ball = Instance(mesh=shapes.sphere(1.0, 96), material=white, name="ball")
     return Scene(sky, ball, Camera.look_at((0, 0, 6), (0, 0, 0), vertical_fov=2 * math.asin(1.02 / 6)))
