@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import stat
 import tempfile
@@ -10,10 +11,12 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from solari_vk.budget import charge
 from solari_vk.errors import SolariError
 
+LARGEST_JSON = 2**26
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 
 
@@ -35,6 +38,17 @@ def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
         raise SolariError(f"{who}: can't be read: {getattr(error, 'strerror', None) or error}") from None
     except (MemoryError, OverflowError):
         raise SolariError(f"{who}: too large for this machine's memory") from None
+
+
+def read_json(path: Path, who: str) -> Any:
+    """The values of a JSON file of at most 64 MiB. Raises SolariError for what isn't one."""
+    data = read_regular(path, who, LARGEST_JSON + 1)
+    if len(data) > LARGEST_JSON:
+        raise SolariError(f"{who}: has more than {LARGEST_JSON >> 20} MiB: split it")
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise SolariError(f"{who}: not JSON: {error}") from None
 
 
 @contextmanager

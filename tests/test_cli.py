@@ -534,3 +534,17 @@ def test_lists_name_every_setting_and_view(capsys):
     assert all(f"  {name}=" in said for name in FIELDS)
     assert main(["views"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(DEBUG_VIEWS)
+
+
+@pytest.mark.parametrize("option", ["--camera", "--environment", "--animate", "--cameras", ""])
+@pytest.mark.parametrize("kind", ["a pipe that nobody writes", "a device without an end"])
+def test_inputs_that_are_no_regular_files_are_refused_at_once(any_device, tmp_path, capsys, option, kind):
+    path, endless = tmp_path / "input.hdr", kind != "a pipe that nobody writes"
+    path.symlink_to("/dev/zero") if endless else os.mkfifo(path)
+    command = "dataset" if option == "--cameras" else "render"
+    out = tmp_path / ("movie.mp4" if option == "--animate" else "x.png")
+    arguments = [BOX, option, str(path)] if option else [str(path)]
+    assert main([command, *arguments, "-o", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert str(path) in said
+    assert len(said.splitlines()) == 1

@@ -12,6 +12,7 @@ from pathlib import Path
 import solari_vk as sv
 from solari_vk.cli.jobs import MovieJob, SceneOptions
 from solari_vk.errors import SolariError
+from solari_vk.files import read_json
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit
 from solari_vk.scene.model import Animation, Camera, Scene
 from solari_vk.scene.surroundings import surround
@@ -137,10 +138,11 @@ def _find_camera(scene: Scene, text: str) -> Camera:
         return scene.cameras[index]
     if text in scene.cameras:
         return scene.cameras[text]
+    where = f"--camera {text}: neither a camera's name, nor a pose, nor a file of one"
     try:
-        pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
-    except (OSError, ValueError, RecursionError) as error:
-        raise SolariError(f"--camera {text}: not a camera's name, a pose as JSON or a file of one ({error})") from None
+        pose = json.loads(text) if text.lstrip().startswith("{") else read_json(Path(text), where)
+    except (ValueError, RecursionError) as error:
+        raise SolariError(f"--camera {text}: not a pose as JSON ({error})") from None
     try:
         return Camera.from_pose(pose)
     except SolariError as error:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solari_vk.cluster.tasks import Style, View
 from solari_vk.errors import SolariError
-from solari_vk.files import write_whole
+from solari_vk.files import read_json, write_whole
 from solari_vk.output.animation import MAX_CAMERAS, orbit
 from solari_vk.scene.framing import ROOM_FOV, extent, find_room, fit, trace
 from solari_vk.scene.model import Camera, Scene
@@ -79,10 +79,7 @@ def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> 
 
 
 def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
-    try:
-        given = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise SolariError(f"--cameras {path}: neither orbit nor random, nor a JSON file of poses: {error}") from None
+    given = read_json(path, f"--cameras {path}: neither orbit nor random, nor a JSON file of poses")
     poses = _poses_of_nerf(given, path, aspect) if isinstance(given, dict) else given
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.files import read_regular
+from solari_vk.files import read_json
 from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
 from solari_vk.scene.model import Camera
 
@@ -65,10 +64,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
 
 
 def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]]:
-    try:
-        items = json.loads(read_regular(path, str(path)))
-    except (ValueError, RecursionError) as error:
-        raise SolariError(f"{path}: can't be read as a camera path in JSON: {error}") from None
+    items = read_json(path, f"{path}: a camera path")
     if not isinstance(items, list) or len(items) < 2 or not all(isinstance(item, dict) for item in items):
         raise SolariError(f"{path}: a camera path is a JSON list of at least two poses")
     timed = sum("time" in item for item in items)
