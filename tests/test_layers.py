@@ -25,8 +25,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 WINGS = {"scene", "bound"}
 LIBRARY = {
-    "budget", "color", "disk_cache", "errors", "files", "settings", "output", "passes", "rt", "frame", "first_hits",
-    "rendered", "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
+    "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
+    "first_hits", "rendered", "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "output": {"color", "errors", "files", "gpu.shaders", "scene"},
     "budget": {"errors"},
     "files": {"budget", "errors"},
+    "folder_lock": {"errors", "files"},
     "disk_cache": {"errors", "files"},
     "gpu.device": {"disk_cache", "errors"},
     "gpu.shaders": {"disk_cache", "errors"},

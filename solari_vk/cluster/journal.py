@@ -19,6 +19,7 @@ from solari_vk.cluster.tasks import RenderTask
 from solari_vk.cluster.worker_pool import TICK_SECONDS, WorkerPool
 from solari_vk.errors import SolariError
 from solari_vk.files import cannot_be, write_whole
+from solari_vk.folder_lock import lock_folder
 from solari_vk.scene.model import Camera, Scene
 
 LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a new file to another machine
@@ -27,12 +28,13 @@ LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a
 class Journal:
     """The tasks whose files are in the journal's folder, one JSON line each, with the SHA-256 of each file.
 
-    made_of: what all tasks of the folder have in common, by name. Raises SolariError for a journal of other pictures,
-    and for one that can't be read.
+    made_of: what all tasks of the folder have in common, by name. As long as the object lives, no other process can
+    open it. Raises SolariError if another one has, for a journal of other pictures, and for one that can't be read.
     """
 
     def __init__(self, path: Path, made_of: dict[str, Any]) -> None:
         self._path = path
+        self._lock = lock_folder(path.with_name(f"{path.name}.lock"))
         self._files: dict[str, dict[str, str]] = {}  # by the keys of the tasks
         head = json.loads(_as_json({"made_of": made_of}))
         lines = self._read_lines()

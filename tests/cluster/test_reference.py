@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 
 import numpy as np
@@ -185,5 +186,5 @@ def test_the_command_renders_with_workers(pool, tmp_path, capsys):
     code = main([*command, "-o", str(tmp_path / "picture.exr")])
     said = capsys.readouterr().err
     assert code == 0, said
-    assert "with 2 workers, each with" in said
+    assert re.search("with (1 worker|2 workers, each) with", said)  # those that have answered by then
     assert "4 samples a pixel" in said

@@ -1,0 +1,45 @@
+"""Two processes never write into one folder of pictures, and a dead one's lock is taken over."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from solari_vk.cluster.journal import Journal
+from solari_vk.errors import SolariError
+
+HOLD = """
+import sys
+from pathlib import Path
+from solari_vk.cluster.journal import Journal
+journal = Journal(Path(sys.argv[1]), {"scene": 1})
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def held(tmp_path):
+    """A process that has the journal open."""
+    command = [sys.executable, "-c", HOLD, str(tmp_path / "ledger.jsonl")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "held\n"
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, None])
+def test_a_folder_has_one_owner(tmp_path, held, end):
+    path = tmp_path / "ledger.jsonl"
+    with pytest.raises(SolariError, match=rf"process {held.pid} on \S+ writes into it: wait for it"):
+        Journal(path, {"scene": 1})
+    held.stdin.close() if end is None else held.send_signal(end)
+    held.wait()
+    journal = Journal(path, {"scene": 1})
+    again = Journal(path, {"scene": 1})  # of the same process
+    assert {file.name for file in tmp_path.iterdir()} == {"ledger.jsonl", "ledger.jsonl.lock"}
+    del journal, again
+    assert {file.name for file in tmp_path.iterdir()} == {"ledger.jsonl"}
