@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import sys
 import warnings
 from pathlib import Path
@@ -36,9 +37,26 @@ def folder() -> Path | None:
         return None
 
 
+def _trusted_folder() -> Path | None:
+    """The folder; None, with a warning, where other users could put shaders of theirs into it."""
+    base = folder()
+    try:
+        found = base.stat() if base is not None and hasattr(os, "getuid") else None
+    except OSError:
+        return base
+    if found is not None and (found.st_mode & stat.S_IWOTH or found.st_uid not in (0, os.getuid())):
+        warnings.warn(
+            f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
+            "with mode 700, or set SOLARI_VK_CACHE to another folder",
+            stacklevel=4,
+        )
+        return None
+    return base
+
+
 def load(name: str) -> bytes | None:
     """The content of an entry; None if it is missing or damaged, and while the cache is off."""
-    base = folder()
+    base = _trusted_folder()
     try:
         entry = (base / name).read_bytes() if base else b""
     except OSError:
@@ -49,7 +67,7 @@ def load(name: str) -> bytes | None:
 
 def store(name: str, content: bytes) -> None:
     """Write an entry, unless the cache is off. A folder that can't be written only gives a warning."""
-    base = folder()
+    base = _trusted_folder()
     if base is None:
         return
     try:

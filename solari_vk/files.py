@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 import json
 import os
+import secrets
 import stat
 import tempfile
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -60,6 +60,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     temporary = _beside(path)
     try:
+        _create(temporary)
         yield temporary
         os.replace(temporary, Path(os.path.realpath(path)))
     except (OSError, RuntimeError) as error:
@@ -78,6 +79,7 @@ def check_writable(path: Path) -> None:
     """Raise SolariError if no file can be written at a path: for what takes long to make, before it is made."""
     trial = _beside(path)
     try:
+        _create(trial)
         trial.write_bytes(_TRIAL)
     except OSError as error:
         raise cannot_be("written", path, error) from None
@@ -117,13 +119,18 @@ def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariErr
 
 
 def _beside(path: Path) -> Path:
-    """A path in the same folder, with the same suffix, that no other thread or process takes."""
+    """A path in the same folder, with the same suffix, that nobody can foresee."""
     if os.path.exists(path) and not os.path.isfile(path):
         raise SolariError(f"{path}: is a {'folder' if path.is_dir() else 'device or pipe'}: give the name of a file")
     target = Path(os.path.realpath(path))
     if not os.path.isdir(target.parent):
         raise SolariError(f"{path}: there is no folder {target.parent}: make it first")
-    return target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{path.suffix}")
+    return target.with_name(f".{target.stem}.{secrets.token_hex(8)}{path.suffix}")
+
+
+def _create(path: Path) -> None:
+    """Make an empty file; OSError if there is anything of this name, such as a link that somebody put there."""
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
 
 
 def _remove(temporary: Path) -> None:

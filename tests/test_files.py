@@ -7,8 +7,9 @@ import stat
 
 import pytest
 
+from solari_vk import disk_cache
 from solari_vk.errors import SolariError
-from solari_vk.files import cannot_be, check_writable, write_whole
+from solari_vk.files import cannot_be, check_writable, whole_file, write_whole
 
 
 def write(path):
@@ -57,3 +58,28 @@ def test_a_name_that_is_too_long(tmp_path):
 def test_an_error_of_a_library_has_a_remedy(tmp_path):
     said = str(cannot_be("written", tmp_path / "a.mp4", RuntimeError("ffmpeg: unknown encoder")))
     assert said.endswith("unknown encoder: make room there, choose another folder, or mend what the reason names")
+
+
+def test_names_beside_a_file_can_not_be_foreseen_or_taken(tmp_path, monkeypatch):
+    """A link that somebody put in the way is neither followed nor replaced."""
+    seen = []
+    for _ in range(2):
+        with whole_file(tmp_path / "x.txt") as temporary:
+            seen.append(temporary.name)
+            temporary.write_text("new")
+    assert len({*seen}) == 2
+    monkeypatch.setattr("secrets.token_hex", lambda count: "known")
+    (tmp_path / "victim").write_text("old")
+    (tmp_path / ".x.known.txt").symlink_to(tmp_path / "victim")
+    with pytest.raises(SolariError, match="File exists"):
+        write(tmp_path / "x.txt")
+    assert (tmp_path / "victim").read_text() == "old"
+
+
+def test_a_cache_that_others_can_write_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
+    disk_cache.store("entry", b"mine")
+    assert disk_cache.load("entry") == b"mine"
+    tmp_path.chmod(0o777)
+    with pytest.warns(UserWarning, match="where other users can write.*mode 700"):
+        assert disk_cache.load("entry") is None

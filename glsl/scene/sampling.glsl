@@ -89,7 +89,7 @@ vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
 // The same for lights that a ray passes before it ends, without what lies before them.
 vec3 radiance_along_ray(vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
-    if (!SCENE_SPHERE) { return radiance; }
+    if (!HAS_PASSED_LIGHTS) { return radiance; }
     for (uint i = scene_info.first_light_without_surface; i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit met = intersect_light(light.kind, light.index, origin, direction, t_max);

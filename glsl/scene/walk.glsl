@@ -106,7 +106,8 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     segment.hit = find_surface(walk, rng);
     bool tinted = SCENE_BLEND && !walk.from_camera;
     float t_end = min(segment.hit.t, walk.t_max);
-    for (uint i = scene_info.first_light_without_surface; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
+    for (uint i = scene_info.first_light_without_surface; HAS_PASSED_LIGHTS
+        && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.index, walk.origin, walk.direction, t_end);
         if (!(light_hit.inverse_pdf > 0.0)) { continue; }

@@ -25,6 +25,14 @@ LARGEST_RADIANCE = 1e18  # cd/m^2: products along a path must not overflow
 LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
 
 
+def real(value: Any, dtype: Any = None) -> NDArray[Any]:
+    """An array of real numbers; numpy would drop imaginary parts, and take objects for numbers."""
+    given = np.asarray(value)
+    if given.size and given.dtype.kind not in "biuf":
+        raise ValueError(f"must be real numbers, not {given.dtype}")
+    return given if dtype is None else given.astype(dtype)
+
+
 def array(
     *shape: int | None, dtype: Any = np.float32, optional: bool = False, max_abs: float = math.inf
 ) -> Callable[[Any], Any]:
@@ -33,7 +41,7 @@ def array(
     def convert(value: Any) -> Any:
         if value is None and optional:
             return None
-        given = np.asarray(value)
+        given = real(value)
         if np.issubdtype(dtype, np.integer) and given.size and not np.issubdtype(given.dtype, np.integer):
             raise ValueError(f"must be integers, not {given.dtype}")
         if np.issubdtype(dtype, np.integer) and given.size and (given.min() < 0 or given.max() > np.iinfo(dtype).max):
@@ -97,7 +105,7 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
 
     def convert(value: ArrayLike) -> FloatArray:
         with np.errstate(over="ignore"):
-            array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float32), (3,)))
+            array = np.array(np.broadcast_to(real(value, np.float32), (3,)))
         refuse_not_finite(array)
         if (array < low).any() or (array > high).any():
             raise ValueError(f"must lie between {low:g} and {high:g}, not {array.tolist()}")
@@ -125,7 +133,7 @@ def number(
 
 def direction(value: ArrayLike) -> FloatArray:
     """A unit vector (3,) from a vector of any length but zero."""
-    given = np.array(value, np.float64)
+    given = real(value, np.float64)
     if given.shape != (3,):
         raise ValueError(f"must have the shape (3,), not {given.shape}")
     refuse_not_finite(given)
@@ -167,7 +175,7 @@ def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any],
 
 def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
     """A read-only affine, invertible matrix (4, 4), from such a matrix, its first 3 rows, or a position (3,)."""
-    given = np.asarray(value, dtype=np.float64)
+    given = real(value, np.float64)
     if given.shape not in ((4, 4), (3, 4), (3,)):
         raise ValueError(f"must have the shape (4, 4), (3, 4) or, for a position, (3,), not {given.shape}")
     refuse_not_finite(given)
@@ -194,7 +202,7 @@ def joint_matrices(value: Any) -> NDArray[np.float64] | None:
     """Read-only affine matrices (J, 3, 4) from such matrices or from (J, 4, 4), whose last rows don't count."""
     if value is None:
         return None
-    given = np.asarray(value, np.float64)
+    given = real(value, np.float64)
     if given.ndim == 3 and given.shape[1:] == (4, 4):
         given = given[:, :3]
     found: NDArray[np.float64] = array(None, 3, 4, dtype=np.float64, max_abs=LARGEST_TRANSFORM)(given)

@@ -45,6 +45,8 @@ def quad(center: ArrayLike, half_u: ArrayLike, half_v: ArrayLike, name: str = ""
 
 def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 0)) -> Mesh:
     """A square with a center (3,) that faces a target (3,), which must not be straight above or below the center."""
+    if not 0 < half_side < math.inf:
+        raise SolariError(f"a square needs a half side above 0, not {half_side}")
     normal = np.asarray(target, np.float64) - np.asarray(center, np.float64)
     normal /= np.linalg.norm(normal)
     side = np.cross((0.0, 1.0, 0.0), normal)
@@ -55,6 +57,9 @@ def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 
 def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), inward: bool = False) -> Mesh:
     """An axis-aligned box of 12 triangles facing outward, or inward as a room does; sides in meters."""
     corner_low, corner_high = np.asarray(low, np.float64), np.asarray(high, np.float64)
+    if not (corner_low < corner_high).all():
+        corners = f"{corner_low.tolist()} and {corner_high.tolist()}"
+        raise SolariError(f"a box needs a low corner below the high one, not {corners}")
     center, half = (corner_low + corner_high) / 2, (corner_high - corner_low) / 2
     faces = []
     for axis in range(3):
@@ -70,6 +75,8 @@ def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), 
 
 def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
     """A sphere around the origin with smooth normals. segments: at least 3, around; half as many from pole to pole."""
+    if not 0 < radius < math.inf:
+        raise SolariError(f"a sphere needs a radius above 0, not {radius}")
     if segments < 3:
         raise SolariError(f"a sphere needs at least 3 segments, not {segments}")
     rings = max(segments // 2, 2)

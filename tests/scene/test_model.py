@@ -12,6 +12,7 @@ import pytest
 
 from solari_vk import Environment, Sky
 from solari_vk.errors import SolariError
+from solari_vk.scene import shapes
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
 
@@ -212,3 +213,19 @@ def test_updates_are_all_or_nothing():
 
 def test_equal_objects_are_different_keys():
     assert len({mesh(), mesh()}) == 2
+
+
+@pytest.mark.parametrize("value", [np.ones((3, 3)) * 1j, np.full((3, 3), None), np.full((3, 3), np.float32, object)])
+def test_only_real_numbers_are_taken(value):
+    with pytest.raises(SolariError, match="must be real numbers, not"):
+        Mesh(positions=value)
+    with pytest.raises(SolariError, match="must be real numbers, not"):
+        Material(base_color=value[0])
+
+
+@pytest.mark.parametrize("make", [
+    lambda: shapes.sphere(-1), lambda: shapes.sphere(float("nan")), lambda: shapes.box((1, 0, 0), (0, 1, 1)),
+])  # fmt: skip
+def test_shapes_have_a_size(make):
+    with pytest.raises(SolariError, match="needs a"):
+        make()

@@ -13,7 +13,8 @@ uvec4 light_key(uint light_index, uint part, vec2 u) { return uvec4(light_index,
 uvec4 light_key_of_hit(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
-    for (uint i = scene_info.first_light_without_surface; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
+    for (uint i = scene_info.first_light_without_surface; HAS_PASSED_LIGHTS
+        && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.index, origin, path.walk.direction, path.hit.t);
         if (light_hit.inverse_pdf > 0.0) { return light_key(i, 0u, light_hit.u); }

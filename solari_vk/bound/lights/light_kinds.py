@@ -163,8 +163,10 @@ def glsl_header() -> str:
         "KINDS_MET_BY_RAYS": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays != NEVER),
     }
     return "\n".join([
+        '#include "generated/bound/features.glsl"',
         headers.enumeration("LIGHT", [kind.name for kind in every]),
         headers.constants(**masks),  # bit i says whether the kind i is one of them
+        f"const bool HAS_PASSED_LIGHTS = {' || '.join(_feature(kind) or 'true' for kind in met[PASSED])};",
         *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
         _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
         _choose("float emission_cosine", "float cosine", every, argument="data"),
@@ -178,8 +180,13 @@ def glsl_header() -> str:
 def _is(kind: LightKind, value: str) -> str:
     """A condition that holds if a value is the number of the kind, which costs nothing in scenes without such a light
     if the kind is a scene feature too."""
-    features = {feature.name.lower(): f"{feature.constant} && " for feature in FEATURES}
-    return features.get(kind.name, "") + f"{value} == LIGHT_{kind.name.upper()}"
+    feature = _feature(kind)
+    return (f"{feature} && " if feature else "") + f"{value} == LIGHT_{kind.name.upper()}"
+
+
+def _feature(kind: LightKind) -> str:
+    """The constant of the scene feature of the kind's name, "" if there is none."""
+    return next((feature.constant for feature in FEATURES if feature.name.lower() == kind.name), "")
 
 
 def _choose(function: str, parameters: str, kinds: list[LightKind], argument: str = "index") -> str:

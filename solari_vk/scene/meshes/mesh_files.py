@@ -6,6 +6,7 @@ import io
 import math
 import os
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,8 @@ def load_mesh_file(
     log.addFilter(silence)  # it would print the tracebacks of what it recovers from
     try:
         # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
-        read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
+        with warnings.catch_warnings(action="ignore"):  # of numpy, about numbers that are refused below
+            read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
     except MemoryError:
         raise SolariError(f"{path}: too large for this machine's memory") from None
     except Exception as error:  # trimesh raises many types of exceptions for damaged files
