@@ -14,7 +14,7 @@ float square(float x) { return x * x; }
 float safe_sqrt(float x) { return sqrt(max(x, 0.0)); }
 float max_component(vec3 v) { return max(v.x, max(v.y, v.z)); }
 float luminance(vec3 color) { return dot(color, LUMINANCE_WEIGHTS); }
-bool is_valid(vec3 color) { return !any(isnan(color)) && !any(isinf(color)); }
+bool is_finite_color(vec3 color) { return !any(isnan(color)) && !any(isinf(color)); }
 
 // Returns v normalized, or the fallback where v has no direction. Scales v first, so that squares neither underflow nor
 // overflow.

@@ -22,11 +22,11 @@ float unpack_unorm(uint bits, uint bit_count) {
 
 // Positive floats keep all exponents, so that no exposure overflows, and their highest bits of mantissa. Rounding is
 // random: rounding to the nearest would stop means of many frames short of where they tend to.
-const float LARGEST = 1e37;
+const float LARGEST_PACKED = 1e37;
 
 uint pack_positive(float value, uint bit_count, inout uint rng) {
     uint dropped = 31u - bit_count;
-    return (floatBitsToUint(clamp(value, 0.0, LARGEST)) + (rand_u(rng) >> (32u - dropped))) >> dropped;
+    return (floatBitsToUint(clamp(value, 0.0, LARGEST_PACKED)) + (rand_u(rng) >> (32u - dropped))) >> dropped;
 }
 
 float unpack_positive(uint bits, uint bit_count) {

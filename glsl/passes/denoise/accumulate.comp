@@ -10,7 +10,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x54FF53A5u;
 
 LobeHistory add_sample(LobeHistory history, vec4 value_distance, float confidence) {
-    if (!is_valid(value_distance.rgb)) { return history; }
+    if (!is_finite_color(value_distance.rgb)) { return history; }
     float value = luminance(value_distance.rgb);
     history.frames = min(history.frames * confidence, float(denoise_settings.frames - 1u));
     float weight = 1.0 / (history.frames + 1.0);

@@ -35,7 +35,7 @@ float standard_error(Denoised light, vec3 by_diffuse, vec3 by_specular) {
 // The light of a pixel that is denoised, after all passes of the denoiser.
 Denoised denoised(uvec2 pixel) {
     Signal diffuse, specular;
-    denoised_at_jitter(ivec2(pixel), diffuse, specular);
+    denoised_at_sample(ivec2(pixel), diffuse, specular);
     uint kind = kind_of(denoise_guides.at[pixel_index(pixel, camera.size)]);
     vec2 deviations = max(vec2(diffuse.deviation, specular.deviation), 0.0);
     return Denoised(diffuse.radiance, specular.radiance, replaced_albedo(ivec2(pixel), kind), deviations);

@@ -18,7 +18,7 @@ void add_slope(inout vec3 sum, Signal own, Signal below, Signal above, vec2 weig
     sum += own.deviation >= 0.0 ? slope * distance / max(weights.x + weights.y, 1.0) : vec3(0.0);
 }
 
-void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
+void denoised_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
     Signals own = load_filtered(pixel_index(pixel, camera.size));
     diffuse = own.diffuse;
     specular = own.specular;

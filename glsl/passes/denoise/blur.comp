@@ -66,14 +66,14 @@ bool is_clean(ivec2 pixel, uint kind, Signals signals) {
 }
 
 // A neighbor counts by how well noise explains its difference: by the square of `luminance_weight`. The rest of its
-// weight is the center's. A converged neighbor takes no light, so that none is taken from it. Since a weight falls when
-// signals differ more, the sum responds less to the neighbor than the weight says, and more to the center. In the first
-// pass, weights hardly depend on the signals themselves.
+// weight is the center's. A neighbor that is done takes no light, so that none is taken from it. Since a weight falls
+// when signals differ more, the sum responds less to the neighbor than the weight says, and more to the center. In the
+// first pass, weights hardly depend on the signals themselves.
 void add_neighbor(inout FilterSum sum, Signal center, Signal other, float difference, float weight,
-    bool other_converged) {
+    bool other_done) {
     float variance = center.deviation * center.deviation + other.deviation * other.deviation;
     float tolerance = SIGMA_LUMINANCE * SIGMA_LUMINANCE * variance + DARKEST;
-    float luminance_weight = other_converged ? 0.0 : tolerance / (tolerance + difference * difference);
+    float luminance_weight = other_done ? 0.0 : tolerance / (tolerance + difference * difference);
     luminance_weight = center.deviation < 0.0 ? 1.0 : luminance_weight;
     weight = other.deviation < 0.0 ? 0.0 : weight;
     sum.weight_sum += weight;
@@ -99,8 +99,8 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     uvec4 bits = load_bits(index);
     uint state = state_of(bits.z);
-    if (state == CONVERGED) { store_bits(index, bits ^ uvec4(0u, 0u, (CONVERGED ^ CONVERGED_IN_BOTH) << 30u, 0u)); }
-    if (is_converged(state)) { return; }
+    if (state == DONE) { store_bits(index, bits ^ uvec4(0u, 0u, (DONE ^ DONE_IN_BOTH) << 30u, 0u)); }
+    if (is_done(state)) { return; }
     Guide guide = load_guide(pixel);
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
@@ -117,10 +117,10 @@ void main() {
             vec2 weights = kernel * edge_stopping_weights(edges, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);
             Signals neighbor = unpack_signals(other_bits.xyz);
-            bool other_converged = is_converged(neighbor.state);
+            bool other_done = is_done(neighbor.state);
             vec2 differences = luminances(other_bits.w, neighbor) - values;
-            add_neighbor(diffuse, own.diffuse, neighbor.diffuse, differences.x, weights.x, other_converged);
-            add_neighbor(specular, own.specular, neighbor.specular, differences.y, weights.y, other_converged);
+            add_neighbor(diffuse, own.diffuse, neighbor.diffuse, differences.x, weights.x, other_done);
+            add_neighbor(specular, own.specular, neighbor.specular, differences.y, weights.y, other_done);
         }
     }
     // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
@@ -129,7 +129,7 @@ void main() {
         specular.weight_sum);
     bool gains_nothing = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), state);
-    if (gains_nothing || is_clean(pixel, guide.kind, filtered)) { filtered.state = CONVERGED; }
+    if (gains_nothing || is_clean(pixel, guide.kind, filtered)) { filtered.state = DONE; }
     uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;
     store_bits(index, uvec4(pack_signals(filtered, random), 0u));
 }

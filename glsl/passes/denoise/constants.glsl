@@ -35,7 +35,8 @@ const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightes
 
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
 const float OWN_WEIGHT = 4.0;  // of a pixel in its neighborhood
-const float CONVERGED_FRAMES = 40.0;  // frames from which a pixel's own spread tells enough
+const float SETTLED_FRAMES = 40.0;  // frames from which a pixel's own spread tells enough
+// How many times as bright as its neighbors' mean, and as its block's mean of a single frame, a pixel may be.
 const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // least weight of the neighbors that a pixel is compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples differ
@@ -48,7 +49,7 @@ const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
 const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, over its squared roughness
 // The least alpha (squared roughness) that counts, for certain light and for uncertain light: it is better to blur
-// reflections of smooth surfaces than to show their noise, but little in new pixels and converged ones, in which the
+// reflections of smooth surfaces than to show their noise, but little in new pixels and settled ones, in which the
 // edges of bright reflections aren't known.
 const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_NO_EDGES = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;

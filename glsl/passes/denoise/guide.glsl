@@ -34,7 +34,8 @@ uvec2 pack_guide(Guide guide) {
     );
 }
 
-// What a position of the picture in pixels shows at a depth, relative to the camera.
+// What a position of the rendered frame, in pixels, shows at a depth, relative to the camera. `Camera.jitter` is the
+// offset of this frame's sample in each pixel, and a user's own offset of the picture.
 vec3 position_at(vec2 pixel_position, float depth, Camera from) {
     ViewLine line = view_line(pixel_position + from.jitter, from);
     return mat3(from.world_from_view) * line.start + depth * (mat3(from.world_from_view) * line.along);
@@ -99,7 +100,8 @@ Guide make_guide(ivec2 pixel) {
     return guide;
 }
 
-// The width in meters of what a pixel shows at a depth.
+// The width in meters of what a pixel shows at a depth. In parallel projections tan_half_fov is half the height in
+// meters.
 float pixel_width(float depth) {
     return 2.0 * camera.tan_half_fov.y / float(camera.size.y) * (is_parallel(camera) ? 1.0 : depth);
 }

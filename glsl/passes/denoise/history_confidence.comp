@@ -38,8 +38,8 @@ float confidence(LobeGradient sum, vec2 bounds) {
     return min(confidence(sum.now, sum.variance, bounds), recently);
 }
 
-// The share of a cell's light that may have changed.
-float light_change(LobeGradient cell, vec3 position) {
+// The share of a cell's light that may have changed: by lights near it, however long ago, or by a change of all lights.
+float cell_light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
 }
@@ -59,8 +59,8 @@ void main() {
     GradientCell own = denoise_cells.at[pixel_index(cell, cells)];
     ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
-    vec2 bounds = bounds_of(light_change(unpack_gradient(own.diffuse), position));
-    vec2 specular_bounds = bounds_of(light_change(unpack_gradient(own.specular), position));
+    vec2 bounds = bounds_of(cell_light_change(unpack_gradient(own.diffuse), position));
+    vec2 specular_bounds = bounds_of(cell_light_change(unpack_gradient(own.specular), position));
     vec2 lobe_confidence = vec2(1.0), light = vec2(0.0);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= LARGEST_RING; ring++) {

@@ -21,7 +21,8 @@ const LobeHistory NO_HISTORY = LobeHistory(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
 // Two positive floats in 16 bits each.
 uint pack_two(float low, float high, inout uint rng) {
     uint random = rand_u(rng);
-    uvec2 bits = floatBitsToUint(clamp(vec2(low, high), 0.0, LARGEST)) + (uvec2(random, random >> 16u) & 0x7FFFu);
+    uvec2 bits = floatBitsToUint(clamp(vec2(low, high), 0.0, LARGEST_PACKED)) + (uvec2(random,
+        random >> 16u) & 0x7FFFu);
     return bits.x >> 15u | bits.y >> 15u << 16u;
 }
 

@@ -24,7 +24,8 @@ struct Taps {
     float normal_divergence;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
 };
 
-// Motion in pixels, with that of the picture by `Camera.jitter`, which a user may set.
+// Motion in pixels of the rendered frame, with that of the whole picture where a user's own offset of it has changed:
+// picture_shift, in pixels of the upscaled picture. Samples' offsets in their pixels are no motion.
 vec2 in_pixels(vec2 motion) {
     return (motion + this_frame.picture_shift / vec2(camera.picture_size)) * vec2(camera.size);
 }
@@ -37,6 +38,7 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 }
 
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
+    // of the replaced surface; of a primary surface its own, which is 0 where it rests
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
     if (guide.kind != PRIMARY_SURFACE || !moved) {
@@ -44,7 +46,7 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     }
     vec3 origin = camera.world_from_view[3];
     uint instance = imageLoad(gbuffer_surface, pixel).y;
-    MirrorPlane plane = previous_mirror(instance, MirrorPlane(origin + guide.position, guide.normal));
+    SurfacePlane plane = previous_plane(instance, SurfacePlane(origin + guide.position, guide.normal));
     vec3 position = plane.point - previous_camera.world_from_view[3];
     return PreviousSurface(previous_pixel(guide.position, position, pixel), position, plane.normal);
 }

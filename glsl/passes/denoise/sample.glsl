@@ -6,9 +6,11 @@
 #include "passes/denoise/lobe_history.glsl"
 #include "passes/paths/bindings.glsl"
 
-// Radiance, and the distance to where it came from: paths_diffuse.
+// Demodulated radiance, and the distance in meters from the surface to the first hit of the path: 0 without one,
+// infinite for light from the environment.
 vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }
 
+// Where the pixel shows a replaced surface, all light of it is in the specular sample, and the diffuse one is empty.
 vec4 specular_sample(uint index, ivec2 pixel, uint kind) {
     vec4 found = paths_specular.at[index];
     return vec4(found.rgb / replaced_albedo(pixel, kind), found.w);

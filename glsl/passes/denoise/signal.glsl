@@ -16,14 +16,15 @@ struct Signals {
     uint state;
 };
 
-// The state of a pixel's signals in a buffer. What has converged is left as it is by later passes, and is copied once,
-// so that it is in both buffers. In new pixels and settled ones the edges of bright reflections are unknown.
-const uint FILTERING = 0u, CONVERGED = 1u, CONVERGED_IN_BOTH = 2u, EDGES_UNKNOWN = 3u;
+// The state of a pixel's signals in a buffer. What is done is left as it is by later passes, and is copied once, so
+// that it is in both buffers. Where the history is very short, or so long that it is settled, the edges of bright
+// reflections are unknown.
+const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
 
 // Eight bits a channel with the exponent of the largest. random: 30 bits, for random rounding.
 uint pack_color(vec3 color, uint random) {
-    color = clamp(color, 0.0, LARGEST);
+    color = clamp(color, 0.0, LARGEST_PACKED);
     uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);
     float scale = 255.0 / 256.0 * uintBitsToFloat(261u - exponent << 23u);
     vec3 dither = vec3(ivec3(int(random), int(random >> 10u), int(random >> 20u)) & 0x3FF) / 1024.0;
@@ -38,7 +39,7 @@ vec3 unpack_color(uint bits) {
 
 // random: 16 bits, for random rounding.
 uint pack_deviation(float deviation, uint random) {
-    return deviation < 0.0 ? NO_SAMPLE : floatBitsToUint(min(deviation, LARGEST)) + random >> 16u;
+    return deviation < 0.0 ? NO_SAMPLE : floatBitsToUint(min(deviation, LARGEST_PACKED)) + random >> 16u;
 }
 
 float unpack_deviation(uint bits) { return (bits & NO_SAMPLE) == NO_SAMPLE ? -1.0 : unpack_positive(bits, 15u); }
@@ -52,7 +53,7 @@ uvec3 pack_signals(Signals signals, uvec3 random) {
     );
 }
 
-bool is_converged(uint state) { return state == CONVERGED || state == CONVERGED_IN_BOTH; }
+bool is_done(uint state) { return state == DONE || state == DONE_IN_BOTH; }
 
 uint state_of(uint last_word) { return last_word >> 30u; }
 

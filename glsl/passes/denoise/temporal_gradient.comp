@@ -16,7 +16,7 @@ void add_gradient(inout Gradient sum, float value, float mean) {
 }
 
 void add_pixel(inout LobeGradient cell, LobeHistory history, vec3 radiance) {
-    if (!is_valid(radiance)) { return; }
+    if (!is_finite_color(radiance)) { return; }
     float value = luminance(radiance), mean = luminance(history.radiance);
     float updated_mean = mix(mean, value, 1.0 / (history.frames + 1.0));
     cell.luminance += updated_mean;

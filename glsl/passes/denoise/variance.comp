@@ -45,9 +45,9 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float block_luminance) {
     float local_mean = sum.mean / sum.weight, value = luminance(lobe.radiance);
     float neighbor_weight = sum.weight - OWN_WEIGHT, neighbor_mean = max(sum.mean - OWN_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
-    float converged_frames = min(CONVERGED_FRAMES, float(denoise_settings.frames));
+    float settled_frames = min(SETTLED_FRAMES, float(denoise_settings.frames));
     float limit = max(NEIGHBORS_LIMIT * neighbor_mean, BLOCK_LIMIT * lobe.frames * block_luminance);
-    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < converged_frames) {
+    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < settled_frames) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
         local_mean += OWN_WEIGHT * (limit - value) / sum.weight;
@@ -67,19 +67,20 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     Guide guide = load_guide(pixel);
     if (guide.kind == NO_SURFACE) {
-        denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, CONVERGED_IN_BOTH << 30u, 0u);
+        denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, DONE_IN_BOTH << 30u, 0u);
         return;
     }
     LobeHistory own_diffuse = unpack_lobe_history(denoise_diffuse.at[index]), own_specular =
         unpack_lobe_history(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
-    bool settled = min(own_diffuse.frames, own_specular.frames) >= CONVERGED_FRAMES;
-    bool edges_known = !settled && own_specular.frames >= MIN_VARIANCE_FRAMES;
+    bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED_FRAMES;
+    bool reflection_edges_known = !settled && own_specular.frames >= MIN_VARIANCE_FRAMES;
     EdgeStopping edges;
     if (!settled) {
         float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
-        edges = make_edge_stopping(guide, uncertainty, edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_NO_EDGES);
+        edges = make_edge_stopping(guide, uncertainty, reflection_edges_known ? MIN_ALPHA_UNCERTAIN
+            : MIN_ALPHA_NO_EDGES);
     }
     for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
@@ -94,12 +95,12 @@ void main() {
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
-    uint state = edges_known ? FILTERING : EDGES_UNKNOWN;
+    uint state = reflection_edges_known ? FILTERING : EDGES_UNKNOWN;
     Signals signals = Signals(estimate_signal(own_diffuse, diffuse, block.x), estimate_signal(own_specular, specular,
         block.y), state);
     // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With a
     // deviation no larger than the dark side's light, the blur doesn't spread the bright side's over it.
-    if (edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
+    if (reflection_edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
         signals.specular.deviation = min(signals.specular.deviation, range.min_upper_bound);
     }
     vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);

@@ -7,13 +7,13 @@
 #include "passes/gbuffer/gbuffer.glsl"
 
 // The plane of a mirror. It reflects points by Householder's reflection, x - 2 n (n . (x - point)).
-struct MirrorPlane {
+struct SurfacePlane {
     vec3 point;
     vec3 normal;
 };
 
 // The chain of reflections with one more mirror at its end.
-mat4x3 append_mirror(mat4x3 chain, MirrorPlane mirror) {
+mat4x3 append_mirror(mat4x3 chain, SurfacePlane mirror) {
     vec3 n = mirror.normal;
     mat3 householder = mat3(1.0) - 2.0 * mat3(n * n.x, n * n.y, n * n.z);
     vec3 moved = 2.0 * dot(n, mirror.point) * n;
@@ -22,7 +22,7 @@ mat4x3 append_mirror(mat4x3 chain, MirrorPlane mirror) {
 }
 
 // The plane in the previous frame of a mirror that belongs to an instance. Its normal moves by the cofactor matrix.
-MirrorPlane previous_mirror(uint instance_index, MirrorPlane mirror) {
+SurfacePlane previous_plane(uint instance_index, SurfacePlane mirror) {
     Instance instance = instances.at[instance_index];
     PreviousInstance previous = previous_instances.at[instance_index];
     if (previous.id != instance.id || previous.world_from_object == instance.world_from_object) { return mirror; }
@@ -31,7 +31,7 @@ MirrorPlane previous_mirror(uint instance_index, MirrorPlane mirror) {
     vec3 object_point = inverse(turn) * (mirror.point - instance.world_from_object[3]);
     vec3 object_normal = mirror.normal * turn;
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
-    return MirrorPlane(m * vec4(object_point, 1.0), safe_normalize(cofactors * object_normal, mirror.normal));
+    return SurfacePlane(m * vec4(object_point, 1.0), safe_normalize(cofactors * object_normal, mirror.normal));
 }
 
 // The position of a hit point in the previous frame.

@@ -63,8 +63,8 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
 
     for (uint i = 0u; i < MAX_SPECULAR_BOUNCES && instance != NO_INDEX; i++) {
         if (is_metal_mirror(surface.material)) {
-            MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
-            MirrorPlane before = previous_mirror(instance, mirror);
+            SurfacePlane mirror = SurfacePlane(surface.world_position, surface.world_normal);
+            SurfacePlane before = previous_plane(instance, mirror);
             bool rested = previous_chain == chain && before == mirror;
             chain = append_mirror(chain, mirror);
             previous_chain = rested ? chain : append_mirror(previous_chain, before);

@@ -128,7 +128,7 @@ float common_difference(ivec2 center) {
     float sum = 0.0, squares = 0.0, count = 0.0;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
-        if (!is_inside(pixel, camera.size) || !is_valid(load_sample(pixel))) { continue; }
+        if (!is_inside(pixel, camera.size) || !is_finite_color(load_sample(pixel))) { continue; }
         HistorySample history = load_history(ivec2(floor((vec2(pixel) + 0.5
             + this_frame.sample_offset) / render_scale())));
         if (history.weight == 0.0) { continue; }

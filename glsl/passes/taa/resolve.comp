@@ -50,7 +50,7 @@ void main() {
 
     float weight = 1.0;
     bool settled = history.weight >= ENOUGH;
-    if (!found.exists || !is_valid(found.radiance)) {
+    if (!found.exists || !is_finite_color(found.radiance)) {
         found = settled ? NO_NEAREST_SAMPLE : interpolate(at, around);
         weight = INTERPOLATED;
     } else {

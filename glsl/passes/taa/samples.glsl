@@ -64,7 +64,7 @@ Neighborhood find_neighborhood(ivec2 at) {
             found.nearest = pixel;
         }
         vec3 radiance = load_sample(pixel);
-        if (!is_valid(radiance)) { continue; }
+        if (!is_finite_color(radiance)) { continue; }
         vec3 color = to_ycocg(radiance);
         sum += color;
         squares += color * color;
@@ -106,7 +106,7 @@ vec3 soften(ivec2 pixel, ivec2 at, float samples, bool blended) {
         total += weight;
         if (!is_inside(other, camera.size)) { continue; }
         vec3 found = load_sample(other);
-        if (!is_valid(found)) { continue; }
+        if (!is_finite_color(found)) { continue; }
         float found_luminance = luminance(found), brighter = max(found_luminance, own_luminance);
         float limit = show_the_same(pixel, other) ? 1.0 + (EXCHANGED_ON_SURFACE - 1.0) / samples : EXCHANGED;
         float alike = min(limit * min(found_luminance, own_luminance) / max(brighter, 1e-30), 1.0);
@@ -130,7 +130,7 @@ NearestSample interpolate(ivec2 at, Neighborhood around) {
         ivec2 step = ivec2(i & 3, i >> 2) - 1, pixel = clamp(corner + step, ivec2(0), ivec2(camera.size) - 1);
         vec2 apart = vec2(corner + step) - where;
         vec3 found = load_sample(pixel);
-        if (!is_valid(found)) { continue; }
+        if (!is_finite_color(found)) { continue; }
         float weight = lanczos(apart.x) * lanczos(apart.y) * tone_weight(found, around);
         sum += weight * found;
         total += weight;

@@ -175,7 +175,7 @@ def check_turns(device):
 TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
 BUGS = {
     "even light": (check_even_light, Bug(
-        BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_converged);")),
+        BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_done);")),
     "estimated errors": (check_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.5")),
     "outliers": (check_outliers, Bug(BLUR, "add_neighbor", "correct(sum, center, other, difference, weight, false);")),
     "histories": (check_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),
@@ -185,7 +185,7 @@ BUGS = {
         PAST, "find_taps", "return correct(floor(where) + 0.5, previous, guide, plane_distance);")),
     "light off": (check_light_off, Bug(
         "passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
-    "not finite": (check_not_finite, Bug("common/math.glsl", "is_valid", "return true;")),
+    "not finite": (check_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
     "edges": (check_edges, Bug("passes/denoise/edge_stopping.glsl", "edge_stopping_weights", "edges.plane = vec3(0.0); "
                                "edges.plane_offset = 0.0; return correct(edges, other, step);")),
     "turns": (check_turns, Bug(
