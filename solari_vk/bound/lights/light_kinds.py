@@ -166,7 +166,8 @@ def glsl_header() -> str:
         '#include "generated/bound/features.glsl"',
         headers.enumeration("LIGHT", [kind.name for kind in every]),
         headers.constants(**masks),  # bit i says whether the kind i is one of them
-        f"const bool HAS_PASSED_LIGHTS = {' || '.join(_feature(kind) or 'true' for kind in met[PASSED])};",
+        # A copy of a specialization constant would keep its default.
+        f"#define HAS_PASSED_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
         *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
         _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
         _choose("float emission_cosine", "float cosine", every, argument="data"),
