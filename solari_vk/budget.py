@@ -48,8 +48,8 @@ def load_budget(memory: int | None = None, seconds: float | None = None) -> Iter
         memory = parse_size(os.environ.get("SOLARI_VK_LOAD_MEMORY", str(MEMORY)), "SOLARI_VK_LOAD_MEMORY")
     if seconds is None:
         seconds = _parse_seconds(os.environ.get("SOLARI_VK_LOAD_SECONDS", str(SECONDS)))
-    if not (isinstance(memory, int) and memory > 0 and seconds > 0):
-        raise SolariError(f"load: memory must be a number of bytes and seconds one above 0, not {memory}, {seconds}")
+    if not (isinstance(memory, int) and isinstance(seconds, int | float) and memory > 0 and seconds > 0):
+        raise SolariError(f"load: give memory in bytes and seconds, both above 0, not {memory!r} and {seconds!r}")
     budget = Budget(memory, time.monotonic() + seconds)
     token = _current.set(budget)
     try:

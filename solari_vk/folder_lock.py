@@ -37,7 +37,7 @@ class FolderLock:
     def _open(path: Path) -> int:
         while True:
             try:
-                file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+                file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
             except OSError as error:
                 raise cannot_be("written", path, error) from None
             if fcntl is None:

@@ -8,6 +8,7 @@ Usage: python tools/buffers.py > docs/explained/buffers.md
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -70,6 +71,7 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
             yield [*tables.stages, *stages], [*tables.describe(), *frame.describe()]
 
 
+@functools.cache
 def sources() -> dict[str, list[Source]]:
     """The functions that make a stage, by the stage's name."""
     found: dict[str, list[Source]] = {}
@@ -131,9 +133,14 @@ def inputs_and_outputs(stages: Sequence[Stage], rows: Sequence[Row]) -> Iterator
 def shader_of(name: str) -> str:
     """The shaders that declare a resource, as links."""
     declaration = re.compile(rf"^(?:layout\(set = \d\b.*|}}) {name};", re.MULTILINE)
+    return ", ".join(f"`{file}`" for file, text in shaders().items() if declaration.search(text))
+
+
+@functools.cache
+def shaders() -> dict[str, str]:
+    """The texts of all shaders, by their files below the top folder."""
     files = (path for path in sorted((ROOT / "glsl").rglob("*")) if path.is_file())
-    found = [path.relative_to(ROOT).as_posix() for path in files if declaration.search(path.read_text("utf-8"))]
-    return ", ".join(f"`{file}`" for file in found)
+    return {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files}
 
 
 def page(frames: Sequence[tuple[Sequence[Stage], Sequence[Row]]]) -> str:

@@ -125,8 +125,7 @@ void main() {
     }
     // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
     vec2 accepted_weight = vec2(diffuse.accepted_weight, specular.accepted_weight),
-        weight_sum = vec2(diffuse.weight_sum,
-        specular.weight_sum);
+        weight_sum = vec2(diffuse.weight_sum, specular.weight_sum);
     bool gains_nothing = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), state);
     if (gains_nothing || is_clean(pixel, guide.kind, filtered)) { filtered.state = DONE; }

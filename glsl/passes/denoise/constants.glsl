@@ -22,7 +22,7 @@ const float INVERSE_OF_INFINITY = 1e-9;  // 1 / distance of light from the envir
 // ---- changes of light: Schied et al., "Gradient Estimation" (HPG 2018) -------------------------------
 
 const float FAST_WEIGHT = 0.2;  // weight of a frame in LobeHistory.fast_luminance
-// of LobeHistory.fast_luminance over that of a frame: FAST_WEIGHT / (2 - FAST_WEIGHT)
+// The variance of LobeHistory.fast_luminance over that of a frame: FAST_WEIGHT / (2 - FAST_WEIGHT).
 const float FAST_VARIANCE = 0.111;
 const float MIN_GRADIENT_FRAMES = 3.0;  // shorter histories tell nothing
 const int LARGEST_RING = 2;  // cells from the center of the widest block
