@@ -69,8 +69,9 @@ bool is_clean(ivec2 pixel, uint kind, Signals signals) {
 // weight is the center's. A neighbor that is done takes no light, so that none is taken from it. Since a weight falls
 // when signals differ more, the sum responds less to the neighbor than the weight says, and more to the center. In the
 // first pass, weights hardly depend on the signals themselves.
-void add_neighbor(inout FilterSum sum, Signal center, Signal other, float difference, float weight,
-    bool other_done) {
+void add_neighbor(
+    inout FilterSum sum, Signal center, Signal other, float difference, float weight, bool other_done
+) {
     float variance = center.deviation * center.deviation + other.deviation * other.deviation;
     float tolerance = SIGMA_LUMINANCE * SIGMA_LUMINANCE * variance + DARKEST;
     float luminance_weight = other_done ? 0.0 : tolerance / (tolerance + difference * difference);
@@ -88,8 +89,8 @@ Signal mean(FilterSum sum, Signal center) {
         add(sum, center, sum.weight_sum - sum.accepted_weight, sum.weight_sum - sum.sensitivity);
     }
     if (sum.accepted_weight == 0.0) { return Signal(vec3(0.0), -1.0); }
-    float variance = mix(sum.variance, sum.correlated_deviation * sum.correlated_deviation, CORRELATION[min(level,
-        2u)]);
+    float correlated = sum.correlated_deviation * sum.correlated_deviation;
+    float variance = mix(sum.variance, correlated, CORRELATION[min(level, 2u)]);
     return Signal(sum.radiance / sum.accepted_weight, sqrt(variance) / sum.accepted_weight);
 }
 
@@ -105,8 +106,8 @@ void main() {
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
     float max_min_alpha = state == EDGES_UNKNOWN ? MIN_ALPHA_NO_EDGES : MIN_ALPHA_UNCERTAIN;
-    EdgeStopping edges = make_edge_stopping(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9),
-        max_min_alpha);
+    float uncertainty = max(own.specular.deviation, 0.0) / max(values.y, 1e-9);
+    EdgeStopping edges = make_edge_stopping(guide, uncertainty, max_min_alpha);
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {

@@ -96,8 +96,9 @@ void main() {
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
     uint state = reflection_edges_known ? FILTERING : EDGES_UNKNOWN;
-    Signals signals = Signals(estimate_signal(own_diffuse, diffuse, block.x), estimate_signal(own_specular, specular,
-        block.y), state);
+    Signals signals = Signals(
+        estimate_signal(own_diffuse, diffuse, block.x), estimate_signal(own_specular, specular, block.y), state
+    );
     // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With a
     // deviation no larger than the dark side's light, the blur doesn't spread the bright side's over it.
     if (reflection_edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
