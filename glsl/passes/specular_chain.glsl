@@ -10,7 +10,7 @@
 
 struct SpecularChainHit {
     bool exists;
-    ResolvedRayHitFull surface;
+    SurfaceInteraction surface;
     float ray_t;          // length of the last ray
     RayTransmittance first_transmittance;  // of the first ray
     uint mirror_count;
@@ -28,7 +28,7 @@ bool is_glass(ResolvedMaterial material) {
 
 // Whether paths never end at this surface, but are reflected. Differs from Solari, where paths end at mirrors as at
 // diffuse surfaces: world_cache_surfaces=diffuse.
-bool always_reflects(ResolvedMaterial material) {
+bool continues_specular_chain(ResolvedMaterial material) {
     return world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE
         && (is_metal_mirror(material) || is_glass(material));
 }
@@ -54,7 +54,7 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
         walk.origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
         if (found.mirror_count == 0u) { found.first_position = walk.origin; }
         if (found.mirror_count > 0u) { found.emitted += emitted_light(walk, found.surface, 0.0); }
-        if (!always_reflects(found.surface.material)) { return found; }
+        if (!continues_specular_chain(found.surface.material)) { return found; }
 
         walk.bounce_pdf = INFINITY;
         vec3 normal = found.surface.world_normal;

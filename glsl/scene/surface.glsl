@@ -31,13 +31,13 @@ struct TrianglePoint {
     mat3x3 normal_matrix;  // world from object for normals; does not keep their length
 };
 
-struct ResolvedRayHitFull {
+struct SurfaceInteraction {
     vec3 world_position;
     vec3 world_normal;            // shading normal, faces the ray too
     vec3 geometric_world_normal;  // faces the ray
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
     float light_area_pdf;  // the density in area with which light samples choose this point; 0 when it is on no light
-    bool emits;        // towards the ray: on its front, or on both sides of a double-sided material
+    bool emits_towards_ray;  // on its front, or on both sides of a double-sided material
     bool unlit;       // cameras alone see what it emits
     ResolvedMaterial material;
 };
@@ -212,14 +212,14 @@ float footprint_lod(Mesh mesh, TrianglePoint point, uint uv_set, float cone_widt
 // Resolves the surface at a hit. `cone_width` is the width of the ray cone there: Akenine-Moeller et al., "Texture
 // Level of Detail Strategies for Real-Time Ray Tracing" (Ray Tracing Gems, 2019) and "Improved Shader and Texture Level
 // of Detail Using Ray Cones" (JCGT 2021).
-ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, float cone_width) {
+SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_direction, float cone_width) {
     Instance instance = instances.at[hit.instance];
     Material material = materials.at[instance.material];
     TrianglePoint point = resolve_triangle(instance, mesh, hit.triangle, hit.barycentrics);
     // decided by the normal, not by the ray query, so that the shaded side is the visible one at grazing angles too
     bool front_face = dot(ray_direction, point.geometric_world_normal) <= 0.0;
 
-    ResolvedRayHitFull surface;
+    SurfaceInteraction surface;
     surface.world_position = point.world_position;
     surface.geometric_world_normal = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
     surface.ray_offset = point.ray_offset;
@@ -228,7 +228,7 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
         surface.light_area_pdf = choice_probability(light_sources.at[instance.light_index], hit.triangle) / point.area;
     }
     surface.unlit = SCENE_UNLIT && (material.flags & MATERIAL_UNLIT) != 0u;
-    surface.emits = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);
+    surface.emits_towards_ray = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);
 
     point.texture_point.footprint_lod = footprint_lod(mesh, point, 0u, cone_width);
     if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
@@ -265,13 +265,13 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
     return surface;
 }
 
-ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_width) {
-    return resolve_hit_full(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
+SurfaceInteraction resolve_surface_interaction(Hit hit, vec3 ray_direction, float cone_width) {
+    return resolve_surface_interaction(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
 }
 
 // What a camera sees the surface emit.
-vec3 shown_emission(ResolvedRayHitFull surface) {
-    return surface.emits || surface.unlit ? surface.material.emissive : vec3(0.0);
+vec3 shown_emission(SurfaceInteraction surface) {
+    return surface.emits_towards_ray || surface.unlit ? surface.material.emissive : vec3(0.0);
 }
 
 #endif

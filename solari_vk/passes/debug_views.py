@@ -29,11 +29,11 @@ _GROUPS = (
     ViewGroup("Denoiser", "", {
         "denoise_frames": (
             "number of frames that the diffuse light averages, yellow for the maximum.",
-            "show_share(history_length(index) / float(denoise_settings.frames))",
+            "show_share(history_length(index) / float(denoise_settings.max_history))",
         ),
         "denoise_frames_specular": (
             "the same of the specular light.",
-            "show_share(specular_history_length(index) / float(denoise_settings.frames))",
+            "show_share(specular_history_length(index) / float(denoise_settings.max_history))",
         ),
         "denoise_noise": (
             "standard error of the diffuse light before the blur over its mean, yellow for 1.",

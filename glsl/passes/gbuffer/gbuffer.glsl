@@ -8,7 +8,7 @@
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
 
-const float SAME_DEPTH = 0.1;  // largest relative difference of depths, in two frames, that may be of one surface
+const float MAX_DEPTH_DIFFERENCE = 0.1;  // relative, of what may be one surface in two frames
 
 struct GBufferSurface {
     bool exists;
@@ -138,7 +138,7 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
 
 // Whether an instance was there in the previous frame and is where it was, in the same pose.
-bool rests(uint instance_index) {
+bool is_static(uint instance_index) {
     PreviousInstance before = previous_instances.at[instance_index];
     Instance now = instances.at[instance_index];
     return now.mesh != NO_INDEX && now.id == before.id && now.world_from_object == before.world_from_object
@@ -154,19 +154,19 @@ vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {
     return position;
 }
 
-// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance rests or
-// is new.
+// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance is static
+// or is new.
 vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[hit.instance];
-    if (previous.id != instances.at[hit.instance].id || rests(hit.instance)) { return world_position; }
+    if (previous.id != instances.at[hit.instance].id || is_static(hit.instance)) { return world_position; }
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
     precise vec3 position = previous.world_from_object * vec4(object_position, 1.0);
     return position;
 }
 
-// Exactly 0 for what rests, also where a compiler rounds the two projections differently.
+// Exactly 0 for what is static, also where a compiler rounds the two projections differently.
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
-    if (previous_world_position == world_position && camera_rests()) { return vec2(0.0); }
+    if (previous_world_position == world_position && is_camera_static()) { return vec2(0.0); }
     return project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera);
 }
 

@@ -9,7 +9,7 @@ const uint GBUFFER_SALT = 0x8DA6B343u;
 
 // Decides which blended surfaces a pixel shows in this frame (see alpha_threshold). Bits that a hash of the seed flips
 // keep blocks of pixels and frames together.
-uvec2 pixel_blend_point(uvec2 pixel) {
+uvec2 pixel_alpha_seed(uvec2 pixel) {
     uvec2 bits = (pixel | pixel << 8u) & 0x00FF00FFu;
     bits = (bits | bits << 4u) & 0x0F0F0F0Fu;
     bits = (bits | bits << 2u) & 0x33333333u;
@@ -27,7 +27,8 @@ struct GBufferPixel {
 };
 
 GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
-    ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
+    SurfaceInteraction surface =
+        resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     vec3 emissive = shown_emission(surface);
     vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
     // Both positions are computed from the object-space position in the same way, also by compilers that fuse
@@ -59,7 +60,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
     vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
     vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    vec2 motion = is_parallel(camera) || camera_rests() ? vec2(0.0) : motion_vector(far, previous_far);
+    vec2 motion = is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
     return GBufferPixel(uvec4(0u), uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion);
 }
 

@@ -16,8 +16,8 @@ void main() {
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
-    uvec2 blend_point = random_alpha_seed(rng);
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);
+    uvec2 alpha_seed = random_alpha_seed(rng);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
     aov_instance_id.at[index] = hit.instance;
     if (hit.instance == NO_INDEX) {
         aov_depth.at[index] = INFINITY;
@@ -29,7 +29,8 @@ void main() {
         aov_emissive.at[index] = vec3(0.0);
         return;
     }
-    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
+    SurfaceInteraction surface =
+        resolve_surface_interaction(hit, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     aov_depth.at[index] = hit.t * ray.depth_per_t;
     aov_position.at[index] = surface.world_position;
     aov_geometric_normal.at[index] = surface.geometric_world_normal;

@@ -13,7 +13,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Tex
 
 struct Environment {
     Texels texels;
-    Choices choices;  // among the texels
+    AliasTable choices;  // among the texels
     uvec2 size;       // in texels: longitude, latitude; the first row is up
     float scale;      // radiance of a texel that holds 1, before the intensity
     float intensity;

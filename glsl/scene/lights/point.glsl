@@ -19,7 +19,7 @@ ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_p
     );
 }
 
-ResolvedLightSample seen_from_point(ResolvedLightSample light_sample, vec3 receiver) {
+ResolvedLightSample sample_for_receiver_point(ResolvedLightSample light_sample, vec3 receiver) {
     PunctualLight light = point_lights.at[light_sample.data];
     vec3 to_receiver = receiver - light.position;
     float distance = length(to_receiver);

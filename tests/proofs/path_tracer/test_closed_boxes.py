@@ -126,7 +126,7 @@ def test_closed_surfaces_are_light_tight(device, where, samples):
 test_a_seeded_bug_is_noticed = bug_tests({
     "light samples in a closed room": (lambda device: measure_series(device, 1, "nee"), Bug(
         "scene/sampling.glsl", "resolve_light_sample(LightSample light_sample, float",
-        "ResolvedLightSample found = correct(light_sample, light_probability); found.inverse_pdf *= 1.02; "
+        "ResolvedLightSample found = correct(light_sample, light_probability); found.inverse_area_pdf *= 1.02; "
         "return found;")),
     "weights of hits": (lambda device: measure_series(device, 5, "mis"), Bug(
         "scene/walk.glsl", "emitted_light", "return correct(walk, surface, 0.0);")),

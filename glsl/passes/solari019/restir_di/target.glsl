@@ -9,7 +9,7 @@
 
 // Whether DI shades the specular lobe. On smooth surfaces rays of that lobe find the lights that rays can meet.
 bool di_shades_specular(ResolvedMaterial material, uint light_kind) {
-    return material.roughness > specular_gi_settings.di_roughness || !is_met_by_rays(light_kind);
+    return material.roughness > specular_gi_settings.di_roughness || !can_be_hit_by_rays(light_kind);
 }
 
 // The specular lobe, if DI shades it. Color and multiple scattering are left out, because they would cost time and
@@ -40,7 +40,9 @@ float di_weight(GBufferSurface surface, ResolvedLightSample resolved) {
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
     vec3 brdf = INVERSE_PI * color + specular_target(surface, resolved.kind, dielectric_f0, light.wi);
-    return min(luminance(brdf * light.radiance_times_geometry) * (cosine * light.inverse_pdf), 1.0 / MIN_DI_TARGET);
+    return min(
+        luminance(brdf * light.radiance_in_area_measure) * (cosine * light.inverse_area_pdf), 1.0 / MIN_DI_TARGET
+    );
 }
 
 // The target of a sample with this weight.

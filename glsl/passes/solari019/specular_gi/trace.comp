@@ -37,7 +37,7 @@ float widen_as_solari(float spread_width, float ray_t, float roughness) {
 
 // Whether a path may end in the world cache: its cone is wider and its last ray longer than a cell, so that cells
 // don't show.
-bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout uint rng) {
+bool may_end(SurfaceInteraction surface, float spread_width, float ray_t, inout uint rng) {
     float cell_size = get_cell_size(surface.world_position, rng);
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;
@@ -54,11 +54,11 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
-        ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
+        SurfaceInteraction surface = resolve_surface(walk, segment.hit);
         remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
         radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, ray_t));
 
-        bool mirror = always_reflects(surface.material);
+        bool mirror = continues_specular_chain(surface.material);
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = NO_CELL;
