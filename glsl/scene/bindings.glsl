@@ -7,6 +7,8 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_nonuniform_qualifier : require
 
+// generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_LAYERS: some material has a coat, sheen,
+// anisotropy or a specular weight.
 #include "generated/bound/constants.glsl"
 #include "generated/bound/features.glsl"
 

@@ -30,7 +30,7 @@ LightSample generate_random_light_sample(inout uint rng) {
 
 // The probability that a light sample has this light and part.
 float light_sample_probability(LightSample light_sample) {
-    return choice_probability(light_sources.at[light_sample.light_index], light_sample.part);
+    return choice_probability_by_power(light_sources.at[light_sample.light_index], light_sample.part);
 }
 
 // `light_probability`: with which the light was chosen.

@@ -36,7 +36,7 @@ struct SurfaceInteraction {
     vec3 world_normal;            // shading normal, faces the ray too
     vec3 geometric_world_normal;  // faces the ray
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
-    float light_area_pdf;  // the density in area with which light samples choose this point; 0 when it is on no light
+    float area_pdf_by_power;  // of this point where lights are chosen by power; 0 when it is on no light
     bool emits_towards_ray;  // on its front, or on both sides of a double-sided material
     bool unlit;       // cameras alone see what it emits
     ResolvedMaterial material;
@@ -223,9 +223,10 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
     surface.world_position = point.world_position;
     surface.geometric_world_normal = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
     surface.ray_offset = point.ray_offset;
-    surface.light_area_pdf = 0.0;
+    surface.area_pdf_by_power = 0.0;
     if (instance.light_index != NO_INDEX && point.area > 0.0) {
-        surface.light_area_pdf = choice_probability(light_sources.at[instance.light_index], hit.triangle) / point.area;
+        surface.area_pdf_by_power =
+            choice_probability_by_power(light_sources.at[instance.light_index], hit.triangle) / point.area;
     }
     surface.unlit = SCENE_UNLIT && (material.flags & MATERIAL_UNLIT) != 0u;
     surface.emits_towards_ray = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);

@@ -25,7 +25,7 @@ const float FAST_WEIGHT = 0.2;  // weight of a frame in LobeHistory.fast_luminan
 // The variance of LobeHistory.fast_luminance over that of a frame: FAST_WEIGHT / (2 - FAST_WEIGHT).
 const float FAST_VARIANCE = 0.111;
 const float MIN_GRADIENT_FRAMES = 3.0;  // shorter histories tell nothing
-const int MAX_RING = 2;  // cells from the center of the widest block
+const int MAX_RING = 2;  // cells from the center of the widest neighborhood
 // Standard deviations between which a temporal gradient becomes a change of light; and where all light may have
 // changed.
 const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_AFTER_CHANGE = vec2(0.5, 1.5);
@@ -37,7 +37,8 @@ const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightes
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
 const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood
 const float TEMPORAL_VARIANCE_FRAMES = 40.0;  // frames from which a pixel's temporal variance suffices
-// How many times as bright as its neighbors' mean, and as its block's mean of a single frame, a pixel may be.
+// How many times as bright a pixel may be as its neighbors' mean; and, for each frame of its history, as the mean of
+// the 3 x 3 cells around it.
 const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_BLOCK = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // least weight of the neighbors that a pixel is compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples differ
@@ -51,7 +52,7 @@ const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mi
 const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, over its squared roughness
 // The least alpha (squared roughness) that counts, for certain light and for uncertain light: it is better to blur
 // reflections of smooth surfaces than to show their noise, but little in pixels with a short history or a very long
-// one, in which the edges of bright reflections aren't known.
+// one, whose deviation isn't compared with their neighbors' (EDGES_UNKNOWN).
 const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_NO_EDGES = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 

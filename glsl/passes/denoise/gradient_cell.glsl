@@ -37,7 +37,8 @@ struct GradientCell {
 };
 
 // What the cells around one tell of each lobe: the confidence in the history, which is the share of it that changes of
-// light leave valid (a power of 1 - lambda in A-SVGF), and the mean luminance without the brightest pixel.
+// light leave valid (a power of 1 - lambda in A-SVGF), and the mean luminance without the brightest pixel, by which
+// variance.comp limits fireflies.
 struct CellNeighborhood {
     vec2 confidence;
     vec2 luminance;

@@ -47,8 +47,8 @@ float cell_light_change(LobeGradient cell, vec3 position) {
 
 vec2 change_sigmas(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_AFTER_CHANGE, min(4.0 * change, 1.0)); }
 
-// The mean without the brightest pixel. Few pixels tell nothing without it; no pixel is brighter than their sum, so
-// that none of them is limited.
+// The mean without the brightest pixel, by which variance.comp limits fireflies. Few pixels tell nothing without it;
+// no pixel is brighter than their sum, so that none of them is limited there.
 float robust_luminance(LobeGradient sum) {
     if (sum.pixels <= ROBUST_PIXELS) { return sum.luminance; }
     return max(sum.luminance - sum.max_luminance, 0.0) / (sum.pixels - 1.0);

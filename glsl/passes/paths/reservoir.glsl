@@ -54,7 +54,8 @@ vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservo
 ResolvedLightSample resolve_light_point(PathReservoir reservoir) {
     uvec4 point = reservoir.point;
     LightSource light = light_sources.at[point.x];
-    return resolve_light(light.kind, light.record_index, point.y, uintBitsToFloat(point.zw), 1.0);
+    const float inverse_probability = 1.0;  // the densities above are per light and part
+    return resolve_light(light.kind, light.record_index, point.y, uintBitsToFloat(point.zw), inverse_probability);
 }
 
 TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {

@@ -9,6 +9,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x9E1C5A37u;
 
+// evaluate_target asks of a reservoir's weight only whether it is above 0; the chosen one's is set last.
 PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
     PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_resampling_weight, NO_INDEX);
     uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);

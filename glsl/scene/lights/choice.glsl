@@ -28,8 +28,9 @@ float part_probability(LightSource light, uint part) {
     return has_equal_parts(light) ? 1.0 / float(light.part_count) : light.parts.at[part].probability;
 }
 
-// The probability that a light sample takes this part of this light; 0 only where nothing is emitted.
-float choice_probability(LightSource light, uint part) {
+// The probability that a light sample takes this part of this light, where lights are chosen by power; 0 only where
+// nothing is emitted.
+float choice_probability_by_power(LightSource light, uint part) {
     return light.by_power.probability * part_probability(light, part);
 }
 

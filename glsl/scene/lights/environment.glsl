@@ -62,7 +62,7 @@ ResolvedLightSample resolve_environment(uint index, uint part, vec2 u, float inv
 
 float emission_cosine_environment(uint data, float cosine) { return 1.0; }
 
-uint shown_id_environment(uint index) { return ~index - 0x10000u; }
+uint debug_color_id_environment(uint index) { return ~index - 0x10000u; }
 
 LightHit evaluate_environment(uint index, vec3 direction) {
     Environment map = environments.at[index];

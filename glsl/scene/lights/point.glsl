@@ -31,6 +31,6 @@ ResolvedLightSample sample_for_receiver_point(ResolvedLightSample light_sample, 
 
 float emission_cosine_point(uint index, float cosine) { return 1.0; }
 
-uint shown_id_point(uint index) { return 0x80000000u + index; }
+uint debug_color_id_point(uint index) { return 0x80000000u + index; }
 
 #endif

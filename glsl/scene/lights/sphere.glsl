@@ -70,7 +70,7 @@ ResolvedLightSample sample_for_receiver_sphere(ResolvedLightSample light_sample,
 
 float emission_cosine_sphere(uint index, float cosine) { return 1.0; }
 
-uint shown_id_sphere(uint index) { return 0xC0000000u + index; }
+uint debug_color_id_sphere(uint index) { return 0xC0000000u + index; }
 
 LightHit intersect_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
     PunctualLight light = sphere_lights.at[index];

@@ -10,7 +10,8 @@ struct LightSample {
     uint seed;
 };
 
-// The point of a LightSample in world space.
+// The point of a LightSample in world space. Of point lights and spheres, light_sample_for_receiver (each kind's file
+// has its own) makes what one receiver sees.
 struct ResolvedLightSample {
     uint kind;
     uint data;            // what the kind stores for emission_cosine and light_sample_for_receiver

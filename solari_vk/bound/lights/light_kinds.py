@@ -11,7 +11,7 @@ choose between the kinds. Each NAME.glsl defines:
     float emission_cosine_NAME(uint data, float cosine)
         The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
         cosine between its normal and the direction to the receiver.
-    uint shown_id_NAME(uint index)
+    uint debug_color_id_NAME(uint index)
         A number that stays the same while other lights are added and removed; debug views give each number a color.
     LightHit evaluate_NAME(uint index, vec3 direction)
         Kinds at infinity only: what a ray in this direction meets if it meets no surface.
@@ -171,7 +171,7 @@ def glsl_header() -> str:
         *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
         _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
         _choose("float emission_cosine", "float cosine", every, argument="data"),
-        _choose("uint shown_id", "", every),
+        _choose("uint debug_color_id", "", every),
         _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
         _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
         _for_receiver([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),

@@ -210,7 +210,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "several lamps": (over_floor("six lights"), Bug(
         "scene/lights/point.glsl", "emission_cosine_point", "return 0.9;")),
     "invariance": (measure_invariance, Bug(
-        CHOICE, "choice_probability", "return part_probability(light, part);")),
+        CHOICE, "choice_probability_by_power", "return part_probability(light, part);")),
     SEEN: (measure_seen, meeting_spheres("met.radiance *= 0.25")),
     CIRCLE: (measure_seen, Bug(SPHERE, "sphere_cone", "light.radius *= 1.1; return correct(light, receiver);")),
 }, quick=("a lamp", "a cone"))  # fmt: skip
