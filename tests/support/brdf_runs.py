@@ -3,11 +3,11 @@
 import numpy as np
 
 LOBES = {
-    "transmission": 0.0, "ior": 1.5, "solid": 0, "inside": 0, "specular_weight": 1.0, "coat": 0.0,
-    "coat_roughness": 0.0, "coat_normal": (0.0, 0.0, 1.0), "sheen_color": (0.0, 0.0, 0.0), "sheen_roughness": 0.0,
-    "anisotropy": 0.0, "anisotropy_direction": (1.0, 0.0),
+    "transmission": 0.0, "ior": 1.5, "solid": 0, "inside": 0, "specular_weight": 1.0, "anisotropy": 0.0,
+    "anisotropy_direction": (1.0, 0.0), "coat": 0.0, "coat_roughness": 0.0, "coat_normal": (0.0, 0.0, 1.0),
+    "sheen_color": (0.0, 0.0, 0.0), "sheen_roughness": 0.0,
 }  # fmt: skip
-"""The fields of the lobes that few materials have, as in MaterialLobes, and the values of a material without them."""
+"""The fields of the lobes that few materials have, as in brdf.comp, and the values of a material without them."""
 MATERIAL = np.dtype(
     [("base_color", "<f4", 3), ("reflectance", "<f4", 3), ("metallic", "<f4"), ("perceptual_roughness", "<f4")]
     + [(name, "<u4" if isinstance(value, int) else "<f4", np.shape(value)) for name, value in LOBES.items()]

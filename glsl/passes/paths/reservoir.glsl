@@ -72,7 +72,7 @@ TargetLight evaluate_target(Vertex vertex, PathReservoir reservoir) {
     vec3 wi = direction * vertex.frame;
     if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal)) { return nothing; }
     LobeRadiance lobes = lobes_times_cosine(vertex, wi);
-    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.perceptual_roughness), received);
+    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), received);
     return TargetLight(light, luminance(sum(light)));
 }
 

@@ -20,13 +20,13 @@ struct TestMaterial {
     uint solid;
     uint inside;
     float specular_weight;
+    float anisotropy;
+    vec2 anisotropy_direction;
     float coat;
-    float coat_roughness;
+    float coat_roughness;  // perceptual, as that of sheen
     vec3 coat_normal;
     vec3 sheen_color;
     float sheen_roughness;
-    float anisotropy;
-    vec2 anisotropy_direction;
 };
 
 layout(set = 1, scalar) readonly buffer TestMaterialsBlock { TestMaterial at[]; } test_materials;
@@ -36,13 +36,17 @@ layout(set = 1, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
 layout(set = 1, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
 
 ResolvedMaterial resolve(TestMaterial m) {
-    return ResolvedMaterial(
-        m.base_color, vec3(0.0), m.reflectance, m.perceptual_roughness, square(m.perceptual_roughness), m.metallic,
-        MaterialLobes(
-            m.transmission, m.ior, m.solid != 0u, m.inside != 0u, false, m.specular_weight, m.coat,
-            m.coat_roughness, m.coat_normal, m.sheen_color, m.sheen_roughness, m.anisotropy, m.anisotropy_direction
-        )
-    );
+    BaseMaterial base = make_base(m.base_color, m.reflectance, m.perceptual_roughness, m.metallic);
+    base.solid = m.solid != 0u;
+    base.inside = m.inside != 0u;
+    base.specular_weight = m.specular_weight;
+    base.anisotropy = m.anisotropy;
+    base.anisotropy_direction = m.anisotropy_direction;
+    ResolvedMaterial material = without_lobes(base, vec3(0.0));
+    material.glass = GlassParameters(m.transmission, m.ior, false);
+    material.coat = CoatParameters(m.coat, m.coat_roughness, m.coat_normal);
+    material.sheen = SheenParameters(m.sheen_color, m.sheen_roughness);
+    return material;
 }
 
 // Integrates each lobe over the points that its sampling maps to, where the integrand is smooth.
@@ -53,15 +57,16 @@ vec3 integrate_albedo(Brdf brdf, vec3 wo) {
         vec2 u = vec2(fract(float(i) * 0.618033988749895), (float(i) + 0.5) / float(point_count));
         vec3 wi = sample_cosine_hemisphere(u.yx);
         sum += evaluate_diffuse_brdf(brdf, wo, wi) * PI / wi.z;
-        if (brdf.mirror || brdf_lambert) { continue; }
+        if (brdf.specular.mirror || lambertian_surfaces) { continue; }
         float from_end = 1.0 - u.y;
-        wi = sample_specular_lobe(brdf, wo, vec2(u.x, 1.0 - from_end * from_end));
+        wi = sample_specular(brdf.specular, wo, vec2(u.x, 1.0 - from_end * from_end));
         if (wi.z > 0.0) {
-            float pdf = specular_pdf(brdf, wo, wi);
+            float pdf = specular_pdf(brdf.specular, wo, wi);
             sum += 2.0 * from_end * evaluate_specular_brdf(brdf, wo, wi) / pdf;
         }
     }
-    return sum / float(point_count) + (brdf.mirror && !brdf_lambert ? specular_fresnel(brdf, wo.z) : vec3(0.0));
+    bool mirror = brdf.specular.mirror && !lambertian_surfaces;
+    return sum / float(point_count) + (mirror ? specular_fresnel(brdf.specular, wo.z) : vec3(0.0));
 }
 
 // The mean weight of samples over a lattice (Roberts's R3 sequence).
