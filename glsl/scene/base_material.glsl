@@ -102,13 +102,14 @@ uint pack_base(BaseMaterial base, mat3 frame, mat3 packed_frame) {
         | (uint(turn * 256.0 + 0.5) & 0xFFu) << 16u | uint(base.solid) << 24u | uint(base.inside) << 25u;
 }
 
-void unpack_base(inout BaseMaterial base, uint bits) {
+BaseMaterial unpack_base(BaseMaterial base, uint bits) {
     base.specular_weight = unpack_unorm(bits, 8u);
     base.anisotropy = unpack_unorm(bits >> 8u, 8u);
     float angle = float(bits >> 16u & 0xFFu) * (2.0 * PI / 256.0);
     base.anisotropy_direction = vec2(cos(angle), sin(angle));
     base.solid = (bits >> 24u & 1u) != 0u;
     base.inside = (bits >> 25u & 1u) != 0u;
+    return base;
 }
 
 #endif

@@ -68,7 +68,7 @@ LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
     vec2 ab = albedo_terms(base.roughness <= MIRROR_ROUGHNESS, table_roughness(base), cosine);
     vec3 dielectric = specular_albedo(reflectance_f0(base.reflectance), ab);
     if (SCENE_LAYERS) { dielectric *= base.specular_weight; }
-    vec3 diffuse = diffuse_albedo(base, dielectric, cosine);
+    vec3 diffuse = diffuse_albedo(diffuse_color(material), base, dielectric, cosine);
     vec3 metal = specular_albedo(base.color, ab);
     if (!SCENE_LOBES) { return LobeAlbedos(diffuse, mix(dielectric, metal, base.metallic)); }
     Glass glass = prepare_glass(material.glass, base, cosine);
@@ -123,7 +123,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     brdf.specular = prepare_specular(material.base, share, wo);
     vec2 ab = brdf.specular.albedo_terms;
     vec3 dielectric = dielectric_albedo(brdf.specular, ab);
-    vec3 color = diffuse_color(material.base) * share;
+    vec3 color = diffuse_color(material) * share;
     brdf.diffuse = prepare_diffuse(color, brdf.specular, dielectric);
     float diffuse = luminance(color * (1.0 - dielectric));
     float specular = luminance(

@@ -40,6 +40,9 @@ ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TextureP
     return resolved;
 }
 
+// The color of the diffuse lobe, without what lies over it.
+vec3 diffuse_color(ResolvedMaterial material) { return material.base.color * (1.0 - material.base.metallic); }
+
 // Whether light passes below the surface.
 bool transmits(ResolvedMaterial material) {
     if (!SCENE_TRANSMISSION || lambertian_surfaces) { return false; }
@@ -66,11 +69,11 @@ PackedLobes pack_lobes(ResolvedMaterial material, vec3 world_normal, vec3 packed
     );
 }
 
-void unpack_lobes(inout ResolvedMaterial material, PackedLobes packed, vec3 world_normal) {
-    unpack_base(material.base, packed.base);
-    material.glass = unpack_glass(packed.glass);
-    material.coat = unpack_coat(packed.coat, orthonormalize(world_normal));
-    material.sheen = unpack_sheen(packed.sheen);
+ResolvedMaterial unpack_lobes(ResolvedMaterial material, PackedLobes packed, vec3 world_normal) {
+    return ResolvedMaterial(
+        unpack_base(material.base, packed.base), material.emissive, unpack_glass(packed.glass),
+        unpack_coat(packed.coat, orthonormalize(world_normal)), unpack_sheen(packed.sheen)
+    );
 }
 
 #endif

@@ -119,7 +119,8 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     );
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
     if (SCENE_LOBES && surface.exists) {
-        unpack_lobes(surface.material, gbuffer_lobes.at[pixel_index(pixel, camera.size)], surface.world_normal);
+        PackedLobes packed = gbuffer_lobes.at[pixel_index(pixel, camera.size)];
+        surface.material = unpack_lobes(surface.material, packed, surface.world_normal);
     }
     return surface;
 }

@@ -29,7 +29,7 @@ struct Guides {
 };
 
 void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
-    guides.diffuse_albedo = diffuse_color(material.base);
+    guides.diffuse_albedo = diffuse_color(material);
     guides.specular_albedo = lobe_albedos(material, NdotV).specular;  // the environment BRDF
     guides.perceptual_roughness = material.base.perceptual_roughness;
 }

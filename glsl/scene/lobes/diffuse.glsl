@@ -13,17 +13,16 @@ struct Diffuse {
     vec3 color;  // for LAYERING_CONSERVING reduced by what the specular lobe reflects towards wo
 };
 
-vec3 diffuse_color(BaseMaterial base) { return base.color * (1.0 - base.metallic); }
-
-// The share of uniform incoming light that it reflects, below a dielectric that reflects the share `dielectric`.
-vec3 diffuse_albedo(BaseMaterial base, vec3 dielectric, float cosine) {
+// The share of uniform incoming light that a lobe of this color takes, below a dielectric that reflects the share
+// `dielectric`.
+vec3 diffuse_albedo(vec3 color, BaseMaterial base, vec3 dielectric, float cosine) {
     vec3 through = 1.0 - dielectric;
     if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
         // 20/21 (1 - f0) is the cosine-weighted mean of 1 - fresnel over the hemisphere.
         vec3 f0 = reflectance_f0(base.reflectance);
         through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);
     }
-    return through * diffuse_color(base);
+    return through * color;
 }
 
 // A diffuse lobe of this color below a dielectric that reflects the share `dielectric` towards wo.

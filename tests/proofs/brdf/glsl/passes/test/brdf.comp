@@ -1,6 +1,8 @@
 // The surface model for tests: samples, values at given directions, or the albedo, as MODE says. The albedo is
 // integrated over each lobe, or, for surfaces with all kinds of lobes, over samples.
 #version 460
+#include "scene/textures.glsl"
+#define sample_texture(texture_index, point) vec4(1.0)  // materials here have none
 #include "scene/brdf.glsl"
 
 layout(local_size_x = 64) in;
@@ -11,22 +13,10 @@ const uint MODE_DRAW = 0u, MODE_EVALUATE = 1u, MODE_ALBEDO = 2u, MODE_SAMPLED_AL
 layout(constant_id = MODE_id) const uint MODE = MODE_DRAW;
 
 struct TestMaterial {
-    vec3 base_color;
-    vec3 reflectance;
-    float metallic;
-    float perceptual_roughness;
-    float transmission;
-    float ior;
-    uint solid;
+    Material material;
     uint inside;
-    float specular_weight;
-    float anisotropy;
-    vec2 anisotropy_direction;
-    float coat;
-    float coat_roughness;  // perceptual, as that of sheen
     vec3 coat_normal;
-    vec3 sheen_color;
-    float sheen_roughness;
+    vec2 anisotropy_direction;
 };
 
 layout(set = 1, scalar) readonly buffer TestMaterialsBlock { TestMaterial at[]; } test_materials;
@@ -36,16 +26,10 @@ layout(set = 1, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
 layout(set = 1, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
 
 ResolvedMaterial resolve(TestMaterial m) {
-    BaseMaterial base = make_base(m.base_color, m.reflectance, m.perceptual_roughness, m.metallic);
-    base.solid = m.solid != 0u;
-    base.inside = m.inside != 0u;
-    base.specular_weight = m.specular_weight;
-    base.anisotropy = m.anisotropy;
-    base.anisotropy_direction = m.anisotropy_direction;
-    ResolvedMaterial material = without_lobes(base, vec3(0.0));
-    material.glass = GlassParameters(m.transmission, m.ior, false);
-    material.coat = CoatParameters(m.coat, m.coat_roughness, m.coat_normal);
-    material.sheen = SheenParameters(m.sheen_color, m.sheen_roughness);
+    TexturePoint nowhere = TexturePoint(vec2(0.0), vec2(0.0), 0.0, 0.0);
+    ResolvedMaterial material = resolve_material(m.material, vec3(1.0), nowhere, m.inside == 0u);
+    material.coat.normal = m.coat_normal;
+    material.base.anisotropy_direction = m.anisotropy_direction;
     return material;
 }
 
