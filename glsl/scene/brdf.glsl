@@ -93,12 +93,12 @@ void prepare_lobes(inout Brdf brdf, ResolvedMaterial material, vec3 wo, float ba
     brdf.sheen = prepare_sheen(material.sheen, material.base.inside);
     brdf.glass = prepare_glass(material.glass, material.base, wo.z);
     LayerAlbedos layers = layer_albedos(material, brdf.coat.weight, wo.z, brdf.coat.wo.z);
-    float below_coat = 1.0 - layers.coat;
-    float sheen = luminance(material.sheen.color) * layers.sheen * below_coat;
-    float glass = brdf.glass.weight * luminance(glass_albedo(brdf.glass, wo.z)) * layers.below_sheen * below_coat;
-    float sum = layers.coat + sheen + glass + base * layers.below_sheen * below_coat;
-    brdf.probabilities = LobeProbabilities(0.0, 0.0, 0.0);
-    if (sum > 0.0) { brdf.probabilities = LobeProbabilities(layers.coat / sum, sheen / sum, glass / sum); }
+    float glass = brdf.glass.weight * luminance(glass_albedo(brdf.glass, wo.z));
+    vec3 below_coat = vec3(luminance(material.sheen.color) * layers.sheen, vec2(glass, base) * layers.below_sheen);
+    vec4 shares = vec4(layers.coat, below_coat * (1.0 - layers.coat));
+    float sum = shares.x + shares.y + shares.z + shares.w;
+    vec3 chosen = sum > 0.0 ? shares.xyz / sum : vec3(0.0);
+    brdf.probabilities = LobeProbabilities(chosen.x, chosen.y, chosen.z);
 }
 
 // A surface that reflects the share `color` of all light evenly.

@@ -108,7 +108,8 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
 // Whether the pixel reuses the sample of ReSTIR GI. That sample contains no direct light, so DI must shade the specular
 // lobe too.
 bool reuses_gi(GBufferSurface surface) {
-    return surface.material.base.roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
+    float roughness = surface.material.base.roughness;
+    return roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
         && !takes_no_gi(surface);
 }
 
