@@ -50,8 +50,6 @@ FEATURES = (
     Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
     Feature("UNLIT", Material, lambda material: material.unlit),
 )
-
-
 LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 
 

@@ -216,8 +216,6 @@ class Material(Checked):
 
 
 TEXTURES: dict[str, bool] = {
-    field.name: field.metadata["srgb"]
-    for field in fields(Material)
-    if "srgb" in field.metadata
+    field.name: field.metadata["srgb"] for field in fields(Material) if "srgb" in field.metadata
 }
 """The textures of a material, and whether their colors are sRGB."""

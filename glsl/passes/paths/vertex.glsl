@@ -41,8 +41,8 @@ LobeRadiance lobes_times_cosine(Vertex vertex, vec3 wi) {
 }
 
 // Makes surfaces rougher that a path reaches after a lobe of finite pdf. Otherwise light that a mirror throws on a
-// diffuse surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for
-// Holistic and Robust Light Transport" (2013).
+// diffuse surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space
+// Regularization for Holistic and Robust Light Transport" (2013).
 void regularize(inout ResolvedMaterial material, float inverse_pdf_sum) {
     float least = min(1.0, 0.5 * sqrt(inverse_pdf_sum)) * paths_settings.regularization;
     if (SCENE_LAYERS) { material.coat.perceptual_roughness = max(material.coat.perceptual_roughness, sqrt(least)); }
