@@ -74,6 +74,7 @@ def glsl_header() -> str:
     """The declarations of the constants; SCENE_LOBES and SCENE_TRANSMISSION are true if one of these features is."""
     plain = {feature.constant: f"const bool {feature.constant} = false;" for feature in FEATURES}
     specialized = [f"layout(constant_id = {name}_id) {line}" for name, line in plain.items()]
-    return "\n".join(("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif",
-                      _any_of("LOBES", (feature for feature in FEATURES if feature.is_lobe)),
-                      _any_of("TRANSMISSION", (feature for feature in FEATURES if feature.transmits))))
+    lobes = _any_of("LOBES", (feature for feature in FEATURES if feature.is_lobe))
+    transmission = _any_of("TRANSMISSION", (feature for feature in FEATURES if feature.transmits))
+    declared = ("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif")
+    return "\n".join((*declared, lobes, transmission))
