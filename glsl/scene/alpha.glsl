@@ -12,7 +12,8 @@
 #include "common/random.glsl"
 #include "common/sobol.glsl"
 #include "scene/bindings.glsl"
-#include "scene/material_lobes.glsl"
+#include "scene/lobes/coat.glsl"
+#include "scene/lobes/glass.glsl"
 #include "scene/microfacet.glsl"
 #include "scene/textures.glsl"
 
@@ -45,16 +46,15 @@ vec4 resolve_thin_wall(
         roughness_metallic *= sample_texture(material.metallic_roughness_texture, point).gb;
     }
     if (square(roughness_metallic.x) > MIRROR_ROUGHNESS) { return vec4(color, 1.0); }
-    MaterialLobes lobes = resolve_lobes(material, point, true);
-    float transmission = lobes.transmission * (1.0 - roughness_metallic.y);
+    float transmission = resolve_glass(material, point).transmission * (1.0 - roughness_metallic.y);
     mat3 m = mat3(instance.world_from_object);
     vec3 corner = mesh.positions.at[vertices.x];
     vec3 normal = cross(m * (mesh.positions.at[vertices.y] - corner), m * (mesh.positions.at[vertices.z] - corner));
     float cosine = abs(dot(safe_normalize(normal, vec3(0.0, 0.0, 1.0)), safe_normalize(direction, vec3(0.0))));
-    vec3 reflectance = resolve_reflectance(material, point);
-    vec3 tint = glass_tint(material.ior, lobes.specular_weight * reflectance_f0(reflectance));
+    vec3 f0 = resolve_specular_weight(material, point) * reflectance_f0(resolve_reflectance(material, point));
+    vec3 tint = glass_tint(material.ior, f0);
     vec3 through = transmission * color * (1.0 - tint * dielectric_fresnel(material.ior, cosine));
-    if (SCENE_LAYERS) { through *= 1.0 - lobes.coat * fresnel(vec3(0.04), cosine).x; }
+    if (SCENE_LAYERS) { through *= 1.0 - resolve_coat(material, point).weight * fresnel(vec3(COAT_F0), cosine).x; }
     float opacity = max(1.0 - max_component(through), 1e-3);
     return vec4(1.0 + (through / max(1.0 - opacity, 1e-9) - 1.0) / opacity, opacity);
 }

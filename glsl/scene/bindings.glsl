@@ -11,6 +11,7 @@
 // anisotropy or a specular weight.
 #include "generated/bound/constants.glsl"
 #include "generated/bound/features.glsl"
+#include "generated/bound/material_record.glsl"
 
 // ---- geometry: each mesh has its own addresses, so no pool limits the size of a scene ---------------
 
@@ -50,42 +51,7 @@ struct Instance {
 
 // ---- materials --------------------------------------------------------------------------------------
 
-struct Material {
-    vec3 base_color;
-    float perceptual_roughness;
-    vec3 emissive;      // radiance
-    float metallic;
-    vec3 reflectance;   // see reflectance_f0
-    float normal_scale;
-    float alpha;
-    float alpha_cutoff;               // with MATERIAL_MASK
-    uint base_color_texture;          // into textures, or NO_INDEX
-    uint metallic_roughness_texture;
-    uint emissive_texture;
-    uint normal_texture;
-    uint flags;
-    // Read in scenes with glass or layers only: scene/material_lobes.glsl.
-    float transmission;
-    float ior;
-    vec3 absorption;  // per meter
-    float specular;
-    float clearcoat;
-    float clearcoat_roughness;
-    float clearcoat_normal_scale;
-    vec3 sheen_color;
-    float sheen_roughness;
-    float anisotropy;
-    float anisotropy_rotation;
-    uint transmission_texture;
-    uint specular_texture;
-    uint specular_color_texture;
-    uint clearcoat_texture;
-    uint clearcoat_roughness_texture;
-    uint clearcoat_normal_texture;
-    uint sheen_color_texture;
-    uint sheen_roughness_texture;
-    uint anisotropy_texture;
-};
+// struct Material is generated from the fields of solari_vk/scene/material.py.
 
 struct Texture {
     mat3x2 uv_transform;  // applied to (u, v, 1)

@@ -6,18 +6,8 @@
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
 #include "scene/lights/choice.glsl"
-#include "scene/material_lobes.glsl"
+#include "scene/material.glsl"
 #include "scene/textures.glsl"
-
-struct ResolvedMaterial {
-    vec3 base_color;
-    vec3 emissive;
-    vec3 reflectance;
-    float perceptual_roughness;
-    float roughness;
-    float metallic;
-    MaterialLobes lobes;
-};
 
 // A point of a triangle of an instance's ray mesh.
 struct TrianglePoint {
@@ -88,39 +78,10 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
 
 // ---- materials --------------------------------------------------------------------------------------
 
-// Sampled at the finest level for every ray, so that light samples and rays that hit the light see the same radiance.
-vec3 resolve_emissive(Material material, TexturePoint point) {
-    if (material.emissive_texture == NO_INDEX) { return material.emissive; }
-    point.footprint_lod = point.second_footprint_lod = FINEST_LOD;
-    return material.emissive * sample_texture(material.emissive_texture, point).rgb;
-}
-
-ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TexturePoint point) {
-    ResolvedMaterial resolved;
-    resolved.base_color = material.base_color * vertex_color;
-    resolved.emissive = resolve_emissive(material, point);
-    resolved.reflectance = resolve_reflectance(material, point);
-    resolved.perceptual_roughness = material.perceptual_roughness;
-    resolved.metallic = material.metallic;
-    if (material.base_color_texture != NO_INDEX) {
-        resolved.base_color *= sample_texture(material.base_color_texture, point).rgb;
-    }
-    if (material.metallic_roughness_texture != NO_INDEX) {
-        vec2 factors = sample_texture(material.metallic_roughness_texture, point).gb;
-        resolved.perceptual_roughness *= factors.x;
-        resolved.metallic *= factors.y;
-    }
-    resolved.roughness = square(resolved.perceptual_roughness);
-    resolved.lobes = NO_LOBES;
-    return resolved;
-}
-
 // Shows the base color, and reflects nothing.
 void make_unlit(inout ResolvedMaterial material) {
-    material.emissive *= material.base_color;
-    material.base_color = material.reflectance = vec3(0.0);
-    material.metallic = 0.0;
-    material.lobes = NO_LOBES;
+    BaseMaterial black = make_base(vec3(0.0), vec3(0.0), material.base.perceptual_roughness, 0.0);
+    material = without_lobes(black, material.emissive * material.base.color);
 }
 
 // ---- normals ----------------------------------------------------------------------------------------
@@ -234,7 +195,7 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
     point.texture_point.footprint_lod = footprint_lod(mesh, point, 0u, cone_width);
     if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
     vec3 color = vertex_color(mesh, point.vertices, hit.barycentrics).rgb;
-    surface.material = resolve_material(material, color, point.texture_point);
+    surface.material = resolve_material(material, color, point.texture_point, front_face);
     vec3 smooth_normal = resolve_smooth_normal(mesh, point, hit.barycentrics);
     vec3 normal = smooth_normal;
     if (material.normal_texture != NO_INDEX) {
@@ -243,9 +204,6 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
     }
     float side = front_face ? 1.0 : -1.0;
     surface.world_normal = bend_shading_normal(side * normal, surface.geometric_world_normal, -ray_direction);
-    if (SCENE_GLASS || SCENE_LAYERS) {
-        surface.material.lobes = resolve_lobes(material, point.texture_point, front_face);
-    }
     if (SCENE_LAYERS) {
         vec3 coat_normal = smooth_normal;
         uint coat_map = material.clearcoat_normal_texture;
@@ -260,7 +218,9 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
                 instance, mesh, point, hit.barycentrics, smooth_normal, material.anisotropy_texture
             );
         }
-        orient_lobes(surface.material.lobes, surface.world_normal, coat_normal, tangents);
+        mat3 frame = orthonormalize(surface.world_normal);
+        surface.material.coat.normal = coat_normal * frame;
+        orient_anisotropy(surface.material.base, frame, tangents);
     }
     if (surface.unlit) { make_unlit(surface.material); }
     return surface;

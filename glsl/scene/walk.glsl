@@ -38,13 +38,13 @@ const Medium NO_MEDIUM = Medium(NO_INDEX);
 
 // The medium on the other side of a surface than that from which it is seen.
 Medium medium_below(uint instance, ResolvedMaterial material) {
-    bool solid = SCENE_GLASS && material.lobes.solid && !material.lobes.inside;
+    bool solid = SCENE_TRANSMISSION && material.base.solid && !material.base.inside;
     return Medium(solid ? instances.at[instance].material : NO_INDEX);
 }
 
 // The share of light that a way in a medium lets pass, by the law of Beer and Lambert.
 vec3 transmittance(Medium medium, float distance) {
-    if (!SCENE_GLASS || medium.material == NO_INDEX) { return vec3(1.0); }
+    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return vec3(1.0); }
     vec3 absorption = materials.at[medium.material].absorption;
     return mix(exp(-absorption * distance), vec3(1.0), equal(absorption, vec3(0.0)));
 }
@@ -155,7 +155,7 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     vec4 color_opacity = resolve_color_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
     if (color_opacity.w < 1.0) {
         throughput /= color_opacity.w;
-        material.lobes.passed_straight = true;
+        material.glass.reflects_only = true;
     }
 }
 
@@ -168,7 +168,7 @@ vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
 
 // Where rays that go in a direction leave a surface.
 vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
-    bool transmits = SCENE_GLASS && dot(direction, surface.geometric_world_normal) < 0.0;
+    bool transmits = SCENE_TRANSMISSION && dot(direction, surface.geometric_world_normal) < 0.0;
     float offset = transmits ? -surface.ray_offset : surface.ray_offset;
     return surface.world_position + offset * surface.geometric_world_normal;
 }
@@ -177,7 +177,7 @@ vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
 // geometric normal. `cos_theta` is its cosine with the shading normal.
 bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
     float geometric = dot(direction, geometric_normal);
-    return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_GLASS && cos_theta < 0.0 && geometric < 0.0);
+    return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
 }
 
 // Leaves a surface in a sampled direction; its origin remains to be set. `frame` has the shading normal as its z axis,
@@ -188,7 +188,7 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     walk.is_camera_ray = false;
     walk.bounce_pdf = next.pdf;
     walk.throughput *= next.weight;
-    if (SCENE_GLASS && next.wi.z < 0.0) { walk.medium = below; }
+    if (SCENE_TRANSMISSION && next.wi.z < 0.0) { walk.medium = below; }
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
@@ -213,7 +213,7 @@ struct NextEvent {
 // The share of the light of a light sample that reaches the origin of a shadow ray.
 vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
     vec3 visible = trace_light_transmittance(origin, light_sample);
-    if (!SCENE_GLASS || medium.material == NO_INDEX) { return visible; }
+    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return visible; }
     bool far = is_at_infinity(light_sample.kind);
     vec3 end = light_sample_for_receiver(light_sample, origin).world_position;
     return visible * transmittance(medium, far ? INFINITY : distance(origin, end));

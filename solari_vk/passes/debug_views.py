@@ -50,10 +50,10 @@ _GROUPS = (
         "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
     }),
     ViewGroup("G-buffer", "", {
-        "base_color": ("base color.", "encode_srgb(surface.material.base_color)"),
-        "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.perceptual_roughness)"),
-        "metallic": ("metallic, white is metal.", "vec3(surface.material.metallic)"),
-        "reflectance": ("reflectance of dielectrics.", "surface.material.reflectance"),
+        "base_color": ("base color.", "encode_srgb(surface.material.base.color)"),
+        "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.base.perceptual_roughness)"),
+        "metallic": ("metallic, white is metal.", "vec3(surface.material.base.metallic)"),
+        "reflectance": ("reflectance of dielectrics.", "surface.material.base.reflectance"),
         "emissive": ("the radiance that the surface emits.", "show_radiance(surface.material.emissive)"),
     }),
     ViewGroup("G-buffer", IF_SURFACE, {

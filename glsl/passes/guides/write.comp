@@ -29,18 +29,18 @@ struct Guides {
 };
 
 void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
-    guides.diffuse_albedo = material.base_color * (1.0 - material.metallic);
+    guides.diffuse_albedo = diffuse_color(material);
     guides.specular_albedo = lobe_albedos(material, NdotV).specular;  // the environment BRDF
-    guides.perceptual_roughness = material.perceptual_roughness;
+    guides.perceptual_roughness = material.base.perceptual_roughness;
 }
 
 // Whether a surface is a wall of smooth glass that lets through at least three times what it reflects.
 bool is_clear_wall(ResolvedMaterial material, float cosine) {
-    MaterialLobes lobes = material.lobes;
-    float reflected = dielectric_fresnel(lobes.ior, cosine);
-    float let_through = (1.0 - reflected) * max_component(material.base_color);
-    return is_glass(material) && !lobes.solid && material.roughness <= MIRROR_ROUGHNESS
-        && lobes.transmission * (1.0 - material.metallic) > MOSTLY_CLEAR && 3.0 * reflected < let_through;
+    BaseMaterial base = material.base;
+    float reflected = dielectric_fresnel(material.glass.ior, cosine);
+    float let_through = (1.0 - reflected) * max_component(base.color);
+    return is_glass(material) && !base.solid && base.roughness <= MIRROR_ROUGHNESS
+        && material.glass.transmission * (1.0 - base.metallic) > MOSTLY_CLEAR && 3.0 * reflected < let_through;
 }
 
 // Follows the chain of mirrors and clear walls that starts at the pixel's surface, and describes the surface at its

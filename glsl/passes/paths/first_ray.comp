@@ -47,7 +47,7 @@ void main() {
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // again, instead of kept across rays
     LobeRadiance light = path_light(path);
-    if (paths_reuse) { light = write_candidate(path, index, surface.material.perceptual_roughness); }
+    if (paths_reuse) { light = write_candidate(path, index, surface.material.base.perceptual_roughness); }
     if (goes_on) { store_path_state(path, index, 1u); }
     Demodulation albedo = demodulation(surface);
     vec2 distances = path.first_ray_is_diffuse ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);

@@ -26,7 +26,7 @@ void main() {
     if (paths_reuse) {
         paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
         LobeRadiance reusable_radiance = apply_first_weight(path, path.reusable_radiance);
-        light.specular += specular_without_reuse(reusable_radiance, surface.material.perceptual_roughness);
+        light.specular += specular_without_reuse(reusable_radiance, surface.material.base.perceptual_roughness);
     }
     Demodulation albedo = demodulation(surface);
     float share = 1.0 / float(count_samples(index));

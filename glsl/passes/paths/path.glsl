@@ -91,8 +91,9 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_first_hit) {
 
 // The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
 float next_event_probability(Brdf brdf) {
-    bool reflection_alone = brdf.mirror && brdf.specular_probability == 1.0;
-    return reflection_alone || scene_info.light_count == 0u ? 0.0 : mix(1.0, brdf.perceptual_roughness, brdf.metallic);
+    Specular specular = brdf.specular;
+    if (scene_info.light_count == 0u || specular.mirror && brdf.specular_probability == 1.0) { return 0.0; }
+    return mix(1.0, specular.perceptual_roughness, specular.metallic);
 }
 
 // The weight of a BRDF sample by lobe.
@@ -103,7 +104,7 @@ LobeRadiance lobe_weights(Vertex vertex, BrdfSample next) {
 
 // Whether the specular lobe is so broad that the cache stands for it too.
 bool is_rough(ResolvedMaterial material) {
-    return brdf_lambert || material.roughness >= paths_settings.cache_roughness;
+    return lambertian_surfaces || material.base.roughness >= paths_settings.cache_roughness;
 }
 
 // Moves the path to the surface that its last ray hit.
@@ -121,7 +122,7 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
 // stands for the whole surface: the path goes on by the specular lobe, with that lobe's share of the energy as
 // probability, unless the lobe is nearly as broad as the diffuse one. Returns whether the path goes on.
 bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
-    if (frame_settings.world_cache == 0u || continues_specular_chain(surface.material)) { return true; }
+    if (frame_settings.world_cache == 0u || has_no_cell(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
     bool far = path.hit.t > MIN_RAY_IN_CELLS * cell_size && path.footprint > MIN_FOOTPRINT_IN_CELLS * cell_size;
     if (!far && path.bounce < paths_settings.bounces + path.specular_bounces) { return true; }
@@ -192,7 +193,7 @@ bool advance(inout Path path) {
         count_ray();
         vec3 to_light = light_sample_for_receiver(ris_sample.resolved, path.vertex.position).world_position;
         if (!is_at_infinity(ris_sample.resolved.kind)) { to_light -= path.vertex.position; }
-        bool transmits = SCENE_GLASS && dot(to_light, path.vertex.geometric_normal) < 0.0;
+        bool transmits = SCENE_TRANSMISSION && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
         vec3 transmittance = trace_light(from, transmits ? path.medium_below : medium, ris_sample.resolved);
         if (transmittance != vec3(0.0)) {

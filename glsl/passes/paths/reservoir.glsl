@@ -74,7 +74,7 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
     vec3 wi = direction * vertex.frame;
     if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal)) { return nothing; }
     LobeRadiance lobes = lobes_times_cosine(vertex, wi);
-    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.perceptual_roughness), incident);
+    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), incident);
     return TargetFunction(light, luminance(sum(light)));
 }
 
@@ -93,21 +93,26 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
 
 // The share of a sample's light that reaches a vertex.
 vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
-    vec3 to_sample;
+    vec3 to_sample, origin = vertex.origin;
     float t_max = 1.0;
     if (is_hit(reservoir)) {
-        to_sample = hit_position(reservoir) - vertex.origin;
+        if (SCENE_TRANSMISSION) { origin = ray_origin(vertex, hit_position(reservoir) - vertex.position); }
+        to_sample = hit_position(reservoir) - origin;
         // ends before the point by the rounding error of a ray of this length
         to_sample += hit_normal(reservoir) * (16.0 * ROUNDING_UNIT * max_component(abs(to_sample)));
     } else {
         ResolvedLightSample light = resolve_light_point(reservoir);
         bool at_infinity = is_at_infinity(light.kind);
-        to_sample = at_infinity ? light.world_position : shadow_ray_segment(vertex.origin, light);
+        if (SCENE_TRANSMISSION) {
+            vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
+            origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
+        }
+        to_sample = at_infinity ? light.world_position : shadow_ray_segment(origin, light);
         t_max = at_infinity ? INFINITY : 1.0;
     }
     count_ray();
-    if (in_previous_frame) { return trace_previous_transmittance(vertex.origin, to_sample, t_max); }
-    return trace_transmittance(vertex.origin, to_sample, t_max);
+    if (in_previous_frame) { return trace_previous_transmittance(origin, to_sample, t_max); }
+    return trace_transmittance(origin, to_sample, t_max);
 }
 
 bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {

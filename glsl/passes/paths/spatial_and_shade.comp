@@ -41,7 +41,7 @@ void main() {
         if (merged.reservoir.weight > 0.0) {
             float distance = sample_distance(vertex, merged.reservoir);
             paths_diffuse.at[index].w = distance;
-            if (reuses_specular(surface.material.perceptual_roughness)) { paths_specular.at[index].w = distance; }
+            if (reuses_specular(surface.material.base.perceptual_roughness)) { paths_specular.at[index].w = distance; }
         }
     }
     paths_reservoirs.at[index] = merged.reservoir;

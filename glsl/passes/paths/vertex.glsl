@@ -29,7 +29,7 @@ Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 
 
 // Where rays that go in a direction leave the vertex.
 vec3 ray_origin(Vertex vertex, vec3 direction) {
-    bool transmits = SCENE_GLASS && dot(direction, vertex.geometric_normal) < 0.0;
+    bool transmits = SCENE_TRANSMISSION && dot(direction, vertex.geometric_normal) < 0.0;
     return transmits ? 2.0 * vertex.position - vertex.origin : vertex.origin;
 }
 
@@ -40,15 +40,17 @@ LobeRadiance lobes_times_cosine(Vertex vertex, vec3 wi) {
     );
 }
 
-// Makes surfaces rougher that a path reaches after a broad lobe. Otherwise light that a mirror throws on a diffuse
-// surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for
-// Holistic and Robust Light Transport" (2013).
+// Makes surfaces rougher that a path reaches after a lobe of finite pdf. Otherwise light that a mirror throws on a
+// diffuse surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space
+// Regularization for Holistic and Robust Light Transport" (2013).
 void regularize(inout ResolvedMaterial material, float inverse_pdf_sum) {
     float min_roughness = min(1.0, 0.5 * sqrt(inverse_pdf_sum)) * paths_settings.regularization;
-    if (SCENE_LAYERS) { material.lobes.coat_roughness = max(material.lobes.coat_roughness, sqrt(min_roughness)); }
-    if (material.roughness >= min_roughness) { return; }
-    material.roughness = min_roughness;
-    material.perceptual_roughness = sqrt(min_roughness);
+    if (SCENE_LAYERS) {
+        material.coat.perceptual_roughness = max(material.coat.perceptual_roughness, sqrt(min_roughness));
+    }
+    if (material.base.roughness >= min_roughness) { return; }
+    material.base.roughness = min_roughness;
+    material.base.perceptual_roughness = sqrt(min_roughness);
 }
 
 // ---- light samples -----------------------------------------------------------------------------------

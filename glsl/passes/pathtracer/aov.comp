@@ -35,7 +35,7 @@ void main() {
     aov_position.at[index] = surface.world_position;
     aov_geometric_normal.at[index] = surface.geometric_world_normal;
     aov_shading_normal.at[index] = surface.world_normal;
-    aov_albedo.at[index] = surface.material.base_color;
-    aov_roughness_metallic.at[index] = vec2(surface.material.perceptual_roughness, surface.material.metallic);
+    aov_albedo.at[index] = surface.material.base.color;
+    aov_roughness_metallic.at[index] = vec2(surface.material.base.perceptual_roughness, surface.material.base.metallic);
     aov_emissive.at[index] = shown_emission(surface);
 }

@@ -50,7 +50,7 @@ WorldCacheResult query_world_cache(
 // the base color (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
 // diffuse.
 vec3 surface_albedo(ResolvedMaterial material, float cosine) {
-    if (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
+    if (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base.color; }
     LobeAlbedos albedos = lobe_albedos(material, cosine);
     return albedos.diffuse + albedos.specular;
 }

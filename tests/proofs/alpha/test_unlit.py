@@ -93,6 +93,6 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "SurfaceInteraction found = correct(hit, mesh, ray_direction, cone_width); "
         "found.emits_towards_ray = found.emits_towards_ray || found.unlit; return found;")),
     "it is lit": (check_color, Bug(
-        "scene/surface.glsl", "make_unlit", "vec3 color = material.base_color; correct(material); "
-        "material.base_color = color;")),
+        "scene/surface.glsl", "make_unlit", "vec3 color = material.base.color; correct(material); "
+        "material.base.color = color;")),
 })  # fmt: skip

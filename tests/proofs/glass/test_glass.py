@@ -98,8 +98,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/alpha.glsl", "attenuate_by_surface(inout RayTransmittance through, vec4",
         "through.probability *= 1.0 - color_opacity.w;")),
     "the tangent is turned": (lambda device: test_anisotropy_of_metal(device, 0.0), Bug(
-        "scene/material_lobes.glsl", "orient_lobes",
-        "correct(lobes, shading_normal, coat_normal, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
+        "scene/base_material.glsl", "orient_anisotropy",
+        "correct(base, frame, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
 })  # fmt: skip
 
 

@@ -309,7 +309,7 @@ def describing(change):
 test_a_seeded_bug_is_noticed = bug_tests({
     "diffuse albedo of metals": (
         lambda device: test_surfaces_are_the_path_tracers(device, "sphere_grid"),
-        describing("diffuse_albedo = material.base_color")),
+        describing("diffuse_albedo = material.base.color")),
     "diffuse albedo": (
         lambda device: test_surfaces_are_the_path_tracers(device, "cornell_box"), describing("diffuse_albedo *= 0.9")),
     "specular albedo": (test_specular_albedo_is_the_directional_albedo, describing("specular_albedo *= 0.9")),

@@ -83,14 +83,14 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         Medium below = medium_below(segment.hit.instance, surface.material);
         NextEvent event;
         event.radiance = vec3(0.0);
-        if (!brdf.mirror || brdf.specular_probability < 1.0) {
+        if (!brdf.specular.mirror || brdf.specular_probability < 1.0) {
             event = sample_light(walk, surface, brdf, frame, wo, below, true, rng);
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
-        spread(cone, next, brdf.roughness);
+        spread(cone, next, brdf.specular.roughness);
         bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
         walk.origin = ray_origin(surface, walk.direction);
-        if (as_solari) { cone.width = widen_as_solari(cone.width, ray_t, surface.material.roughness); }
+        if (as_solari) { cone.width = widen_as_solari(cone.width, ray_t, surface.material.base.roughness); }
         // last, when the surface isn't needed any more
         if (max_component(event.radiance) > 0.0) {
             count_ray();
@@ -108,7 +108,8 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
 // Whether the pixel reuses the sample of ReSTIR GI. That sample contains no direct light, so DI must shade the specular
 // lobe too.
 bool reuses_gi(GBufferSurface surface) {
-    return surface.material.roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
+    float roughness = surface.material.base.roughness;
+    return roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
         && !takes_no_gi(surface);
 }
 
@@ -145,11 +146,11 @@ void main() {
     Medium below = medium_below(surface.instance, surface.material);
     bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
     if (!(possible && max_component(walk.throughput) > 0.0)) { return; }
-    walk.bounce_pdf = surface.material.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
+    walk.bounce_pdf = surface.material.base.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     Cone cone = Cone(0.0, 0.0);
-    spread(cone, next, brdf.roughness);
+    spread(cone, next, brdf.specular.roughness);
     if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {
-        cone.width = widen_as_solari(0.0, distance, surface.material.roughness);
+        cone.width = widen_as_solari(0.0, distance, surface.material.base.roughness);
     }
     specular_gi.at[index] = trace_path(walk, cone, rng);
 }
