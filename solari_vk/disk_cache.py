@@ -17,6 +17,7 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
 
 _OFF = ("", "0", "off", "no")
+_warned_of = set[Path]()
 
 
 def folder() -> Path | None:
@@ -66,7 +67,7 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> None:
-    """Write an entry, unless the cache is off. A folder that can't be written only gives a warning."""
+    """Write an entry, unless the cache is off. A folder that can't be written only gives a warning, and only one."""
     base = _trusted_folder()
     if base is None:
         return
@@ -74,7 +75,9 @@ def store(name: str, content: bytes) -> None:
         make_folder((base / name).parent)
         write_whole(base / name, hashlib.sha256(content).digest() + content)
     except SolariError as error:
-        warnings.warn(
-            f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'",
-            stacklevel=3,
-        )
+        if base not in _warned_of:
+            _warned_of.add(base)
+            warnings.warn(
+                f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'",
+                stacklevel=3,
+            )

@@ -24,14 +24,17 @@ _held: WeakValueDictionary[Path, FolderLock] = WeakValueDictionary()
 class FolderLock:
     """Holds the lock file at `path` until the object is gone: `flock`, which also works on NFS between machines.
 
-    Raises SolariError if another process holds it, saying which one and for how long.
+    Raises SolariError if another process holds it, saying which one and for how long, and if it can't be written.
     """
 
     def __init__(self, path: Path) -> None:
         self._file = self._open(path)
-        os.truncate(self._file, 0)
-        os.write(self._file, json.dumps({"process": os.getpid(), "host": socket.gethostname()}).encode())
         finalize(self, _release, path, self._file)
+        try:
+            os.truncate(self._file, 0)
+            os.write(self._file, json.dumps({"process": os.getpid(), "host": socket.gethostname()}).encode())
+        except OSError as error:
+            raise cannot_be("written", path, error) from None
 
     @staticmethod
     def _open(path: Path) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import shutil
+import socket
 import sys
 from unittest.mock import Mock
 
@@ -159,6 +160,34 @@ def test_a_closed_widget_renders_nothing(widget, renderer):
     assert line.sent[-1][0] == "comm_close"
     assert line.tell(page="a", **STILL) == []
     assert renderer.frame_count == before
+
+
+def test_the_widget_opens_no_port(renderer, monkeypatch):
+    """Jupyter carries its messages, and nothing of it can be reached in another way."""
+    bound = Mock()
+    for name in ("bind", "listen"):
+        monkeypatch.setattr(socket.socket, name, bound)
+    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
+    shown = sv.notebook.show(renderer)
+    shown.comm.ask()
+    shown.close()
+    bound.assert_not_called()
+
+
+def test_hostile_messages_do_no_harm(widget):
+    """A page is told what is wrong with them, and the next frame comes."""
+    line, before = widget.comm, position(widget)
+    hostile = [
+        {}, {"right": "a"}, {**STILL, "right": []}, {**STILL, "down": None}, {**STILL, "right": float("nan")},
+        {**STILL, "notches": float("nan")}, {**STILL, "down": float("inf")}, {**STILL, "right": 10**400},
+        {**STILL, "home": {}, "notches": "../../etc/passwd"},
+    ]  # fmt: skip
+    for content in hostile:
+        ((answer, buffers),) = line.tell(page="../a", **content)
+        assert "error" in answer or np.isfinite(position(widget)).all(), content
+        assert buffers or "error" in answer
+    assert "settled" in line.ask(home=True)
+    assert position(widget) == pytest.approx(before)
 
 
 def test_what_cannot_be_shown_is_refused(renderer, monkeypatch):

@@ -48,7 +48,7 @@ step() {
 # ---- system packages -----------------------------------------------------------------------------------
 
 find_python() {
-    for system_python in ${PYTHON:-} python3 python3.13 python3.12 python3.11; do
+    for system_python in ${PYTHON:-} python3 python3.14 python3.13 python3.12 python3.11; do
         "$system_python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && return
     done
     return 1

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from support.full_disks import room_for
 
 from solari_vk.cluster.journal import Journal
 from solari_vk.errors import SolariError
@@ -29,6 +30,14 @@ def held(tmp_path):
         assert process.stdout.readline() == "held\n"
         yield process
         process.kill()
+
+
+def test_a_full_disk_is_one_error_and_leaves_no_lock(tmp_path):
+    lock = tmp_path / "ledger.jsonl.lock"
+    with room_for(0), pytest.raises(SolariError, match=rf"{lock}: can't be written: .*: make room there"):
+        Journal(tmp_path / "ledger.jsonl", {"scene": 1})
+    assert not lock.exists()
+    Journal(tmp_path / "ledger.jsonl", {"scene": 1})
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, None])

@@ -14,6 +14,7 @@ from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk import cli
+from solari_vk.conformance.groups import GROUPS
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import movie
 from solari_vk.scene.builtin import SCENES
@@ -158,9 +159,10 @@ def test_commands_parse():
             words = [words[0], "model.glb", *rest, *(["-o", "a.png"] if words[0] == "render" else [])]
         if rest and "COMMAND" not in rest:
             try:
-                cli._parser().parse_args(["picture" if word == "name" else word for word in words])
+                parsed = cli._parser().parse_args(["picture" if word == "name" else word for word in words])
             except SystemExit:
                 pytest.fail(line)
+            assert GROUPS.keys() >= set(getattr(parsed, "only", ())) or words[0] != "conformance", line
 
 
 def test_options_are_there(capsys):

@@ -8,9 +8,14 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import closing
+from http.client import HTTPConnection
+from ipaddress import ip_address
 from pathlib import Path
 
 import pytest
+from mkdocs.config import load_config
+from mkdocs.livereload import LiveReloadServer
 
 import solari_vk as sv
 from solari_vk import cli
@@ -78,3 +83,37 @@ def test_pages_fetch_nothing(site):
         assert not fetched, f"{page.name}: {fetched}"
     for sheet in site.rglob("*.css"):
         assert not re.search(r"(?:url\(|@import )[\"']?https?:", sheet.read_text()), sheet
+
+
+@pytest.fixture
+def served(site):
+    """A request to what `tools/docs serve` runs, here for the built site: get(target) gives (status, body)."""
+    config = load_config(str(ROOT / "tools/site/mkdocs.yml"))
+    assert ip_address(config.dev_addr.host).is_loopback
+    (site.parent / "secret.html").write_text("secret")
+    server = LiveReloadServer(lambda: None, config.dev_addr.host, 0, str(site))
+    server.server_bind()
+    server.server_activate()
+    server.serve_thread.start()
+
+    def get(target):
+        with closing(HTTPConnection(*server.server_address, timeout=10)) as line:
+            line.putrequest("GET", target, skip_host=True)
+            line.endheaders()
+            answer = line.getresponse()
+            return answer.status, answer.read()
+
+    yield get
+    server.shutdown(wait=False)
+
+
+def test_only_this_machine_is_served_and_only_the_site(served):
+    assert served("/index.html")[0] == served("/start/../index.html")[0] == 200
+    for way in ("/../secret.html", "/%2e%2e/secret.html", "/..%2fsecret.html", "/start/../../secret.html",
+                "//secret.html", "/..\\secret.html", "//etc/passwd", f"/{ROOT}/README.md"):  # fmt: skip
+        assert served(way)[0] == 404, way
+
+
+def test_no_link_leads_out_of_the_documentation():
+    """MkDocs copies what links lead to."""
+    assert not [path for path in (ROOT / "docs").rglob("*") if not path.resolve().is_relative_to(ROOT / "docs")]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from solari_vk.errors import CompilationError
 from solari_vk.gpu.shaders import compiler
 from solari_vk.gpu.shaders.compiler import compile_shader
 from tests.gpu.shader_folder import ShaderFolder, check_spirv
@@ -57,7 +58,11 @@ def test_accesses_by_address_are_aligned(path):
 @pytest.mark.parametrize("alignment", [4, 8])
 def test_a_small_alignment_is_noticed(tmp_path, alignment):
     ShaderFolder(tmp_path).write("demo", UNALIGNED.replace("ALIGNMENT", str(alignment)))
-    assert any(too_small(compile_shader("passes/demo.comp", root=tmp_path))) == (alignment < 8)
+    try:
+        noticed = any(too_small(compile_shader("passes/demo.comp", root=tmp_path)))
+    except CompilationError as error:  # by compilers of 2026
+        noticed = "PhysicalStorageBuffer64-06314" in str(error)
+    assert noticed == (alignment < 8)
 
 
 @pytest.mark.slow

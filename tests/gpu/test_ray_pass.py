@@ -17,7 +17,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import ray_pipelines, slot
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage, Step
 
 RAYS = """#extension GL_EXT_ray_tracing : require
 struct Ray { vec3 origin; uint offset; uint stride; uint miss; };
@@ -131,6 +131,19 @@ def test_rays_run_the_shaders_of_their_records(ray_device, root, tlas):
 
 
 SEVERAL = RayPass("demo", threads=len(CASES), misses=MISSES, hits=HITS)
+
+
+def test_only_passes_that_trace_wait_for_structures(ray_device, root, tlas, shaders):
+    """Without ray queries no compute shader may (VUID-VkMemoryBarrier2-dstAccessMask-06256, by layers of 2026)."""
+    structures = raw.VK_ACCESS_2_ACCELERATION_STRUCTURE_READ_BIT_KHR
+    block = "layout(set = 1, binding = 1, scalar) buffer FoundBlock { uint at[]; } found;\n"
+    shaders.write("add", f"layout(local_size_x = 64) in;\n{block}void main() {{ found.at[0] += 1u; }}\n")
+    add, built = Pass("add", threads=1), Step("build", lambda _: None, writes=["tlas"])
+    for steps, names, wait in (([add, add], ["found"], False), ([built, SEVERAL], ["found", "rays"], True)):
+        stage = Stage("demo", buffers=dict.fromkeys(names, len(CASES)), passes=steps)
+        with Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=root) as frame:
+            targets = [barrier.target.access for barrier in frame._barriers if barrier]
+        assert [bool(access & structures) for access in targets] == [wait]
 
 
 @pytest.mark.parametrize("properties", [{"shaderGroupHandleAlignment": 64}, {"shaderGroupBaseAlignment": 256}])

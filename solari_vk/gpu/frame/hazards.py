@@ -33,12 +33,14 @@ class Masks:
 
 NOTHING = Masks(0, 0)
 # Without uniform reads: the host writes uniform blocks, and each submission makes host writes visible.
-SHADER_READ = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_READ_BIT | raw.VK_ACCESS_2_ACCELERATION_STRUCTURE_READ_BIT_KHR)
+SHADER_READ = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_READ_BIT)
 SHADER_WRITE = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_WRITE_BIT)
 RAY_READ = Masks(raw.VK_PIPELINE_STAGE_2_RAY_TRACING_SHADER_BIT_KHR, SHADER_READ.access)
 RAY_WRITE = Masks(RAY_READ.stages, SHADER_WRITE.access)
 DRAW_READ = Masks(_DRAWING, SHADER_READ.access)
 DRAW_WRITE = Masks(_DRAWING, SHADER_WRITE.access)
+# In addition to the read of a shader, and only where one traces: without ray queries compute shaders can't have it.
+STRUCTURE_READ = Masks(0, raw.VK_ACCESS_2_ACCELERATION_STRUCTURE_READ_BIT_KHR)
 # Clears and depth tests count as writes; an attachment that is written may also be read.
 COLOR_WRITE = Masks(
     raw.VK_PIPELINE_STAGE_2_COLOR_ATTACHMENT_OUTPUT_BIT,

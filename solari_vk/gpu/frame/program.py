@@ -102,10 +102,14 @@ class Program:
             elif item.indirect is not None:
                 add(reads, (item.indirect,), hazards.INDIRECT_READ)
             for module in step.modules:
-                add(reads, sorted(module.main.reads & bound.keys()), shader[0])
+                add(reads, read := sorted(module.main.reads & bound.keys()), shader[0])
+                add(reads, filter(self._is_structure, read), hazards.STRUCTURE_READ)
                 add(writes, sorted(module.main.writes & bound.keys()), shader[1])
             found.append(Accesses(step.name, reads, writes))
         return found
+
+    def _is_structure(self, name: str) -> bool:
+        return self.interface.bindings[name].kind == "acceleration_structure"
 
 
 def _check_indirect(step: BuiltStep, item: Pass, buffer: Any) -> None:
