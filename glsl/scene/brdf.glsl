@@ -1,7 +1,8 @@
 // The surface model: a Lambert lobe under a GGX lobe with multiple scattering, energy conserving; in scenes that have
-// them, glass in place of the Lambert lobe and layers over all. Directions point away from the surface, in the frame
-// whose z axis is the shading normal (orthonormalize). Values include the cosine of wi. Each lobe stands in a file of
-// scene/lobes; this file has the list. Sources: the papers named there.
+// them, glass in place of the Lambert lobe, whose light may also leave on the other side, and layers over all.
+// Directions point away from the surface, in the frame whose z axis is the shading normal (orthonormalize). Values
+// include the cosine of wi. Each lobe stands in a file of scene/lobes; this file has the list. Sources: the papers
+// named there.
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
@@ -26,6 +27,7 @@ struct Brdf {
     Coat coat;
     Sheen sheen;
     Glass glass;
+    DiffuseTransmission diffuse_transmission;
     LobeProbabilities probabilities;
 };
 
@@ -111,6 +113,7 @@ Brdf lambert_brdf(vec3 color) {
         brdf.coat = prepare_coat(NO_COAT, false, vec3(0.0, 0.0, 1.0));
         brdf.sheen = prepare_sheen(NO_SHEEN, false);
         brdf.glass.weight = 0.0;
+        brdf.diffuse_transmission = DiffuseTransmission(Diffuse(vec3(0.0)), 0.0);
         brdf.probabilities = LobeProbabilities(0.0, 0.0, 0.0);
     }
     return brdf;
@@ -124,7 +127,13 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     vec2 ab = brdf.specular.albedo_terms;
     vec3 dielectric = dielectric_albedo(brdf.specular, ab);
     vec3 color = diffuse_color(material) * share;
-    brdf.diffuse = prepare_diffuse(color, brdf.specular, dielectric);
+    vec3 reflected = color;
+    if (SCENE_DIFFUSE_TRANSMISSION) {
+        vec3 transmitted = transmitted_color(material) * share;
+        reflected = max(color - transmitted, 0.0);
+        brdf.diffuse_transmission = prepare_diffuse_transmission(transmitted, reflected, brdf.specular, dielectric);
+    }
+    brdf.diffuse = prepare_diffuse(reflected, brdf.specular, dielectric);
     float diffuse = luminance(color * (1.0 - dielectric));
     float specular = luminance(
         mix(dielectric * share, specular_albedo(brdf.specular.metal_f0, ab), material.base.metallic)
@@ -138,6 +147,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
 // The same surface with its specular lobe alone.
 Brdf without_diffuse_lobe(Brdf brdf) {
     brdf.diffuse.color = vec3(0.0);
+    if (SCENE_DIFFUSE_TRANSMISSION) { brdf.diffuse_transmission.beyond.color = vec3(0.0); }
     brdf.specular_probability = 1.0;
     if (SCENE_LOBES) { brdf.sheen.color = vec3(0.0); }
     return brdf;
@@ -155,6 +165,10 @@ vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
 
 // The light of the diffuse lobe and sheen.
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
+    if (SCENE_DIFFUSE_TRANSMISSION && wo.z > 0.0 && wi.z < 0.0) {
+        vec3 value = evaluate_diffuse_transmission(brdf.diffuse_transmission, brdf.specular, wo, wi);
+        return below_layers(brdf, value, wo, wi);
+    }
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
     vec3 value = evaluate_diffuse(brdf.diffuse, brdf.specular, wo, wi);
     if (lambertian_surfaces || !SCENE_LAYERS) { return value; }
@@ -186,6 +200,9 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0) || !(above || SCENE_TRANSMISSION)) { return 0.0; }
     float pdf = above
         ? mix(diffuse_pdf(wi), specular_pdf(brdf.specular, wo, wi), brdf.specular_probability) : 0.0;
+    if (SCENE_DIFFUSE_TRANSMISSION) {
+        pdf += (1.0 - brdf.specular_probability) * diffuse_transmission_pdf(brdf.diffuse_transmission, wi);
+    }
     if (!SCENE_LOBES) { return pdf; }
     LobeProbabilities chosen = brdf.probabilities;
     pdf *= max(1.0 - chosen.coat - chosen.sheen - chosen.glass, 0.0);
@@ -246,7 +263,12 @@ BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
         return BrdfSample(wi, weight, INFINITY, false);
     }
     vec3 wi = diffuse ? sample_diffuse(u) : sample_specular(brdf.specular, wo, u);
-    return weigh_reflection(brdf, wo, wi, diffuse);
+    if (SCENE_DIFFUSE_TRANSMISSION) {
+        choice = (choice - brdf.specular_probability) / (1.0 - brdf.specular_probability);
+        if (diffuse && choice < brdf.diffuse_transmission.probability) { wi.z = -wi.z; }
+    }
+    if (SCENE_TRANSMISSION && !diffuse && !(wi.z > 0.0)) { return INVALID_SAMPLE; }
+    return weigh_sample(brdf, wo, wi, diffuse);
 }
 
 BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {

@@ -5,6 +5,7 @@
 
 #include "scene/base_material.glsl"
 #include "scene/lobes/coat.glsl"
+#include "scene/lobes/diffuse_transmission.glsl"
 #include "scene/lobes/glass.glsl"
 #include "scene/lobes/sheen.glsl"
 
@@ -15,10 +16,11 @@ struct ResolvedMaterial {
     GlassParameters glass;
     CoatParameters coat;
     SheenParameters sheen;
+    DiffuseTransmissionParameters diffuse_transmission;
 };
 
 ResolvedMaterial without_lobes(BaseMaterial base, vec3 emissive) {
-    return ResolvedMaterial(base, emissive, NO_GLASS, NO_COAT, NO_SHEEN);
+    return ResolvedMaterial(base, emissive, NO_GLASS, NO_COAT, NO_SHEEN, NO_DIFFUSE_TRANSMISSION);
 }
 
 // Sampled at the finest level for every ray, so that light samples and rays that hit the light see the same radiance.
@@ -37,16 +39,27 @@ ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TextureP
         resolved.coat = resolve_coat(material, point);
         resolved.sheen = resolve_sheen(material, point);
     }
+    if (SCENE_DIFFUSE_TRANSMISSION) {
+        resolved.diffuse_transmission = resolve_diffuse_transmission(material, point);
+    }
     return resolved;
 }
 
-// The color of the diffuse lobe, without what lies over it.
-vec3 diffuse_color(ResolvedMaterial material) { return material.base.color * (1.0 - material.base.metallic); }
+vec3 transmitted_color(ResolvedMaterial material) {
+    return material.diffuse_transmission.color * material.diffuse_transmission.weight * (1.0 - material.base.metallic);
+}
+
+// The color of the diffuse lobe, on both sides, without what lies over it.
+vec3 diffuse_color(ResolvedMaterial material) {
+    vec3 reflected = material.base.color * (1.0 - material.base.metallic);
+    if (!SCENE_DIFFUSE_TRANSMISSION) { return reflected; }
+    return reflected * (1.0 - material.diffuse_transmission.weight) + transmitted_color(material);
+}
 
 // Whether light passes below the surface.
 bool transmits(ResolvedMaterial material) {
     if (!SCENE_TRANSMISSION || lambertian_surfaces) { return false; }
-    return material.glass.transmission > 0.0 && material.base.metallic < 1.0;
+    return max(material.glass.transmission, material.diffuse_transmission.weight) > 0.0 && material.base.metallic < 1.0;
 }
 
 // ---- packing, for the G-buffer ----------------------------------------------------------------------
@@ -56,23 +69,25 @@ struct PackedLobes {
     uint glass;
     uvec2 coat;
     uint sheen;
+    uint diffuse_transmission;
 };
 
-const PackedLobes NO_PACKED_LOBES = PackedLobes(0u, 0u, uvec2(0u), 0u);
+const PackedLobes NO_PACKED_LOBES = PackedLobes(0u, 0u, uvec2(0u), 0u, 0u);
 
 // `packed_normal` is the shading normal as the G-buffer has it, to whose frame directions are packed.
 PackedLobes pack_lobes(ResolvedMaterial material, vec3 world_normal, vec3 packed_normal) {
     mat3 frame = orthonormalize(world_normal), packed_frame = orthonormalize(packed_normal);
     return PackedLobes(
         pack_base(material.base, frame, packed_frame), pack_glass(material.glass), pack_coat(material.coat, frame),
-        pack_sheen(material.sheen)
+        pack_sheen(material.sheen), pack_diffuse_transmission(material.diffuse_transmission)
     );
 }
 
 ResolvedMaterial unpack_lobes(ResolvedMaterial material, PackedLobes packed, vec3 world_normal) {
     return ResolvedMaterial(
         unpack_base(material.base, packed.base), material.emissive, unpack_glass(packed.glass),
-        unpack_coat(packed.coat, orthonormalize(world_normal)), unpack_sheen(packed.sheen)
+        unpack_coat(packed.coat, orthonormalize(world_normal)), unpack_sheen(packed.sheen),
+        unpack_diffuse_transmission(packed.diffuse_transmission)
     );
 }
 

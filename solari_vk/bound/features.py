@@ -47,6 +47,8 @@ FEATURES = (
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
     Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
     Feature("GLASS", Material, lambda material: material.transmission > 0, is_lobe=True, transmits=True),
+    Feature("DIFFUSE_TRANSMISSION", Material, lambda material: material.diffuse_transmission > 0,
+            is_lobe=True, transmits=True),
     Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
     Feature("UNLIT", Material, lambda material: material.unlit),
 )

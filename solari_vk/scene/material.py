@@ -112,6 +112,9 @@ class Material(Checked):
     solids must be closed. Shadow rays pass thin smooth glass; other glass casts shadows, and its caustics are found by
     the rays that surfaces scatter.
 
+    diffuse_transmission in [0, 1] is the share of the diffuse light that leaves on the other side, in all directions,
+    with diffuse_transmission_color: leaves, paper, lampshades.
+
     clearcoat in [0, 1] is the weight of a layer of an ior of 1.5 over all else, with clearcoat_roughness. sheen_color
     is the color of fibers that shine at grazing angles, with sheen_roughness. anisotropy in [0, 1] spreads reflections
     along the tangent, turned by anisotropy_rotation in radians towards the bitangent.
@@ -119,9 +122,10 @@ class Material(Checked):
     A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base color and emissive
     are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
     with z computed from x and y. The other textures have their channels where glTF has them: transmission and clearcoat
-    in red, clearcoat roughness in green, specular and sheen roughness in alpha, the colors of both, sRGB, in red, green
-    and blue, the direction of anisotropy in red and green and its strength in blue. A double-sided material is visible,
-    and emits, on both sides. The back side of other materials is invisible to cameras, but blocks all other rays.
+    in red, clearcoat roughness in green, specular, sheen roughness and diffuse transmission in alpha, the colors of the
+    three, sRGB, in red, green and blue, the direction of anisotropy in red and green and its strength in blue. A
+    double-sided material is visible, and emits, on both sides. The back side of other materials is invisible to
+    cameras, but blocks all other rays.
 
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies
@@ -162,6 +166,10 @@ class Material(Checked):
     solid: bool = False
     attenuation_color: FloatArray = _color(1.0, glsl="")
     attenuation_distance: float = _number(1.0, 1e-9, 1e9, "meters", glsl="")
+    diffuse_transmission: float = _number(0.0, 0, 1)
+    diffuse_transmission_texture: Texture | None = _texture()
+    diffuse_transmission_color: FloatArray = _color(1.0)
+    diffuse_transmission_color_texture: Texture | None = _texture(srgb=True)
     clearcoat: float = _number(0.0, 0, 1)
     clearcoat_texture: Texture | None = _texture()
     clearcoat_roughness: float = _number(0.0, 0, 1)
@@ -200,7 +208,7 @@ class Material(Checked):
     @property
     def transmits(self) -> bool:
         """Whether light passes below the surface."""
-        return self.transmission > 0
+        return max(self.transmission, self.diffuse_transmission) > 0
 
     @property
     def is_wall(self) -> bool:

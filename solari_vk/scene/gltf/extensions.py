@@ -52,6 +52,14 @@ def _clearcoat(extension: Entry, material: Entry, report: Report) -> dict[str, A
     }
 
 
+def _diffuse_transmission(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    color = extension.numbers("diffuseTransmissionColorFactor", (1.0, 1.0, 1.0), low=0, high=1)
+    return {
+        "diffuse_transmission": extension.number("diffuseTransmissionFactor", 0.0, low=0, high=1),
+        "diffuse_transmission_color": color,
+    }
+
+
 def _reflections(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
     """The index of refraction, the weight of reflections, and the reflectance for their color at normal incidence, of
     two extensions together."""
@@ -135,8 +143,10 @@ EXTENSIONS = (
     # Drafts of Khronos.
     Extension("KHR_audio_emitter", "no", "sounds are ignored"),
     Extension("KHR_implicit_shapes", "no", "shapes are for physics"),
-    Extension("KHR_materials_diffuse_transmission", "no", "the material is opaque",
-              neutral="diffuseTransmissionFactor"),
+    Extension("KHR_materials_diffuse_transmission", "works", "`lighting=split` leaves out what passes",
+              _diffuse_transmission,
+              {"diffuse_transmission_texture": "diffuseTransmissionTexture",
+               "diffuse_transmission_color_texture": "diffuseTransmissionColorTexture"}),
     Extension("KHR_materials_volume_scatter", "no", "volumes scatter no light"),
     Extension("KHR_meshopt_compression", "works", "with the extra `formats`"),
     Extension("KHR_physics_rigid_bodies", "no", "physics is ignored"),

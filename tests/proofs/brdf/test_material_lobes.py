@@ -1,4 +1,5 @@
-"""Glass, clearcoat, sheen and anisotropy: energy, the distribution of samples, and reciprocity."""
+"""Glass, clearcoat, sheen, anisotropy and diffuse transmission: energy, the distribution of samples, and
+reciprocity; realtime frames of leaves against the path tracer."""
 
 from __future__ import annotations
 
@@ -7,8 +8,14 @@ import itertools
 import numpy as np
 import pytest
 from support import brdf_runs
+from support.measured import hold
+from support.paths import Profile, measure_means
+from support.realtime import Effort
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 from support.statistics import chi_squared_p, sidak
+
+import solari_vk as sv
+from solari_vk.scene import shapes
 
 DEGREES = (0, 30, 60, 75, 84)
 WHITE_GLASS = {"base_color": 1.0, "transmission": 1.0}
@@ -17,6 +24,7 @@ SIDES = {
     "the outside of a solid": {"solid": True},
     "the inside of a solid": {"solid": True, "inside": 1},
 }
+LEAF = {"diffuse_transmission": 0.6, "diffuse_transmission_color": 1.0}
 LAYERS = {
     "a smooth coat": {"clearcoat": 1.0, "roughness": 0.5},
     "a rough coat on metal": {"clearcoat": 1.0, "clearcoat_roughness": 0.4, "metallic": 1.0, "roughness": 0.4},
@@ -30,9 +38,13 @@ LAYERS = {
     "an anisotropic dielectric": {"anisotropy": 0.9, "anisotropy_direction": (0.6, 0.8), "roughness": 0.3},
     "a smooth anisotropic dielectric": {"anisotropy": 0.6, "anisotropy_direction": (0.6, 0.8), "roughness": 0.2},
     "weak reflections": {"specular": 0.3, "roughness": 0.3},
+    "a leaf": {**LEAF, "roughness": 0.4},
+    "a coated lampshade": {
+        **LEAF, "diffuse_transmission": 1.0, "clearcoat": 1.0, "clearcoat_roughness": 0.4, "roughness": 0.6,
+    },
     "all at once": {
         "clearcoat": 0.6, "clearcoat_roughness": 0.5, "sheen_color": 0.5, "sheen_roughness": 0.5, "anisotropy": 0.5,
-        "metallic": 0.3, "transmission": 0.5, "solid": True, "roughness": 0.5,
+        "metallic": 0.3, "transmission": 0.5, "solid": True, "roughness": 0.5, **LEAF,
     },
 }  # fmt: skip
 # What layers take twice, from light on its way down and up, is at most the layer's mean albedo: that of a coat is
@@ -41,7 +53,7 @@ LAYERS = {
 COAT_LOSS = 0.04 + 0.96 / 21
 LOSSES = {
     "a tilted coat": 0.3, "sheen": 0.11, "anisotropic metal": 0.01, "strongly anisotropic metal": 0.01,
-    "an anisotropic dielectric": 0.22, "a smooth anisotropic dielectric": 0.12,
+    "an anisotropic dielectric": 0.22, "a smooth anisotropic dielectric": 0.12, "a leaf": 0.01,
 }  # fmt: skip
 SMOOTH = ("a smooth coat", "smooth sheen", "a smooth anisotropic dielectric")  # whose lobes cells don't resolve
 DRAWN = {f"glass, {name}": {"roughness": 0.55, **WHITE_GLASS, **side} for name, side in SIDES.items()}
@@ -156,6 +168,7 @@ def check_reciprocity(shaders, count=100_000):
     there, back = values(wo, wi, **solid), values(wi * flip, wo * flip, **solid, inside=1)
     require_equal(there, back * 1.5**2, 1e-2, "glass")
     wo, wi = directions(), directions()
+    require_equal(values(wo, wi * flip, **LEAF), values(wi, wo * flip, **LEAF), 1e-3, "a leaf")
     for name, fields in (
         ("sheen over a diffuse surface", {"sheen_color": 0.8, "sheen_roughness": 0.5, "reflectance": 0.0}),
         ("a coat over a diffuse surface", {"clearcoat": 0.8, "clearcoat_roughness": 1e-3, "reflectance": 0.0}),
@@ -178,7 +191,39 @@ def test_draws(shaders):
     check_draws(shaders, 1_000_000)
 
 
-GLASS, COAT, SHEEN = (f"scene/lobes/{name}.glsl" for name in ("glass", "coat", "sheen"))
+@pytest.mark.slow
+def test_frames_have_the_path_tracers_mean(device):
+    check_frames(device)
+
+
+# ---- realtime frames --------------------------------------------------------------------------------
+
+
+def leaves():
+    """A leaf and a lampshade between a floor and a lamp, seen from both sides, and a mirror that shows them."""
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (0, 0, 2), (2, 0, 0)), sv.Material(base_color=0.5, roughness=1.0))
+    for x, share, turn in ((-0.9, 0.5, 0.4), (0.3, 1.0, -0.4)):
+        leaf = sv.Material(base_color=(0.3, 0.5, 0.1), roughness=0.4, double_sided=True, diffuse_transmission=share,
+                           diffuse_transmission_color=(0.6, 0.8, 0.1))  # fmt: skip
+        scene.add(shapes.quad((x, 0.8, 0), (0.5, turn, 0), (0, turn, 0.5)), leaf)
+    mirror = sv.Material(base_color=0.9, metallic=1.0, roughness=0.0)
+    scene.add(shapes.quad((0, 0.7, -1.2), (1.5, 0, 0), (0, 0.7, 0)), mirror)
+    scene.add(shapes.quad((0, 2.5, 0), (0.5, 0, 0), (0, 0, 0.5)), sv.Material(base_color=0, emissive=(9, 8, 6)))
+    scene.add(sv.PointLight((0.5, 0.2, 0.3), intensity=0.3))
+    scene.environment = sv.Environment(np.full((4, 8, 3), 0.3, np.float32))
+    scene.camera = sv.Camera.look_at((0, 2.0, 2.5), (0, 0.6, 0), vertical_fov=0.75)
+    return scene
+
+
+def check_frames(device):
+    profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
+    hold(measure_means(device, profile, leaves()))
+
+
+GLASS, COAT, SHEEN, TRANSMISSION = (
+    f"scene/lobes/{name}.glsl" for name in ("glass", "coat", "sheen", "diffuse_transmission")
+)
 GLASS_FURNACE, LAYER_FURNACE = with_shaders(check_glass_furnace), with_shaders(check_layer_furnace)
 RECIPROCITY = with_shaders(check_reciprocity)
 test_a_seeded_bug_is_noticed = bug_tests({
@@ -191,6 +236,14 @@ test_a_seeded_bug_is_noticed = bug_tests({
         COAT, "coat_pdf", "return 1.1 * correct(coat, wi);")),
     "density of anisotropic lobes": (with_shaders(check_draws, 200_000, ["anisotropic metal"]), Bug(
         "scene/microfacet.glsl", "ggx_vndf_pdf_per_d(vec3 wo, vec2", "return 1.1 * correct(wo, roughness);")),
+    "density of diffuse transmission": (with_shaders(check_draws, 200_000, ["a leaf"]), Bug(
+        TRANSMISSION, "diffuse_transmission_pdf", "return 1.1 * correct(lobe, wi);")),
+    "reciprocity of diffuse transmission": (RECIPROCITY, Bug(
+        TRANSMISSION, "evaluate_diffuse_transmission",
+        "return correct(lobe, specular, wo, wi) * (1.0 + 0.1 * wo.z);")),
+    "a pixel's diffuse transmission": (check_frames, Bug(
+        TRANSMISSION, "unpack_diffuse_transmission",
+        "DiffuseTransmissionParameters lobe = correct(bits); lobe.weight *= 0.9; return lobe;")),
     "reciprocity of glass": (RECIPROCITY, Bug(
         GLASS, "evaluate_glass", "return correct(glass, wo, wi) * (1.0 + 0.1 * wo.z);")),
     "reciprocity of sheen": (RECIPROCITY, Bug(
