@@ -57,7 +57,7 @@ class RenderedFrame:
         renderer = self._renderer
         renderer.check_latest(self, name)
         if name in pathtracer.FIRST_HIT_AOVS:
-            return renderer.first_hits.read(name, self._projection, self.size)
+            return renderer.first_hits.read(name, self._projection, self.size, renderer.shows_proxies)
         return renderer.read(name)
 
     def keys(self) -> list[str]:
@@ -167,6 +167,8 @@ class PictureRenderer(SceneUser, ABC):
     view: str = "picture"
     tonemap: str = "agx"
     """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
+    shows_proxies: bool = True
+    """Whether the picture shows an instance's ray_mesh where it has one."""
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
