@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.features import LOBES
 from solari_vk.bound.lights.index_translation import IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
 from solari_vk.bound.projection import CameraUniforms, Projection, jitters
@@ -112,7 +113,7 @@ class Renderer(PictureRenderer):
         size = taa.render_size(picture, settings)
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
-            gbuffer.stage(size, settings, instances, self.gbuffer, self.binder.features),
+            gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
             *lighting.stages(size, settings),
             taa.stage(picture),
@@ -158,7 +159,7 @@ class Renderer(PictureRenderer):
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
-        has_lobes = bool(gbuffer.LOBES & self.binder.features)
+        has_lobes = bool(LOBES & self.binder.features)
         return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
 
     def _note_build(self) -> None:

@@ -86,7 +86,15 @@ def no_validation_messages(request):
 
 
 def pytest_sessionfinish(session):
-    """Fail the session for validation messages while its device is destroyed."""
-    if _messages:
+    """Fail the session for validation messages while its device is destroyed; processes of xdist hand them on."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["validation_messages"] = list(_messages)
+    elif _messages:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
         print("\nvalidation messages at the end of the session:\n" + "\n".join(_messages))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    """Take the messages of a process of pytest-xdist that has ended."""
+    _messages.extend(getattr(node, "workeroutput", {}).get("validation_messages", ()))

@@ -34,7 +34,9 @@ def run_in_terminal(command, answers, environment=None, seconds=60.0):
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, COLUMNS * CELL[0], ROWS * CELL[1]))
     given = {"TERM": "xterm-256color", "COLORTERM": "truecolor"} | (environment or {})
-    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=os.environ | given)
+    # Sizes in the environment, as pytest-xdist sets them, would hide the terminal's.
+    inherited = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=inherited | given)
     os.close(theirs)
     said, end = b"", time.monotonic() + seconds
     waiting = list(answers)

@@ -146,5 +146,7 @@ def test_names_of_version_0_2_warn_and_work():
         settings.update("paths-young-samples=4")
     with pytest.warns(FutureWarning):
         assert settings.paths_young_samples == settings.paths_short_history_samples == 4
+    with pytest.warns(FutureWarning, match="denoise_frames is called denoise_max_history now"):
+        assert sv.Settings(denoise_frames=64).denoise_max_history == 64
     with pytest.warns(FutureWarning, match="Crew is called WorkerPool now"):
         assert sv.cluster.Crew is sv.cluster.WorkerPool

@@ -44,7 +44,7 @@ DEVICE_ROUNDS = 9
 GROWTH = 64e6  # bytes that the process and the device's memory may grow by after the first rounds
 FIRST_ROUNDS = 6
 # Settings that make frames too slow or memory too large for a soak if they are taken from their whole range.
-MODEST = {"world_cache_cells": 1 << 16, "paths_bounces": 8, "paths_short_history_samples": 3, "denoise_frames": 64}
+MODEST = {"world_cache_cells": 1 << 16, "paths_bounces": 8, "paths_short_history_samples": 3, "denoise_max_history": 64}
 
 
 class Soak:

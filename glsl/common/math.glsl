@@ -34,7 +34,7 @@ mat3 orthonormalize(vec3 z_basis) {
 }
 
 // The weights of Catmull-Rom splines at a share of the way from the second of four points to the third.
-vec4 spline(float t) {
+vec4 catmull_rom_weights(float t) {
     return 0.5 * vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
                       (t - 1.0) * t * t);
 }

@@ -14,8 +14,8 @@ layout(set = 1, scalar) uniform FrameBlock {
     float exposure;
     float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
     uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
-    vec2 sample_offset;     // of the samples from the pixels' centers, in pixels, apart from the camera's own jitter
-    vec2 picture_shift;     // change of the camera's own jitter since the previous frame, in pixels of the picture
+    vec2 sample_offset;     // of the samples in pixels, apart from the user's own offset; Camera.jitter is their sum
+    vec2 picture_shift;     // change of the user's own offset since the previous frame, in pixels of the picture
 } this_frame;
 
 // ---- G-buffer: passes/gbuffer/gbuffer.glsl packs and unpacks ----------------------------------------

@@ -18,19 +18,20 @@ layout(set = 1, scalar) uniform ChangedLightsBlock {
 } changed_lights;
 
 const float NEW_CHANGE = 1.0, ANY_CHANGE = 0.0;  // how recent
-const float SEEN = 0.01;     // less light than this share of white can't be seen
-const float REFLECTED = 8.0; // light with what surfaces around reflect of it, over the light alone
+const float MIN_VISIBLE = 0.01;  // share of white; less light can't be seen
+const float GLOBAL_OVER_DIRECT = 8.0;  // upper estimate of global over direct illumination
 
 // The share, from 0 to 1, of the irradiance at a position that may have changed: what the changed lights send there
 // without occlusion, so that the share is too large behind walls. Lights that changed less recently don't count.
 float light_change(vec3 world_position, float irradiance, float least_recent) {
-    irradiance = max(irradiance, PI * SEEN / this_frame.exposure);
+    irradiance = max(irradiance, PI * MIN_VISIBLE / this_frame.exposure);
     float share = 0.0;
     for (uint i = 0u; i < changed_lights.count; i++) {
         ChangedLight light = changed_lights.at[i];
         if (light.recent < least_recent) { continue; }
-        vec3 apart = light.place - world_position;
-        share += light.recent * min(REFLECTED * INVERSE_PI * light.power / (dot(apart, apart) * irradiance), 1.0);
+        vec3 offset = light.place - world_position;
+        share += light.recent
+            * min(GLOBAL_OVER_DIRECT * INVERSE_PI * light.power / (dot(offset, offset) * irradiance), 1.0);
     }
     return min(share, 1.0);
 }

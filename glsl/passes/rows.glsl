@@ -1,4 +1,5 @@
-// Dispatches over many threads in one dimension, in rows, so that no device's limit on workgroup counts is reached.
+// Dispatches over many threads in one dimension, as a grid of rows of workgroups, so that no device's limit on their
+// counts is reached.
 #ifndef PASSES_ROWS_GLSL
 #define PASSES_ROWS_GLSL
 
@@ -12,12 +13,13 @@ struct IndirectDispatch {
     uvec3 thread_count;  // the same in threads, for ray pipelines
 };
 
-IndirectDispatch dispatch_in_rows(uint threads) {
+IndirectDispatch make_indirect_dispatch(uint threads) {
     uint groups = (threads + GROUP_SIZE - 1u) / GROUP_SIZE;
     uvec3 group_count = uvec3(min(groups, ROW_GROUPS), (groups + ROW_GROUPS - 1u) / ROW_GROUPS, 1u);
     return IndirectDispatch(group_count, group_count * uvec3(GROUP_SIZE, 1u, 1u));
 }
 
+// Which thread of the dispatch an invocation is.
 uint thread_index(uvec2 invocation_index) {
     return invocation_index.y * (ROW_GROUPS * GROUP_SIZE) + invocation_index.x;
 }

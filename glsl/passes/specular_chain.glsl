@@ -10,7 +10,7 @@
 
 struct SpecularChainHit {
     bool exists;
-    ResolvedRayHitFull surface;
+    SurfaceInteraction surface;
     float ray_t;          // length of the last ray
     RayTransmittance first_transmittance;  // of the first ray
     uint mirror_count;
@@ -19,18 +19,25 @@ struct SpecularChainHit {
 };
 
 bool is_metal_mirror(ResolvedMaterial material) {
-    return !brdf_lambert && material.metallic > frame_settings.pure_metal && material.roughness <= MIRROR_ROUGHNESS;
+    return !lambertian_surfaces && material.base.metallic > frame_settings.pure_metal
+        && material.base.roughness <= MIRROR_ROUGHNESS;
 }
 
 bool is_glass(ResolvedMaterial material) {
-    return SCENE_GLASS && !brdf_lambert && material.lobes.transmission > 0.0 && material.metallic < 1.0;
+    return SCENE_GLASS && !lambertian_surfaces && material.glass.transmission > 0.0 && material.base.metallic < 1.0;
 }
 
 // Whether paths never end at this surface, but are reflected. Differs from Solari, where paths end at mirrors as at
 // diffuse surfaces: world_cache_surfaces=diffuse.
-bool always_reflects(ResolvedMaterial material) {
+bool continues_specular_chain(ResolvedMaterial material) {
     return world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE
         && (is_metal_mirror(material) || is_glass(material));
+}
+
+// Whether cells of the world cache can't stand for a surface, so that paths go on from it.
+bool has_no_cell(ResolvedMaterial material) {
+    return continues_specular_chain(material)
+        || (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE && transmits(material));
 }
 
 // `walk` ends with the throughput of the mirrors, and of the tints of all rays but the first. Light samples find the
@@ -54,21 +61,22 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
         walk.origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
         if (found.mirror_count == 0u) { found.first_position = walk.origin; }
         if (found.mirror_count > 0u) { found.emitted += emitted_light(walk, found.surface, 0.0); }
-        if (!always_reflects(found.surface.material)) { return found; }
+        if (!continues_specular_chain(found.surface.material)) { return found; }
 
         walk.bounce_pdf = INFINITY;
         vec3 normal = found.surface.world_normal;
         if (!is_glass(found.surface.material)) {
-            walk.throughput *= fresnel(found.surface.material.base_color, -dot(walk.direction, normal));
+            walk.throughput *= fresnel(found.surface.material.base.color, -dot(walk.direction, normal));
             walk.direction = reflect(walk.direction, normal);
             continue;
         }
         // All light takes the way through the glass, since one ray can't take two.
-        walk.throughput *= found.surface.material.base_color;
-        MaterialLobes lobes = found.surface.material.lobes;
+        walk.throughput *= found.surface.material.base.color;
+        BaseMaterial base = found.surface.material.base;
+        float ior = found.surface.material.glass.ior;
         Medium below = medium_below(segment.hit.instance, found.surface.material);
         vec3 bent = walk.direction;
-        if (lobes.solid) { bent = refract(walk.direction, normal, lobes.inside ? lobes.ior : 1.0 / lobes.ior); }
+        if (base.solid) { bent = refract(walk.direction, normal, base.inside ? ior : 1.0 / ior); }
         if (bent != vec3(0.0)) { walk.medium = below; }
         walk.direction = bent == vec3(0.0) ? reflect(walk.direction, normal) : normalize(bent);
         walk.origin = ray_origin(found.surface, walk.direction);

@@ -5,20 +5,21 @@
 // the weight alpha the base color, otherwise none. All of this light is tinted but that which goes to the camera
 // directly, since glTF blends the picture of a surface over what lies behind it.
 //
-// Walls are as blended surfaces whose alpha is what they don't let pass. Rays of cameras hit them always.
+// Walls are as blended surfaces whose alpha is what they don't let pass. Camera rays hit them always.
 #ifndef SCENE_ALPHA_GLSL
 #define SCENE_ALPHA_GLSL
 
 #include "common/random.glsl"
 #include "common/sobol.glsl"
 #include "scene/bindings.glsl"
-#include "scene/material_lobes.glsl"
+#include "scene/lobes/coat.glsl"
+#include "scene/lobes/glass.glsl"
 #include "scene/microfacet.glsl"
 #include "scene/textures.glsl"
 
-// The base color, and in w how much of the surface is there: 0 or 1 for opaque surfaces and masks. Textures are sampled
-// at their finest level for every ray, so that all rays meet the same surface.
-vec4 resolve_cover(Material material, Mesh mesh, uint triangle, vec2 barycentrics) {
+// The base color, and in w the opacity: 0 or 1 for opaque surfaces and masks. Textures are sampled at their
+// finest level for every ray, so that all rays meet the same surface.
+vec4 resolve_color_opacity(Material material, Mesh mesh, uint triangle, vec2 barycentrics) {
     // The previous TLAS may have a triangle of a mesh that has left this row of the tables.
     uvec3 vertices = mesh.triangles.at[min(triangle, mesh.triangle_count - 1u)];
     vec4 color = vec4(material.base_color, material.alpha) * vertex_color(mesh, vertices, barycentrics);
@@ -33,44 +34,42 @@ bool has_alpha(Material material) {
     return SCENE_ALPHA && (material.flags & (MATERIAL_MASK | MATERIAL_BLEND)) != 0u;
 }
 
-// The cover of thin glass: light passes straight with the color and the probability for which attenuate_by_cover
-// accounts.
-vec4 resolve_wall(
+// The same for thin glass: such that attenuate_by_surface gives the light that passes straight.
+vec4 resolve_thin_wall(
     Instance instance, Material material, Mesh mesh, uint triangle, vec2 barycentrics, vec3 direction
 ) {
     uvec3 vertices = mesh.triangles.at[min(triangle, mesh.triangle_count - 1u)];
     TexturePoint point = texture_point(mesh, vertices, barycentrics);
-    vec3 color = resolve_cover(material, mesh, triangle, barycentrics).rgb;
+    vec3 color = resolve_color_opacity(material, mesh, triangle, barycentrics).rgb;
     vec2 roughness_metallic = vec2(material.perceptual_roughness, material.metallic);
     if (material.metallic_roughness_texture != NO_INDEX) {
         roughness_metallic *= sample_texture(material.metallic_roughness_texture, point).gb;
     }
     if (square(roughness_metallic.x) > MIRROR_ROUGHNESS) { return vec4(color, 1.0); }
-    MaterialLobes lobes = resolve_lobes(material, point, true);
-    float transmission = lobes.transmission * (1.0 - roughness_metallic.y);
+    float transmission = resolve_glass(material, point).transmission * (1.0 - roughness_metallic.y);
     mat3 m = mat3(instance.world_from_object);
     vec3 corner = mesh.positions.at[vertices.x];
     vec3 normal = cross(m * (mesh.positions.at[vertices.y] - corner), m * (mesh.positions.at[vertices.z] - corner));
     float cosine = abs(dot(safe_normalize(normal, vec3(0.0, 0.0, 1.0)), safe_normalize(direction, vec3(0.0))));
-    vec3 reflectance = resolve_reflectance(material, point);
-    vec3 tint = glass_tint(material.ior, lobes.specular_weight * reflectance_f0(reflectance));
+    vec3 f0 = resolve_specular_weight(material, point) * reflectance_f0(resolve_reflectance(material, point));
+    vec3 tint = glass_tint(material.ior, f0);
     vec3 through = transmission * color * (1.0 - tint * dielectric_fresnel(material.ior, cosine));
-    if (SCENE_LAYERS) { through *= 1.0 - lobes.coat * fresnel(vec3(0.04), cosine).x; }
-    float covered = max(1.0 - max_component(through), 1e-3);
-    return vec4(1.0 + (through / max(1.0 - covered, 1e-9) - 1.0) / covered, covered);
+    if (SCENE_LAYERS) { through *= 1.0 - resolve_coat(material, point).weight * fresnel(vec3(COAT_F0), cosine).x; }
+    float opacity = max(1.0 - max_component(through), 1e-3);
+    return vec4(1.0 + (through / max(1.0 - opacity, 1e-9) - 1.0) / opacity, opacity);
 }
 
 // At a candidate of a ray. Rays through the previous TLAS may meet instances that are hidden now, and such as are gone,
 // which count as opaque.
-vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool from_camera) {
+vec4 resolve_color_opacity(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool is_camera_ray) {
     Instance instance = instances.at[instance_index];
     Material material = materials.at[instance.material];
-    bool wall = SCENE_GLASS && (material.flags & MATERIAL_WALL) != 0u && !from_camera;
+    bool wall = SCENE_GLASS && (material.flags & MATERIAL_WALL) != 0u && !is_camera_ray;
     if (instance.ray_mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(0.0, 0.0, 0.0, 1.0); }
     if (wall) {
-        return resolve_wall(instance, material, meshes.at[instance.ray_mesh], triangle, barycentrics, direction);
+        return resolve_thin_wall(instance, material, meshes.at[instance.ray_mesh], triangle, barycentrics, direction);
     }
-    return resolve_cover(material, meshes.at[instance.ray_mesh], triangle, barycentrics);
+    return resolve_color_opacity(material, meshes.at[instance.ray_mesh], triangle, barycentrics);
 }
 
 // ---- edges ------------------------------------------------------------------------------------------
@@ -82,7 +81,7 @@ const float EDGE_WIDTH = 1e-6;  // in barycentrics: more than their rounding err
 
 // The edge or corner where a ray meets a triangle: 16 bits of a hash of its ends' positions, which is the same for all
 // triangles that share it; NO_EDGE elsewhere.
-uint edge_met(uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) {
+uint hit_edge(uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) {
     vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
     if (min(weights.x, min(weights.y, weights.z)) > EDGE_WIDTH) { return NO_EDGE; }
     uvec3 vertices = mesh.triangles.at[min(triangle, mesh.triangle_count - 1u)];
@@ -97,56 +96,60 @@ uint edge_met(uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) 
 // ---- surfaces that rays meet ------------------------------------------------------------------------
 
 // A surface with less alpha is passed: uniform in [0, 1), and independent for each triangle, or edge between triangles.
-// `blend_point` is a place in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van
+// `alpha_seed` is a place in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van
 // der Corput sequences, over places and over samples, are added modulo 1, so that aligned blocks of pixels and of
 // samples cover it evenly. Each triangle and each edge takes both in an order of its own.
-float alpha_threshold(uvec2 blend_point, uint instance_index, uint triangle, uint edge) {
+float alpha_threshold(uvec2 alpha_seed, uint instance_index, uint triangle, uint edge) {
     uvec2 seeds = pcg4d(uvec4(instance_index, edge == NO_EDGE ? triangle : 0u, edge, 0x5F3759DFu)).xy;
-    uint of_place = bitfieldReverse(owen_scramble(blend_point.x, seeds.x));
-    uint of_sample = bitfieldReverse(owen_scramble(blend_point.y, seeds.y));
+    uint of_place = bitfieldReverse(owen_scramble(alpha_seed.x, seeds.x));
+    uint of_sample = bitfieldReverse(owen_scramble(alpha_seed.y, seeds.y));
     return unit_float(of_place + of_sample);
 }
 
-// Whether a ray that looks for a surface hits one with this cover. The same point gives the same answer for a triangle,
-// and for all that share an edge or corner where the ray meets it.
-bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) {
-    if (cover.w >= 1.0) { return true; }
+// Whether a ray that looks for a surface hits one of this color and opacity. The same seed gives the same answer for a
+// triangle, and for all that share an edge or corner where the ray meets it.
+bool accepts_hit(
+    vec4 color_opacity, uvec2 alpha_seed, uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics
+) {
+    if (color_opacity.w >= 1.0) { return true; }
     if (!SCENE_BLEND) { return false; }
-    uint edge = edge_met(instance_index, mesh, triangle, barycentrics);
-    return alpha_threshold(blend_point, instance_index, triangle, edge) < cover.w;
+    uint edge = hit_edge(instance_index, mesh, triangle, barycentrics);
+    return alpha_threshold(alpha_seed, instance_index, triangle, edge) < color_opacity.w;
 }
 
-bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint triangle, vec2 barycentrics) {
+bool accepts_hit(vec4 color_opacity, uvec2 alpha_seed, uint instance_index, uint triangle, vec2 barycentrics) {
     Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
-    return is_met(cover, blend_point, instance_index, mesh, triangle, barycentrics);
+    return accepts_hit(color_opacity, alpha_seed, instance_index, mesh, triangle, barycentrics);
 }
 
 // ---- light that passes ------------------------------------------------------------------------------
 
-// What happens to light along a segment: it passes with a probability, and takes a color.
+// What happens to light along a segment: a ray passes all blended surfaces with a probability, and its throughput is
+// then multiplied by the weight. The transmittance is weight * probability.
 struct RayTransmittance {
-    vec3 tint;
+    vec3 weight;  // transmittance over probability
     float probability;
 };
 
 const RayTransmittance FULL_TRANSMITTANCE = RayTransmittance(vec3(1.0), 1.0);
 
-void attenuate_by_cover(inout RayTransmittance through, vec4 cover) {
-    through.tint *= mix(vec3(1.0), cover.rgb, cover.w);
-    through.probability *= 1.0 - cover.w;
+void attenuate_by_surface(inout RayTransmittance through, vec4 color_opacity) {
+    through.weight *= mix(vec3(1.0), color_opacity.rgb, color_opacity.w);
+    through.probability *= 1.0 - color_opacity.w;
 }
 
-// The same at a candidate of a ray, once for each edge. `passed` has the latest two edges, and is 0 at first.
-void attenuate_by_cover(
-    inout RayTransmittance through, inout uint passed, vec4 cover, uint instance_index, uint triangle, vec2 barycentrics
+// The same at a candidate of a ray, once for each edge. `passed_edges` has the latest two edges, and is 0 at first.
+void attenuate_by_surface(
+    inout RayTransmittance through, inout uint passed_edges, vec4 color_opacity, uint instance_index, uint triangle,
+    vec2 barycentrics
 ) {
     Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
-    uint edge = edge_met(instance_index, mesh, triangle, barycentrics);
+    uint edge = hit_edge(instance_index, mesh, triangle, barycentrics);
     if (edge != NO_EDGE) {
-        if (edge == (passed & 0xFFFFu) || edge == passed >> 16u) { return; }
-        passed = passed << 16u | edge;
+        if (edge == (passed_edges & 0xFFFFu) || edge == passed_edges >> 16u) { return; }
+        passed_edges = passed_edges << 16u | edge;
     }
-    attenuate_by_cover(through, cover);
+    attenuate_by_surface(through, color_opacity);
 }
 
 #endif

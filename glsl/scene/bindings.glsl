@@ -7,8 +7,11 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_nonuniform_qualifier : require
 
+// generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_LAYERS: some material has a coat, sheen,
+// anisotropy or a specular weight.
 #include "generated/bound/constants.glsl"
 #include "generated/bound/features.glsl"
+#include "generated/bound/material_record.glsl"
 
 // ---- geometry: each mesh has its own addresses, so no pool limits the size of a scene ---------------
 
@@ -48,42 +51,7 @@ struct Instance {
 
 // ---- materials --------------------------------------------------------------------------------------
 
-struct Material {
-    vec3 base_color;
-    float perceptual_roughness;
-    vec3 emissive;      // radiance
-    float metallic;
-    vec3 reflectance;   // see reflectance_f0
-    float normal_scale;
-    float alpha;
-    float alpha_cutoff;               // with MATERIAL_MASK
-    uint base_color_texture;          // into textures, or NO_INDEX
-    uint metallic_roughness_texture;
-    uint emissive_texture;
-    uint normal_texture;
-    uint flags;
-    // Read in scenes with glass or layers only: scene/material_lobes.glsl.
-    float transmission;
-    float ior;
-    vec3 absorption;  // per meter
-    float specular;
-    float clearcoat;
-    float clearcoat_roughness;
-    float clearcoat_normal_scale;
-    vec3 sheen_color;
-    float sheen_roughness;
-    float anisotropy;
-    float anisotropy_rotation;
-    uint transmission_texture;
-    uint specular_texture;
-    uint specular_color_texture;
-    uint clearcoat_texture;
-    uint clearcoat_roughness_texture;
-    uint clearcoat_normal_texture;
-    uint sheen_color_texture;
-    uint sheen_roughness_texture;
-    uint anisotropy_texture;
-};
+// struct Material is generated from the fields of solari_vk/scene/material.py.
 
 struct Texture {
     mat3x2 uv_transform;  // applied to (u, v, 1)
@@ -94,21 +62,23 @@ struct Texture {
 // ---- lights -----------------------------------------------------------------------------------------
 
 // A row of an alias table: solari_vk/bound/lights/alias_table.py.
-struct Choice {
+struct AliasTableRow {
     uint threshold;     // random 32-bit numbers below it choose this row, all others choose `alias`
     uint alias;
     float probability;  // that this row is chosen, by itself or as an alias
 };
 
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Choices { Choice at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer AliasTable { AliasTableRow at[]; };
 
 struct LightSource {
-    Choices parts;    // null where all parts are equally likely
-    uint part_count;  // for emissive meshes, the triangles of the ray mesh
-    uint kind;        // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
-    uint index;       // of the light's record in the buffer of its kind; for emissive meshes, of the instance
-    Choice choice;    // among all light sources
-    uint node;        // the light's leaf in light_tree; NO_INDEX for lights at infinity
+    // A light sample takes one part of a light: a triangle of an emissive mesh (of its ray mesh), or a texel of an
+    // environment. Other lights have one part.
+    AliasTable parts;  // null where all parts are equally likely
+    uint part_count;
+    uint kind;               // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
+    uint record_index;       // of the light's record in the buffer of its kind; for emissive meshes, of the instance
+    AliasTableRow by_power;  // the light's row of the alias table of all lights
+    uint node;               // the light's leaf in light_tree; NO_INDEX for lights at infinity
 };
 
 // A node of the tree over the lights that are not at infinity: light_tree.py. The root is node 0.
@@ -132,7 +102,7 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock {
     uint part_count;               // of all light sources together
     uint first_light_without_surface;  // index into light_sources; first those that rays pass, then those at infinity
     uint first_light_at_infinity;  // come last
-    float finite_probability;      // that a row of light_sources that is not at infinity is chosen by its `choice`
+    float finite_probability;      // that a row of light_sources that is not at infinity is chosen by `by_power`
 } scene_info;
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.

@@ -1,12 +1,33 @@
 // The surface model: a Lambert lobe under a GGX lobe with multiple scattering, energy conserving; in scenes that have
 // them, glass in place of the Lambert lobe and layers over all. Directions point away from the surface, in the frame
-// whose z axis is the shading normal (orthonormalize). Values include the cosine of wi. Sources: the papers named at
-// each function.
+// whose z axis is the shading normal (orthonormalize). Values include the cosine of wi. Each lobe stands in a file of
+// scene/lobes; this file has the list. Sources: the papers named there.
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
 #include "common/random.glsl"
-#include "scene/prepared_brdf.glsl"
+#include "scene/lobes/diffuse.glsl"
+#include "scene/lobes/specular.glsl"
+#include "scene/material.glsl"
+
+// With which probabilities sample_brdf takes the lobes that few materials have.
+struct LobeProbabilities {
+    float coat;
+    float sheen;
+    float glass;
+};
+
+// A material seen from one direction: what its lobes need for all incoming directions.
+struct Brdf {
+    Diffuse diffuse;
+    Specular specular;
+    float specular_probability;  // with which sample_brdf takes the specular lobe instead of the diffuse one
+    // Where SCENE_LOBES:
+    Coat coat;
+    Sheen sheen;
+    Glass glass;
+    LobeProbabilities probabilities;
+};
 
 struct BrdfSample {
     vec3 wi;       // below the surface when the sample is invalid
@@ -14,6 +35,113 @@ struct BrdfSample {
     float pdf;     // infinite for the direction of a mirror
     bool diffuse;  // whether the diffuse lobe proposed wi; weight and pdf are those of both lobes, except for a mirror
 };
+
+// ---- albedo ------------------------------------------------------------------------------------------
+
+// What layers reflect, and let pass to what lies below them, towards a direction. Each layer takes from the light below
+// what it reflects, as glTF orders them: a coat over sheen over all else.
+struct LayerAlbedos {
+    float coat;
+    float sheen;        // of white fibers, without the coat
+    float below_sheen;
+};
+
+// `coat` is its weight; `cosine` and `coat_cosine` are those of the direction with the two normals.
+LayerAlbedos layer_albedos(ResolvedMaterial material, float coat, float cosine, float coat_cosine) {
+    if (material.base.inside) { return LayerAlbedos(0.0, 0.0, 1.0); }
+    float sheen = sheen_albedo(material.sheen.perceptual_roughness, cosine);
+    return LayerAlbedos(
+        coat_albedo(coat, material.coat.perceptual_roughness, coat_cosine), sheen,
+        1.0 - max_component(material.sheen.color) * sheen
+    );
+}
+
+// The share of uniform incoming light that each kind of lobe reflects towards a direction.
+struct LobeAlbedos {
+    vec3 diffuse;
+    vec3 specular;
+};
+
+LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
+    BaseMaterial base = material.base;
+    if (lambertian_surfaces) { return LobeAlbedos(base.color, vec3(0.0)); }
+    vec2 ab = albedo_terms(base.roughness <= MIRROR_ROUGHNESS, table_roughness(base), cosine);
+    vec3 dielectric = specular_albedo(reflectance_f0(base.reflectance), ab);
+    if (SCENE_LAYERS) { dielectric *= base.specular_weight; }
+    vec3 diffuse = diffuse_albedo(diffuse_color(material), base, dielectric, cosine);
+    vec3 metal = specular_albedo(base.color, ab);
+    if (!SCENE_LOBES) { return LobeAlbedos(diffuse, mix(dielectric, metal, base.metallic)); }
+    Glass glass = prepare_glass(material.glass, base, cosine);
+    float share = 1.0 - material.glass.transmission;
+    LobeAlbedos albedos = LobeAlbedos(
+        diffuse * share,
+        mix(dielectric * share, metal, base.metallic) + glass.weight * glass_albedo(glass, cosine)
+    );
+    LayerAlbedos layers = layer_albedos(material, material.coat.weight, cosine, cosine);
+    float below = (1.0 - layers.coat) * layers.below_sheen;
+    return LobeAlbedos(
+        albedos.diffuse * below + material.sheen.color * (layers.sheen * (1.0 - layers.coat)),
+        albedos.specular * below + layers.coat
+    );
+}
+
+// ---- preparation -------------------------------------------------------------------------------------
+
+// What scenes without glass and layers don't need. `base` is the luminance that all other lobes reflect.
+void prepare_lobes(inout Brdf brdf, ResolvedMaterial material, vec3 wo, float base) {
+    brdf.coat = prepare_coat(material.coat, material.base.inside, wo);
+    brdf.sheen = prepare_sheen(material.sheen, material.base.inside);
+    brdf.glass = prepare_glass(material.glass, material.base, wo.z);
+    LayerAlbedos layers = layer_albedos(material, brdf.coat.weight, wo.z, brdf.coat.wo.z);
+    float glass = brdf.glass.weight * luminance(glass_albedo(brdf.glass, wo.z));
+    vec3 below_coat = vec3(luminance(material.sheen.color) * layers.sheen, vec2(glass, base) * layers.below_sheen);
+    vec4 shares = vec4(layers.coat, below_coat * (1.0 - layers.coat));
+    float sum = shares.x + shares.y + shares.z + shares.w;
+    vec3 chosen = sum > 0.0 ? shares.xyz / sum : vec3(0.0);
+    brdf.probabilities = LobeProbabilities(chosen.x, chosen.y, chosen.z);
+}
+
+// A surface that reflects the share `color` of all light evenly.
+Brdf lambert_brdf(vec3 color) {
+    Brdf brdf;
+    brdf.diffuse = Diffuse(color);
+    brdf.specular = no_specular();
+    brdf.specular_probability = 0.0;
+    if (SCENE_LOBES) {
+        brdf.coat = prepare_coat(NO_COAT, false, vec3(0.0, 0.0, 1.0));
+        brdf.sheen = prepare_sheen(NO_SHEEN, false);
+        brdf.glass.weight = 0.0;
+        brdf.probabilities = LobeProbabilities(0.0, 0.0, 0.0);
+    }
+    return brdf;
+}
+
+Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
+    if (lambertian_surfaces) { return lambert_brdf(material.base.color); }
+    Brdf brdf;
+    float share = SCENE_GLASS ? 1.0 - material.glass.transmission : 1.0;
+    brdf.specular = prepare_specular(material.base, share, wo);
+    vec2 ab = brdf.specular.albedo_terms;
+    vec3 dielectric = dielectric_albedo(brdf.specular, ab);
+    vec3 color = diffuse_color(material) * share;
+    brdf.diffuse = prepare_diffuse(color, brdf.specular, dielectric);
+    float diffuse = luminance(color * (1.0 - dielectric));
+    float specular = luminance(
+        mix(dielectric * share, specular_albedo(brdf.specular.metal_f0, ab), material.base.metallic)
+    );
+    // Not above 1 by the rounding of a division.
+    brdf.specular_probability = diffuse > 0.0 ? min(specular / (specular + diffuse), 1.0) : 1.0;
+    if (SCENE_LOBES) { prepare_lobes(brdf, material, wo, specular + diffuse); }
+    return brdf;
+}
+
+// The same surface with its specular lobe alone.
+Brdf without_diffuse_lobe(Brdf brdf) {
+    brdf.diffuse.color = vec3(0.0);
+    brdf.specular_probability = 1.0;
+    if (SCENE_LOBES) { brdf.sheen.color = vec3(0.0); }
+    return brdf;
+}
 
 // ---- values ------------------------------------------------------------------------------------------
 
@@ -28,8 +156,8 @@ vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
 // The light of the diffuse lobe and sheen.
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
-    vec3 value = evaluate_diffuse_lobe(brdf, wo, wi);
-    if (brdf_lambert || !SCENE_LAYERS) { return value; }
+    vec3 value = evaluate_diffuse(brdf.diffuse, brdf.specular, wo, wi);
+    if (lambertian_surfaces || !SCENE_LAYERS) { return value; }
     vec3 sheen = evaluate_sheen(brdf.sheen, wo, wi);
     return below_layers(brdf, value, wo, wi) + sheen * (1.0 - coat_cover(brdf.coat, wo, wi));
 }
@@ -37,9 +165,9 @@ vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
 // The light of all other lobes. It is 0 for the one direction to which a mirror reflects, smooth glass refracts: only
 // sample_brdf finds it.
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
-    if (brdf_lambert || !(wo.z > 0.0)) { return vec3(0.0); }
-    vec3 value = evaluate_specular_lobe(brdf, wo, wi);
-    if (SCENE_GLASS && brdf.glass.weight > 0.0 && !brdf.mirror) {
+    if (lambertian_surfaces || !(wo.z > 0.0)) { return vec3(0.0); }
+    vec3 value = evaluate_specular(brdf.specular, wo, wi);
+    if (SCENE_GLASS && brdf.glass.weight > 0.0 && !brdf.specular.mirror) {
         value += brdf.glass.weight * evaluate_glass(brdf.glass, wo, wi);
     }
     if (!SCENE_LAYERS) { return value; }
@@ -55,14 +183,15 @@ vec3 brdf_times_cosine(Brdf brdf, vec3 wo, vec3 wi) {
 // The density with which sample_brdf chooses wi, in solid angle.
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     bool above = wi.z > 0.0;
-    if (!(wo.z > 0.0) || !(above || SCENE_GLASS)) { return 0.0; }
-    float pdf = above ? mix(diffuse_pdf(wi), specular_pdf(brdf, wo, wi), brdf.specular_probability) : 0.0;
-    if (!HAS_LOBES) { return pdf; }
-    vec3 chosen = brdf.lobe_probabilities;
-    pdf *= max(1.0 - chosen.x - chosen.y - chosen.z, 0.0);
-    if (above && chosen.x > 0.0) { pdf += chosen.x * coat_pdf(brdf.coat, wi); }
-    if (above) { pdf += chosen.y * sheen_pdf(); }
-    if (chosen.z > 0.0 && !brdf.mirror) { pdf += chosen.z * glass_pdf(brdf.glass, wo, wi); }
+    if (!(wo.z > 0.0) || !(above || SCENE_TRANSMISSION)) { return 0.0; }
+    float pdf = above
+        ? mix(diffuse_pdf(wi), specular_pdf(brdf.specular, wo, wi), brdf.specular_probability) : 0.0;
+    if (!SCENE_LOBES) { return pdf; }
+    LobeProbabilities chosen = brdf.probabilities;
+    pdf *= max(1.0 - chosen.coat - chosen.sheen - chosen.glass, 0.0);
+    if (above && chosen.coat > 0.0) { pdf += chosen.coat * coat_pdf(brdf.coat, wi); }
+    if (above) { pdf += chosen.sheen * sheen_pdf(); }
+    if (chosen.glass > 0.0 && !brdf.specular.mirror) { pdf += chosen.glass * glass_pdf(brdf.glass, wo, wi); }
     return pdf;
 }
 
@@ -73,50 +202,50 @@ BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
     return BrdfSample(wi, pdf > 0.0 ? brdf_times_cosine(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
 }
 
-// The same for a lobe that only reflects: what it sends below the surface is no sample of the glass.
+// The same for a lobe that only reflects: what it sends below the surface is no sample of one that transmits.
 BrdfSample weigh_reflection(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
-    if (SCENE_GLASS && !(wi.z > 0.0)) { return INVALID_SAMPLE; }
+    if (SCENE_TRANSMISSION && !(wi.z > 0.0)) { return INVALID_SAMPLE; }
     return weigh_sample(brdf, wo, wi, diffuse);
 }
 
-// A sample by the coat, sheen or glass. `choice` is below the sum of their probabilities.
+// A sample of one of the lobes that few materials have. `choice` is below the sum of their probabilities.
 BrdfSample sample_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
-    vec3 chosen = brdf.lobe_probabilities;
-    if (choice < chosen.x) {
+    LobeProbabilities chosen = brdf.probabilities;
+    if (choice < chosen.coat) {
         vec3 wi = sample_coat(brdf.coat, u);
         if (!is_mirror_coat(brdf.coat)) { return weigh_reflection(brdf, wo, wi, false); }
-        vec3 weight = vec3(coat_fresnel(brdf.coat, brdf.coat.wo.z) / chosen.x);
+        vec3 weight = vec3(coat_fresnel(brdf.coat, brdf.coat.wo.z) / chosen.coat);
         return wi.z > 0.0 ? BrdfSample(wi, weight, INFINITY, false) : INVALID_SAMPLE;
     }
-    choice -= chosen.x;
-    if (choice < chosen.y) { return weigh_sample(brdf, wo, sample_sheen(u), true); }
-    choice = min((choice - chosen.y) / chosen.z, 0.99999994);
+    choice -= chosen.coat;
+    if (choice < chosen.sheen) { return weigh_sample(brdf, wo, sample_sheen(u), true); }
+    choice = min((choice - chosen.sheen) / chosen.glass, 0.99999994);
     vec3 smooth_weight;
     vec3 wi = sample_glass(brdf.glass, wo, choice, u, smooth_weight);
     if (wi.z == 0.0) { return INVALID_SAMPLE; }
-    if (!brdf.mirror) { return weigh_sample(brdf, wo, wi, false); }
-    smooth_weight = below_layers(brdf, smooth_weight * (brdf.glass.weight / chosen.z), wo, wi);
+    if (!brdf.specular.mirror) { return weigh_sample(brdf, wo, wi, false); }
+    smooth_weight = below_layers(brdf, smooth_weight * (brdf.glass.weight / chosen.glass), wo, wi);
     return BrdfSample(wi, smooth_weight, INFINITY, false);
 }
 
 // `choice` decides which lobe proposes wi, `u` where in it; all are uniform in [0, 1).
 BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
     float base_probability = 1.0;
-    if (HAS_LOBES) {
-        vec3 chosen = brdf.lobe_probabilities;
-        float others = chosen.x + chosen.y + chosen.z;
+    if (SCENE_LOBES) {
+        LobeProbabilities chosen = brdf.probabilities;
+        float others = chosen.coat + chosen.sheen + chosen.glass;
         if (choice < others) { return sample_lobes(brdf, wo, choice, u); }
         base_probability = 1.0 - others;
         choice = min((choice - others) / base_probability, 0.99999994);
     }
     bool diffuse = choice >= brdf.specular_probability;
-    if (brdf.mirror && !diffuse) {
+    if (brdf.specular.mirror && !diffuse) {
         vec3 wi = vec3(-wo.xy, wo.z);
-        vec3 weight = specular_fresnel(brdf, wo.z) / brdf.specular_probability;
-        if (HAS_LOBES) { weight = below_layers(brdf, weight / base_probability, wo, wi); }
+        vec3 weight = specular_fresnel(brdf.specular, wo.z) / brdf.specular_probability;
+        if (SCENE_LOBES) { weight = below_layers(brdf, weight / base_probability, wo, wi); }
         return BrdfSample(wi, weight, INFINITY, false);
     }
-    vec3 wi = diffuse ? sample_diffuse_lobe(u) : sample_specular_lobe(brdf, wo, u);
+    vec3 wi = diffuse ? sample_diffuse(u) : sample_specular(brdf.specular, wo, u);
     return weigh_reflection(brdf, wo, wi, diffuse);
 }
 

@@ -79,7 +79,7 @@ CameraRay through_lens(CameraRay ray, vec2 on_lens) {
 }
 
 // Whether the camera is where it was in the previous frame, and sees as much.
-bool camera_rests() {
+bool is_camera_static() {
     return previous_camera.world_from_view == camera.world_from_view
         && previous_camera.tan_half_fov == camera.tan_half_fov
         && previous_camera.parallel_range == camera.parallel_range;

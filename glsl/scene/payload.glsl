@@ -4,9 +4,9 @@
 
 #include "scene/alpha.glsl"
 
-// A ray that skips the closest-hit shader has no hit but a passage in the same memory: the edges that it has passed in
-// `instance`, its probability in `triangle`, its tint in `t` and `barycentrics`. For other rays `instance` and
-// `triangle` are the blend point until there is a hit.
+// A ray that skips the closest-hit shader has no hit but a RayTransmittance in the same memory: the edges that it has
+// passed in `instance`, its probability in `triangle`, its weight in `t` and `barycentrics`. For other rays `instance`
+// and `triangle` are the alpha seed until there is a hit.
 struct RayPayload {
     uint instance;  // 2 * index + 1 for a front face, 2 * index for a back face; NO_INDEX when nothing was hit
     uint triangle;
@@ -16,8 +16,8 @@ struct RayPayload {
 
 void write_ray_transmittance(inout RayPayload payload, RayTransmittance through) {
     payload.triangle = floatBitsToUint(through.probability);
-    payload.t = through.tint.x;
-    payload.barycentrics = through.tint.yz;
+    payload.t = through.weight.x;
+    payload.barycentrics = through.weight.yz;
 }
 
 RayTransmittance read_ray_transmittance(RayPayload payload) {

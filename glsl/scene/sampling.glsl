@@ -11,14 +11,16 @@
 #include "scene/lights/types.glsl"
 
 struct LightContribution {
-    vec3 radiance_times_geometry;  // to be multiplied by inverse_pdf and by the BRDF with its cosine
-    float inverse_pdf;
+    // Radiance times the geometry term without the receiver's cosine, cos / distance^2. To be multiplied by
+    // inverse_area_pdf and by the BRDF with its cosine.
+    vec3 radiance_in_area_measure;
+    float inverse_area_pdf;
     vec3 wi;
     float solid_angle_pdf;   // of wi, for MIS with BRDF samples; differs from Solari, which mixes measures
 };
 
 bool is_at_infinity(uint kind) { return (KINDS_AT_INFINITY >> kind & 1u) != 0u; }
-bool is_met_by_rays(uint kind) { return (KINDS_MET_BY_RAYS >> kind & 1u) != 0u; }
+bool can_be_hit_by_rays(uint kind) { return (KINDS_HIT_BY_RAYS >> kind & 1u) != 0u; }
 
 LightSample generate_random_light_sample(inout uint rng) {
     uint light_index = choose_light(rng);
@@ -28,7 +30,7 @@ LightSample generate_random_light_sample(inout uint rng) {
 
 // The probability that a light sample has this light and part.
 float light_sample_probability(LightSample light_sample) {
-    return choice_probability(light_sources.at[light_sample.light_index], light_sample.part);
+    return choice_probability_by_power(light_sources.at[light_sample.light_index], light_sample.part);
 }
 
 // `light_probability`: with which the light was chosen.
@@ -39,16 +41,16 @@ ResolvedLightSample resolve_light_sample(LightSample light_sample, float light_p
     float probability = light_probability * part_probability(light, light_sample.part);
     // a sample of an earlier frame may be of a light that is dark now
     float inverse_probability = probability > 0.0 ? 1.0 / probability : 0.0;
-    return resolve_light(light.kind, light.index, light_sample.part, u, inverse_probability);
+    return resolve_light(light.kind, light.record_index, light_sample.part, u, inverse_probability);
 }
 
 ResolvedLightSample resolve_light_sample(LightSample light_sample) {
-    return resolve_light_sample(light_sample, light_sources.at[light_sample.light_index].choice.probability);
+    return resolve_light_sample(light_sample, light_sources.at[light_sample.light_index].by_power.probability);
 }
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.
 LightContribution calculate_resolved_light_contribution(ResolvedLightSample light_sample, vec3 world_position) {
-    light_sample = light_sample_seen_from(light_sample, world_position);
+    light_sample = light_sample_for_receiver(light_sample, world_position);
     vec3 origin = is_at_infinity(light_sample.kind) ? vec3(0.0) : world_position;
     vec3 to_light = light_sample.world_position - origin;
     vec3 wi = safe_normalize(to_light, vec3(0.0));
@@ -56,44 +58,44 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
     // a receiver within the rounding error of the light's point gets nothing instead of infinity
     float distance_squared = max(dot(to_light, to_light), square(light_sample.ray_offset));
     float solid_angle_per_area = distance_squared > 0.0 ? cosine / distance_squared : 0.0;
-    float inverse_solid_angle_pdf = solid_angle_per_area * light_sample.inverse_pdf;
+    float inverse_solid_angle_pdf = solid_angle_per_area * light_sample.inverse_area_pdf;
     float solid_angle_pdf = inverse_solid_angle_pdf > 0.0 ? 1.0 / inverse_solid_angle_pdf : 0.0;
     return LightContribution(
         light_sample.radiance * solid_angle_per_area,
-        light_sample.inverse_pdf,
+        light_sample.inverse_area_pdf,
         wi,
-        is_met_by_rays(light_sample.kind) ? solid_angle_pdf : INFINITY
+        can_be_hit_by_rays(light_sample.kind) ? solid_angle_pdf : INFINITY
     );
 }
 
-// The radiance of a light that a ray meets, weighted by MIS against light samples, which choose the light with a
+// The radiance of a light that a ray hits, weighted by MIS against light samples, which choose the light with a
 // probability. `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light
 // samples; 0 gives none.
-vec3 light_hit_radiance(LightHit met, float choice_probability, float bounce_pdf) {
-    if (!(met.inverse_pdf > 0.0)) { return vec3(0.0); }
-    float light_pdf = choice_probability / met.inverse_pdf;
-    return met.radiance * power_heuristic(bounce_pdf, light_pdf);
+vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float bounce_pdf) {
+    if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
+    float light_pdf = light_probability / light_hit.inverse_solid_angle_pdf;
+    return light_hit.radiance * power_heuristic(bounce_pdf, light_pdf);
 }
 
-// The radiance of all lights at infinity along a ray that met no surface.
-vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
+// The radiance of all lights at infinity along a ray that hit no surface.
+vec3 mis_weighted_radiance_at_infinity(vec3 direction, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
-        LightHit met = evaluate_light(light.kind, light.index, direction);
-        radiance += light_hit_radiance(met, light.choice.probability, bounce_pdf);
+        LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
+        radiance += mis_weighted_radiance(light_hit, light.by_power.probability, bounce_pdf);
     }
     return radiance;
 }
 
 // The same for lights that a ray passes before it ends, without what lies before them.
-vec3 radiance_along_ray(vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
+vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
-    if (!HAS_PASSED_LIGHTS) { return radiance; }
+    if (!HAS_PASS_THROUGH_LIGHTS) { return radiance; }
     for (uint i = scene_info.first_light_without_surface; i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        LightHit met = intersect_light(light.kind, light.index, origin, direction, t_max);
-        radiance += light_hit_radiance(met, light.choice.probability, bounce_pdf);
+        LightHit light_hit = intersect_light(light.kind, light.record_index, origin, direction, t_max);
+        radiance += mis_weighted_radiance(light_hit, light.by_power.probability, bounce_pdf);
     }
     return radiance;
 }

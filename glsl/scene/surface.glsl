@@ -6,18 +6,8 @@
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
 #include "scene/lights/choice.glsl"
-#include "scene/material_lobes.glsl"
+#include "scene/material.glsl"
 #include "scene/textures.glsl"
-
-struct ResolvedMaterial {
-    vec3 base_color;
-    vec3 emissive;
-    vec3 reflectance;
-    float perceptual_roughness;
-    float roughness;
-    float metallic;
-    MaterialLobes lobes;
-};
 
 // A point of a triangle of an instance's ray mesh.
 struct TrianglePoint {
@@ -31,13 +21,13 @@ struct TrianglePoint {
     mat3x3 normal_matrix;  // world from object for normals; does not keep their length
 };
 
-struct ResolvedRayHitFull {
+struct SurfaceInteraction {
     vec3 world_position;
     vec3 world_normal;            // shading normal, faces the ray too
     vec3 geometric_world_normal;  // faces the ray
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
-    float light_area_pdf;  // the density in area with which light samples choose this point; 0 when it is on no light
-    bool emits;        // towards the ray: on its front, or on both sides of a double-sided material
+    float area_pdf_by_power;  // of this point where lights are chosen by power; 0 when it is on no light
+    bool emits_towards_ray;  // on its front, or on both sides of a double-sided material
     bool unlit;       // cameras alone see what it emits
     ResolvedMaterial material;
 };
@@ -88,39 +78,10 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
 
 // ---- materials --------------------------------------------------------------------------------------
 
-// Sampled at the finest level for every ray, so that light samples and rays that hit the light see the same radiance.
-vec3 resolve_emissive(Material material, TexturePoint point) {
-    if (material.emissive_texture == NO_INDEX) { return material.emissive; }
-    point.footprint_lod = point.second_footprint_lod = FINEST_LOD;
-    return material.emissive * sample_texture(material.emissive_texture, point).rgb;
-}
-
-ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TexturePoint point) {
-    ResolvedMaterial resolved;
-    resolved.base_color = material.base_color * vertex_color;
-    resolved.emissive = resolve_emissive(material, point);
-    resolved.reflectance = resolve_reflectance(material, point);
-    resolved.perceptual_roughness = material.perceptual_roughness;
-    resolved.metallic = material.metallic;
-    if (material.base_color_texture != NO_INDEX) {
-        resolved.base_color *= sample_texture(material.base_color_texture, point).rgb;
-    }
-    if (material.metallic_roughness_texture != NO_INDEX) {
-        vec2 factors = sample_texture(material.metallic_roughness_texture, point).gb;
-        resolved.perceptual_roughness *= factors.x;
-        resolved.metallic *= factors.y;
-    }
-    resolved.roughness = square(resolved.perceptual_roughness);
-    resolved.lobes = NO_LOBES;
-    return resolved;
-}
-
 // Shows the base color, and reflects nothing.
 void make_unlit(inout ResolvedMaterial material) {
-    material.emissive *= material.base_color;
-    material.base_color = material.reflectance = vec3(0.0);
-    material.metallic = 0.0;
-    material.lobes = NO_LOBES;
+    BaseMaterial black = make_base(vec3(0.0), vec3(0.0), material.base.perceptual_roughness, 0.0);
+    material = without_lobes(black, material.emissive * material.base.color);
 }
 
 // ---- normals ----------------------------------------------------------------------------------------
@@ -212,28 +173,29 @@ float footprint_lod(Mesh mesh, TrianglePoint point, uint uv_set, float cone_widt
 // Resolves the surface at a hit. `cone_width` is the width of the ray cone there: Akenine-Moeller et al., "Texture
 // Level of Detail Strategies for Real-Time Ray Tracing" (Ray Tracing Gems, 2019) and "Improved Shader and Texture Level
 // of Detail Using Ray Cones" (JCGT 2021).
-ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, float cone_width) {
+SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_direction, float cone_width) {
     Instance instance = instances.at[hit.instance];
     Material material = materials.at[instance.material];
     TrianglePoint point = resolve_triangle(instance, mesh, hit.triangle, hit.barycentrics);
     // decided by the normal, not by the ray query, so that the shaded side is the visible one at grazing angles too
     bool front_face = dot(ray_direction, point.geometric_world_normal) <= 0.0;
 
-    ResolvedRayHitFull surface;
+    SurfaceInteraction surface;
     surface.world_position = point.world_position;
     surface.geometric_world_normal = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
     surface.ray_offset = point.ray_offset;
-    surface.light_area_pdf = 0.0;
+    surface.area_pdf_by_power = 0.0;
     if (instance.light_index != NO_INDEX && point.area > 0.0) {
-        surface.light_area_pdf = choice_probability(light_sources.at[instance.light_index], hit.triangle) / point.area;
+        surface.area_pdf_by_power =
+            choice_probability_by_power(light_sources.at[instance.light_index], hit.triangle) / point.area;
     }
     surface.unlit = SCENE_UNLIT && (material.flags & MATERIAL_UNLIT) != 0u;
-    surface.emits = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);
+    surface.emits_towards_ray = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);
 
     point.texture_point.footprint_lod = footprint_lod(mesh, point, 0u, cone_width);
     if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
     vec3 color = vertex_color(mesh, point.vertices, hit.barycentrics).rgb;
-    surface.material = resolve_material(material, color, point.texture_point);
+    surface.material = resolve_material(material, color, point.texture_point, front_face);
     vec3 smooth_normal = resolve_smooth_normal(mesh, point, hit.barycentrics);
     vec3 normal = smooth_normal;
     if (material.normal_texture != NO_INDEX) {
@@ -242,9 +204,6 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
     }
     float side = front_face ? 1.0 : -1.0;
     surface.world_normal = bend_shading_normal(side * normal, surface.geometric_world_normal, -ray_direction);
-    if (SCENE_GLASS || SCENE_LAYERS) {
-        surface.material.lobes = resolve_lobes(material, point.texture_point, front_face);
-    }
     if (SCENE_LAYERS) {
         vec3 coat_normal = smooth_normal;
         uint coat_map = material.clearcoat_normal_texture;
@@ -259,19 +218,21 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
                 instance, mesh, point, hit.barycentrics, smooth_normal, material.anisotropy_texture
             );
         }
-        orient_lobes(surface.material.lobes, surface.world_normal, coat_normal, tangents);
+        mat3 frame = orthonormalize(surface.world_normal);
+        surface.material.coat.normal = coat_normal * frame;
+        orient_anisotropy(surface.material.base, frame, tangents);
     }
     if (surface.unlit) { make_unlit(surface.material); }
     return surface;
 }
 
-ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_width) {
-    return resolve_hit_full(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
+SurfaceInteraction resolve_surface_interaction(Hit hit, vec3 ray_direction, float cone_width) {
+    return resolve_surface_interaction(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
 }
 
 // What a camera sees the surface emit.
-vec3 shown_emission(ResolvedRayHitFull surface) {
-    return surface.emits || surface.unlit ? surface.material.emissive : vec3(0.0);
+vec3 shown_emission(SurfaceInteraction surface) {
+    return surface.emits_towards_ray || surface.unlit ? surface.material.emissive : vec3(0.0);
 }
 
 #endif

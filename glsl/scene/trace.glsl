@@ -36,10 +36,10 @@ const uint TRACE_FRONT_FACES = TRACE_BOTH_FACES | gl_RayFlagsCullBackFacingTrian
 
 layout(location = 0) rayPayloadEXT RayPayload ray_payload;
 
-Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 blend_point) {
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 alpha_seed) {
     if (SCENE_BLEND) {
-        ray_payload.instance = blend_point.x;
-        ray_payload.triangle = blend_point.y;
+        ray_payload.instance = alpha_seed.x;
+        ray_payload.triangle = alpha_seed.y;
     }
     traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     if (ray_payload.instance == NO_INDEX) { return NO_HIT; }
@@ -64,17 +64,19 @@ bool trace_transmittance_in(
 
 #else
 
-Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 blend_point) {
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 alpha_seed) {
     rayQueryEXT query;
     rayQueryInitializeEXT(query, tlas, flags, SCENE_MASK, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {
         if (!SCENE_ALPHA) { continue; }
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
         uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
-        bool from_camera = (flags & gl_RayFlagsCullBackFacingTrianglesEXT) != 0u;
+        bool is_camera_ray = (flags & gl_RayFlagsCullBackFacingTrianglesEXT) != 0u;
         vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
-        vec4 cover = resolve_cover(instance, triangle, barycentrics, direction, from_camera);
-        if (is_met(cover, blend_point, instance, triangle, barycentrics)) { rayQueryConfirmIntersectionEXT(query); }
+        vec4 color_opacity = resolve_color_opacity(instance, triangle, barycentrics, direction, is_camera_ray);
+        if (accepts_hit(color_opacity, alpha_seed, instance, triangle, barycentrics)) {
+            rayQueryConfirmIntersectionEXT(query);
+        }
     }
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
         return NO_HIT;
@@ -94,7 +96,7 @@ bool trace_transmittance_in(
     out RayTransmittance through
 ) {
     through = FULL_TRANSMITTANCE;
-    uint passed = 0u;
+    uint passed_edges = 0u;
     rayQueryEXT query;
     rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, mask, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {
@@ -102,11 +104,11 @@ bool trace_transmittance_in(
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
         uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
         vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
-        vec4 cover = resolve_cover(instance, triangle, barycentrics, direction, false);
-        if (cover.w >= 1.0) {
+        vec4 color_opacity = resolve_color_opacity(instance, triangle, barycentrics, direction, false);
+        if (color_opacity.w >= 1.0) {
             rayQueryConfirmIntersectionEXT(query);
         } else if (SCENE_BLEND) {
-            attenuate_by_cover(through, passed, cover, instance, triangle, barycentrics);
+            attenuate_by_surface(through, passed_edges, color_opacity, instance, triangle, barycentrics);
         }
     }
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
@@ -123,7 +125,7 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
     return trace_closest_hit(origin, t_min, direction, t_max, flags, uvec2(0u));
 }
 
-// What light on the way of a ray from its origin to its hit meets: the blended surfaces that the ray has passed.
+// The transmittance of a ray from its origin to its hit: of the blended surfaces that it has passed.
 RayTransmittance trace_transmittance_and_probability(vec3 origin, vec3 direction, float t_max, Hit hit) {
     RayTransmittance through = FULL_TRANSMITTANCE;
     if (SCENE_BLEND) {
@@ -139,7 +141,7 @@ RayTransmittance trace_transmittance_and_probability(vec3 origin, vec3 direction
 vec3 trace_transmittance_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
     RayTransmittance through;
     bool passes = trace_transmittance_in(structure, origin, 0.0, direction, t_max, SCENE_MASK, through);
-    return passes ? through.tint * through.probability : vec3(0.0);
+    return passes ? through.weight * through.probability : vec3(0.0);
 }
 
 // The share of light that passes: 0 behind an opaque surface. Its mean is known without random numbers.

@@ -4,7 +4,7 @@
 //     while (true) {
 //         Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
 //         if (!accumulate_segment(walk, segment, radiance)) { break; }
-//         ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
+//         SurfaceInteraction surface = resolve_surface(walk, segment.hit);
 //         radiance += emitted_light(walk, surface, light_pdf);
 //         radiance += sample_light(walk, ...), if its shadow ray says so
 //         if (!scatter(walk, surface, sample_brdf(...)) || !survives(walk, ...)) { break; }
@@ -38,13 +38,13 @@ const Medium NO_MEDIUM = Medium(NO_INDEX);
 
 // The medium on the other side of a surface than that from which it is seen.
 Medium medium_below(uint instance, ResolvedMaterial material) {
-    bool solid = SCENE_GLASS && material.lobes.solid && !material.lobes.inside;
+    bool solid = SCENE_TRANSMISSION && material.base.solid && !material.base.inside;
     return Medium(solid ? instances.at[instance].material : NO_INDEX);
 }
 
 // The share of light that a way in a medium lets pass, by the law of Beer and Lambert.
 vec3 transmittance(Medium medium, float distance) {
-    if (!SCENE_GLASS || medium.material == NO_INDEX) { return vec3(1.0); }
+    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return vec3(1.0); }
     vec3 absorption = materials.at[medium.material].absorption;
     return mix(exp(-absorption * distance), vec3(1.0), equal(absorption, vec3(0.0)));
 }
@@ -56,7 +56,7 @@ struct Walk {
     vec3 origin;
     vec3 direction;
     float t_min, t_max;
-    bool from_camera;   // surfaces and lights are as cameras see them
+    bool is_camera_ray;  // sees front faces alone, and what lies behind blended surfaces untinted
     // The pdf of the direction in solid angle, over the number of light samples that compete with it in MIS: INFINITY
     // for delta lobes and where no light samples do, 0 where light samples alone find lights.
     float bounce_pdf;
@@ -73,16 +73,17 @@ Walk start_walk(vec3 origin, vec3 direction) {
 Walk start_walk(CameraRay ray) {
     Walk walk = start_walk(ray.origin, ray.direction);
     walk.t_min = ray.t_min;
-    walk.from_camera = true;
+    walk.is_camera_ray = true;
     walk.cone_width = ray.cone_width;
     walk.cone_spread = ray.cone_spread;
     return walk;
 }
 
-// What lights emit that a ray passes through: spheres that light samples choose, and rays see but don't hit.
+// What lights emit that a ray passes through: spheres, which add to a ray's radiance but don't end it.
 struct LightAlongRay {
     vec3 radiance;
-    vec3 untinted;  // without transmittance, over the probability that the ray passes blended surfaces until there
+    // Without transmittance, over the probability that the ray passes blended surfaces until there.
+    vec3 radiance_over_probability;
 };
 
 const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
@@ -96,7 +97,7 @@ struct Segment {
 };
 
 Hit find_surface(Walk walk, inout uint rng) {
-    uint faces = walk.from_camera ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
+    uint faces = walk.is_camera_ray ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
     return trace_closest_hit(walk.origin, walk.t_min, walk.direction, walk.t_max, faces, random_alpha_seed(rng));
 }
 
@@ -104,21 +105,21 @@ Hit find_surface(Walk walk, inout uint rng) {
 Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     Segment segment = Segment(NO_HIT, FULL_TRANSMITTANCE, NO_LIGHT_ALONG_RAY, 1u);
     segment.hit = find_surface(walk, rng);
-    bool tinted = SCENE_BLEND && !walk.from_camera;
+    bool tinted = SCENE_BLEND && !walk.is_camera_ray;
     float t_end = min(segment.hit.t, walk.t_max);
-    for (uint i = scene_info.first_light_without_surface; HAS_PASSED_LIGHTS
+    for (uint i = scene_info.first_light_without_surface; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        LightHit light_hit = intersect_light(light.kind, light.index, walk.origin, walk.direction, t_end);
-        if (!(light_hit.inverse_pdf > 0.0)) { continue; }
-        vec3 radiance = light_hit_radiance(light_hit, light_choice_probability(i, receiver), walk.bounce_pdf);
+        LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
+        if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
+        vec3 radiance = mis_weighted_radiance(light_hit, light_choice_probability(i, receiver), walk.bounce_pdf);
         RayTransmittance passes = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
             passes = trace_transmittance_and_probability(walk.origin, walk.direction, light_hit.t, NO_HIT);
             segment.rays += 1u;
         }
-        segment.along_ray.radiance += radiance * passes.tint;
-        segment.along_ray.untinted += radiance / passes.probability;
+        segment.along_ray.radiance += radiance * passes.weight;
+        segment.along_ray.radiance_over_probability += radiance / passes.probability;
     }
     if (tinted) {
         segment.transmittance = trace_transmittance_and_probability(walk.origin, walk.direction, walk.t_max,
@@ -132,42 +133,42 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
 // its transmittance. Returns whether there is a surface.
 bool accumulate_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
     radiance += walk.throughput * segment.along_ray.radiance;
-    walk.throughput *= segment.transmittance.tint;
+    walk.throughput *= segment.transmittance.weight;
     if (segment.hit.instance != NO_INDEX) { return true; }
-    radiance += walk.throughput * radiance_at_infinity(walk.direction, walk.bounce_pdf);
+    radiance += walk.throughput * mis_weighted_radiance_at_infinity(walk.direction, walk.bounce_pdf);
     return false;
 }
 
 // ---- surfaces ---------------------------------------------------------------------------------------
 
 // The surface where a segment ends.
-ResolvedRayHitFull resolve_surface(inout Walk walk, Hit hit) {
+SurfaceInteraction resolve_surface(inout Walk walk, Hit hit) {
     walk.cone_width += walk.cone_spread * hit.t;
     walk.throughput *= transmittance(walk.medium, hit.t);
-    return resolve_ray_hit_full(hit, walk.direction, walk.cone_width);
+    return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
 }
 
 // A thin wall of smooth glass has a delta lobe straight through it, which rays take by chance when they are traced, as
 // through a blended surface. So a ray that has hit one is divided by the probability that it did, and has no such lobe.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
-    vec4 color_opacity = resolve_cover(hit.instance, hit.triangle, hit.barycentrics, direction, false);
+    vec4 color_opacity = resolve_color_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
     if (color_opacity.w < 1.0) {
         throughput /= color_opacity.w;
-        material.lobes.passed_straight = true;
+        material.glass.reflects_only = true;
     }
 }
 
 // What a surface emits. `light_pdf`: with which light samples choose the direction to it; all that they don't find is
 // found by walks.
-vec3 emitted_light(Walk walk, ResolvedRayHitFull surface, float light_pdf) {
+vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.bounce_pdf, light_pdf);
-    return surface.emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
+    return surface.emits_towards_ray ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
 // Where rays that go in a direction leave a surface.
-vec3 ray_origin(ResolvedRayHitFull surface, vec3 direction) {
-    bool transmits = SCENE_GLASS && dot(direction, surface.geometric_world_normal) < 0.0;
+vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
+    bool transmits = SCENE_TRANSMISSION && dot(direction, surface.geometric_world_normal) < 0.0;
     float offset = transmits ? -surface.ray_offset : surface.ray_offset;
     return surface.world_position + offset * surface.geometric_world_normal;
 }
@@ -176,7 +177,7 @@ vec3 ray_origin(ResolvedRayHitFull surface, vec3 direction) {
 // geometric normal. `cos_theta` is its cosine with the shading normal.
 bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
     float geometric = dot(direction, geometric_normal);
-    return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_GLASS && cos_theta < 0.0 && geometric < 0.0);
+    return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
 }
 
 // Leaves a surface in a sampled direction; its origin remains to be set. `frame` has the shading normal as its z axis,
@@ -184,10 +185,10 @@ bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
 bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal, Medium below) {
     walk.direction = normalize(frame * next.wi);
     walk.t_min = 0.0;
-    walk.from_camera = false;
+    walk.is_camera_ray = false;
     walk.bounce_pdf = next.pdf;
     walk.throughput *= next.weight;
-    if (SCENE_GLASS && next.wi.z < 0.0) { walk.medium = below; }
+    if (SCENE_TRANSMISSION && next.wi.z < 0.0) { walk.medium = below; }
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
@@ -212,15 +213,15 @@ struct NextEvent {
 // The share of the light of a light sample that reaches the origin of a shadow ray.
 vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
     vec3 visible = trace_light_transmittance(origin, light_sample);
-    if (!SCENE_GLASS || medium.material == NO_INDEX) { return visible; }
+    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return visible; }
     bool far = is_at_infinity(light_sample.kind);
-    vec3 end = light_sample_seen_from(light_sample, origin).world_position;
+    vec3 end = light_sample_for_receiver(light_sample, origin).world_position;
     return visible * transmittance(medium, far ? INFINITY : distance(origin, end));
 }
 
 // One sample of a light chosen by power. `mis`: weighted against the walk's meeting the light.
 NextEvent sample_light(
-    Walk walk, ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, bool mis, inout uint rng
+    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, bool mis, inout uint rng
 ) {
     NextEvent event;
     event.radiance = vec3(0.0);
@@ -231,7 +232,7 @@ NextEvent sample_light(
     if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
     event.origin = ray_origin(surface, light.wi);
     event.medium = wi.z < 0.0 ? below : walk.medium;
-    vec3 value = light.radiance_times_geometry * light.inverse_pdf * brdf_times_cosine(brdf, wo, wi);
+    vec3 value = light.radiance_in_area_measure * light.inverse_area_pdf * brdf_times_cosine(brdf, wo, wi);
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;
     return event;

@@ -13,7 +13,7 @@ MATERIAL_DOUBLE_SIDED = 1
 MATERIAL_MASK, MATERIAL_BLEND = 2, 4
 """Flags of a material record with such an alpha mode."""
 MATERIAL_SOLID, MATERIAL_WALL = 8, 16
-"""Flags of a material record of glass that bounds a solid, and of thin glass that rays may pass straight."""
+"""Flags of a material record that transmits light into a solid, and of thin glass that rays may pass straight."""
 MATERIAL_UNLIT = 32
 """The flag of a material record whose emissive times its base color only cameras see."""
 SCENE_MASK, BLENDED_MASK = 0x7F, 0x40

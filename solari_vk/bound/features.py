@@ -9,7 +9,7 @@ a feature, write its row, and use the constant in GLSL; frames over a scene do t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,10 @@ class Feature:
     name: str
     source: type[Any]
     held_by: Callable[[Any], bool]
+    is_lobe: bool = False
+    """Whether it is a lobe that few materials have, or several."""
+    transmits: bool = False
+    """Whether light passes below surfaces by that lobe."""
 
     @property
     def constant(self) -> str:
@@ -43,10 +47,11 @@ FEATURES = (
     Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
     Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
-    Feature("GLASS", Material, lambda material: material.transmission > 0),
-    Feature("LAYERS", Material, lambda material: material.has_layers),
+    Feature("GLASS", Material, lambda material: material.transmission > 0, is_lobe=True, transmits=True),
+    Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
     Feature("UNLIT", Material, lambda material: material.unlit),
 )
+LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 
 
 class Features:
@@ -61,8 +66,16 @@ class Features:
         self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.held_by(item)}
 
 
+def _any_of(name: str, features: Iterable[Feature]) -> str:
+    # A copy of a specialization constant would keep its default.
+    return f"#define SCENE_{name} ({' || '.join(feature.constant for feature in features)})"
+
+
 def glsl_header() -> str:
-    """The declarations of the constants."""
+    """The declarations of the constants; SCENE_LOBES and SCENE_TRANSMISSION are true if one of these features is."""
     plain = {feature.constant: f"const bool {feature.constant} = false;" for feature in FEATURES}
     specialized = [f"layout(constant_id = {name}_id) {line}" for name, line in plain.items()]
-    return "\n".join(("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif"))
+    lobes = _any_of("LOBES", (feature for feature in FEATURES if feature.is_lobe))
+    transmission = _any_of("TRANSMISSION", (feature for feature in FEATURES if feature.transmits))
+    declared = ("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif")
+    return "\n".join((*declared, lobes, transmission))

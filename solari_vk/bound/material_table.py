@@ -16,17 +16,13 @@ from solari_vk.bound.constants import (
     NO_INDEX,
 )
 from solari_vk.bound.features import Features
+from solari_vk.bound.material_record import NUMBERS
 from solari_vk.bound.table import Rows, Table
 from solari_vk.bound.texture_table import TextureTable
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.material import TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 
-NUMBERS = (
-    "base_color", "perceptual_roughness", "emissive", "metallic", "normal_scale", "alpha", "alpha_cutoff",
-    "transmission", "ior", "absorption", "specular", "clearcoat", "clearcoat_roughness", "clearcoat_normal_scale",
-    "sheen_color", "sheen_roughness", "anisotropy", "anisotropy_rotation",
-)  # fmt: skip
 _ALPHA_FLAGS = {"opaque": 0, "mask": MATERIAL_MASK, "blend": MATERIAL_BLEND}
 
 
@@ -102,7 +98,7 @@ class MaterialTable:
             if material.unlit:
                 record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
             record["flags"] = (
-                MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * material.solid
+                MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * (material.solid and material.transmits)
                 | MATERIAL_WALL * material.is_wall | MATERIAL_UNLIT * material.unlit | _ALPHA_FLAGS[material.alpha_mode]
             )  # fmt: skip
             (self.emitting.add if material.emits else self.emitting.discard)(material)

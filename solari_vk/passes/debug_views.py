@@ -29,11 +29,11 @@ _GROUPS = (
     ViewGroup("Denoiser", "", {
         "denoise_frames": (
             "number of frames that the diffuse light averages, yellow for the maximum.",
-            "show_share(history_length(index) / float(denoise_settings.frames))",
+            "show_share(history_length(index) / float(denoise_settings.max_history))",
         ),
         "denoise_frames_specular": (
             "the same of the specular light.",
-            "show_share(specular_history_length(index) / float(denoise_settings.frames))",
+            "show_share(specular_history_length(index) / float(denoise_settings.max_history))",
         ),
         "denoise_noise": (
             "standard error of the diffuse light before the blur over its mean, yellow for 1.",
@@ -50,10 +50,10 @@ _GROUPS = (
         "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
     }),
     ViewGroup("G-buffer", "", {
-        "base_color": ("base color.", "encode_srgb(surface.material.base_color)"),
-        "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.perceptual_roughness)"),
-        "metallic": ("metallic, white is metal.", "vec3(surface.material.metallic)"),
-        "reflectance": ("reflectance of dielectrics.", "surface.material.reflectance"),
+        "base_color": ("base color.", "encode_srgb(surface.material.base.color)"),
+        "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.base.perceptual_roughness)"),
+        "metallic": ("metallic, white is metal.", "vec3(surface.material.base.metallic)"),
+        "reflectance": ("reflectance of dielectrics.", "surface.material.base.reflectance"),
         "emissive": ("the radiance that the surface emits.", "show_radiance(surface.material.emissive)"),
     }),
     ViewGroup("G-buffer", IF_SURFACE, {

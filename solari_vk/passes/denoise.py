@@ -46,7 +46,7 @@ def stage(size: tuple[int, int]) -> Stage:
     return Stage(
         "denoise",
         buffers={
-            **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
+            **dict.fromkeys(("denoise_cells", "denoise_neighborhoods"), cells[0] * cells[1]),
             "denoise_ping": Within("previous_denoise_diffuse", pixels),
             "denoise_pong": Within("previous_denoise_specular", pixels),
         },

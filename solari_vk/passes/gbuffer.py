@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 from solari_vk.gpu.frame.stages import Draw, DrawList, History, IfUsed, Pass, Stage
 from solari_vk.settings import Settings
 
@@ -13,7 +11,6 @@ because those don't hide them, outside the frustum, and occluded. Their sum is t
 
 _DRAW_COUNT_BYTES = 4
 PROXIES = "SCENE_PROXIES"  # the feature of instances with a ray_mesh
-LOBES = {"SCENE_GLASS", "SCENE_LAYERS"}  # features whose materials have an image of their own
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
@@ -26,19 +23,19 @@ def way_on(device_kind: str, way: str = "auto", features: Collection[str] = ()) 
 
 
 def stage(
-    size: tuple[int, int], settings: Settings, instance_capacity: int, way: str, features: Collection[str] = ()
+    size: tuple[int, int], settings: Settings, instance_capacity: int, way: str, has_lobes: bool = False
 ) -> Stage:
     """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`.
 
-    features: the scene's, which say whether materials need more than the first image has.
+    has_lobes: whether the scene's materials need more than the first image has.
     Outputs: `gbuffer`, `gbuffer_surface`, `gbuffer_lobes`, `depth`, `motion_vectors`; for the next frame
     `visible_instances`.
     """
-    buffers: dict[str, int | History] = {PREVIOUS_INSTANCES: instance_capacity}
-    images: dict[str, tuple[int, int] | History | IfUsed] = {
+    lobes = size[0] * size[1] if has_lobes else 1
+    buffers: dict[str, int | History | IfUsed] = {PREVIOUS_INSTANCES: instance_capacity, "gbuffer_lobes": IfUsed(lobes)}
+    images: dict[str, tuple[int, int] | History] = {
         "gbuffer": History(size),
         "gbuffer_surface": History(size),
-        "gbuffer_lobes": IfUsed(size if LOBES & set(features) else (1, 1)),
         "depth": History(size),
         "motion_vectors": size,
     }

@@ -31,5 +31,5 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     return Stage(
         "guides",
         images={f"guides_{name}": size for name in IMAGES},
-        passes=[Pass("guides/write", threads=size, constants={"brdf_lambert": settings.lambert})],
+        passes=[Pass("guides/write", threads=size, constants={"lambertian_surfaces": settings.lambert})],
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, field
+from dataclasses import KW_ONLY, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -71,27 +71,29 @@ class Texture(Checked):
     }
 
 
-TEXTURES = {
-    "base_color_texture": True,
-    "metallic_roughness_texture": False,
-    "emissive_texture": True,
-    "normal_texture": False,
-    "specular_texture": False,
-    "specular_color_texture": True,
-    "transmission_texture": False,
-    "clearcoat_texture": False,
-    "clearcoat_roughness_texture": False,
-    "clearcoat_normal_texture": False,
-    "sheen_color_texture": True,
-    "sheen_roughness_texture": False,
-    "anisotropy_texture": False,
-}
-"""The textures of a material, and whether their colors are sRGB."""
 MIRROR_ROUGHNESS = 0.001
 """The largest square of the perceptual roughness of a surface that shaders take as a perfect mirror."""
 UNLIT_RADIANCE = 1.2
 """Of an unlit color of 1, in cd/m^2: white in a picture with an EV100 of 0, as a white surface in the studio."""
 LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
+
+
+# Each field of a material is stated once: its default, its range, and by `glsl` the type that it has on the device,
+# where solari_vk/bound/material_record.py puts all that have one.
+
+
+def _number(default: float, low: float, high: float, unit: str = "", glsl: str = "float") -> Any:
+    return field(default=default, metadata={"converter": checks.number(low, high, unit), "glsl": glsl})
+
+
+def _color(default: float, high: float = 1.0, glsl: str = "vec3") -> Any:
+    metadata = {"converter": checks.color(0, high), "glsl": glsl}
+    return field(default_factory=lambda: np.full(3, default, np.float32), metadata=metadata)
+
+
+def _texture(srgb: bool = False) -> Any:
+    converter = checks.made_of(lambda: Texture, optional=True)
+    return field(default=None, metadata={"converter": converter, "glsl": "uint", "srgb": srgb})
 
 
 @checked
@@ -134,75 +136,54 @@ class Material(Checked):
     """
 
     _: KW_ONLY
-    base_color: FloatArray = field(default_factory=lambda: np.full(3, 0.8, np.float32))
-    metallic: float = 0.0
-    perceptual_roughness: float = 0.5
-    alpha: float = 1.0
+    base_color: FloatArray = _color(0.8)
+    metallic: float = _number(0.0, 0, 1)
+    perceptual_roughness: float = _number(0.5, 0, 1)
+    alpha: float = _number(1.0, 0, 1)
     alpha_mode: str = "opaque"
-    alpha_cutoff: float = 0.5
+    alpha_cutoff: float = _number(0.5, 0, checks.LARGEST_CUTOFF)
     if TYPE_CHECKING:
-        roughness: float = 0.5  # the same
-    reflectance: FloatArray = field(default_factory=lambda: np.full(3, 0.5, np.float32))
-    emissive: FloatArray = field(default_factory=lambda: np.zeros(3, np.float32))
-    normal_scale: float = 1.0
-    base_color_texture: Texture | None = None
-    metallic_roughness_texture: Texture | None = None
-    emissive_texture: Texture | None = None
-    normal_texture: Texture | None = None
+        roughness: float = 0.5  # the same as perceptual_roughness
+    reflectance: FloatArray = _color(0.5)
+    emissive: FloatArray = _color(0.0, checks.LARGEST_RADIANCE)
+    normal_scale: float = _number(1.0, -1e6, 1e6)
+    base_color_texture: Texture | None = _texture(srgb=True)
+    metallic_roughness_texture: Texture | None = _texture()
+    emissive_texture: Texture | None = _texture(srgb=True)
+    normal_texture: Texture | None = _texture()
     double_sided: bool = False
     unlit: bool = False
-    ior: float = 1.5
-    specular: float = 1.0
-    specular_texture: Texture | None = None
-    specular_color_texture: Texture | None = None
-    transmission: float = 0.0
-    transmission_texture: Texture | None = None
+    ior: float = _number(1.5, 1, 1e6)
+    specular: float = _number(1.0, 0, 1)
+    specular_texture: Texture | None = _texture()
+    specular_color_texture: Texture | None = _texture(srgb=True)
+    transmission: float = _number(0.0, 0, 1)
+    transmission_texture: Texture | None = _texture()
     solid: bool = False
-    attenuation_color: FloatArray = field(default_factory=lambda: np.ones(3, np.float32))
-    attenuation_distance: float = 1.0
-    clearcoat: float = 0.0
-    clearcoat_texture: Texture | None = None
-    clearcoat_roughness: float = 0.0
-    clearcoat_roughness_texture: Texture | None = None
-    clearcoat_normal_scale: float = 1.0
-    clearcoat_normal_texture: Texture | None = None
-    sheen_color: FloatArray = field(default_factory=lambda: np.zeros(3, np.float32))
-    sheen_color_texture: Texture | None = None
-    sheen_roughness: float = 0.0
-    sheen_roughness_texture: Texture | None = None
-    anisotropy: float = 0.0
-    anisotropy_rotation: float = 0.0
-    anisotropy_texture: Texture | None = None
+    attenuation_color: FloatArray = _color(1.0, glsl="")
+    attenuation_distance: float = _number(1.0, 1e-9, 1e9, "meters", glsl="")
+    clearcoat: float = _number(0.0, 0, 1)
+    clearcoat_texture: Texture | None = _texture()
+    clearcoat_roughness: float = _number(0.0, 0, 1)
+    clearcoat_roughness_texture: Texture | None = _texture()
+    clearcoat_normal_scale: float = _number(1.0, -1e6, 1e6)
+    clearcoat_normal_texture: Texture | None = _texture()
+    sheen_color: FloatArray = _color(0.0)
+    sheen_color_texture: Texture | None = _texture(srgb=True)
+    sheen_roughness: float = _number(0.0, 0, 1)
+    sheen_roughness_texture: Texture | None = _texture()
+    anisotropy: float = _number(0.0, 0, 1)
+    anisotropy_rotation: float = _number(0.0, -1e6, 1e6, "radians")
+    anisotropy_texture: Texture | None = _texture()
     name: str = ""
 
     _aliases = {"roughness": "perceptual_roughness"}
     _converters = {
         "name": checks.text,
-        "base_color": checks.color(0, 1),
-        "metallic": checks.number(0, 1),
-        "perceptual_roughness": checks.number(0, 1),
-        "alpha": checks.number(0, 1),
         "alpha_mode": checks.one_of(checks.ALPHA_MODES),
-        "alpha_cutoff": checks.number(0, checks.LARGEST_CUTOFF),
-        "reflectance": checks.color(0, 1),
-        "emissive": checks.color(0, checks.LARGEST_RADIANCE),
-        "normal_scale": checks.number(-1e6, 1e6),
         "double_sided": bool,
         "unlit": bool,
-        "ior": checks.number(1, 1e6),
-        "specular": checks.number(0, 1),
-        "transmission": checks.number(0, 1),
         "solid": bool,
-        "attenuation_color": checks.color(0, 1),
-        "attenuation_distance": checks.number(1e-9, 1e9, "meters"),
-        "clearcoat": checks.number(0, 1),
-        "clearcoat_roughness": checks.number(0, 1),
-        "clearcoat_normal_scale": checks.number(-1e6, 1e6),
-        "sheen_color": checks.color(0, 1),
-        "sheen_roughness": checks.number(0, 1),
-        "anisotropy": checks.number(0, 1),
-        "anisotropy_rotation": checks.number(-1e6, 1e6, "radians"),
-        **dict.fromkeys(TEXTURES, checks.made_of(lambda: Texture, optional=True)),
     }
 
     @property
@@ -217,6 +198,11 @@ class Material(Checked):
         return np.asarray(depth / self.attenuation_distance)
 
     @property
+    def transmits(self) -> bool:
+        """Whether light passes below the surface."""
+        return self.transmission > 0
+
+    @property
     def is_wall(self) -> bool:
         """Whether the material is thin glass that rays may pass straight, since it is smooth, at least in places."""
         smooth = self.perceptual_roughness**2 <= MIRROR_ROUGHNESS or self.metallic_roughness_texture is not None
@@ -227,3 +213,9 @@ class Material(Checked):
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
         return any(weight > 0 for weight in weights) or bool(self.specular_texture or self.specular_color_texture)
+
+
+TEXTURES: dict[str, bool] = {
+    field.name: field.metadata["srgb"] for field in fields(Material) if "srgb" in field.metadata
+}
+"""The textures of a material, and whether their colors are sRGB."""

@@ -62,7 +62,7 @@ def _shown(value: Any) -> str:
 class Checked(Observable):
     """A dataclass whose fields are checked when assigned. Subclasses are made by the decorator `checked`."""
 
-    _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}
+    _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}  # and those in the fields' metadata
     _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
     _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
     _ready = False
@@ -126,7 +126,10 @@ Kind = TypeVar("Kind", bound=type[Checked])
 def checked(kind: Kind) -> Kind:
     """Make a subclass of Checked a dataclass, compared by identity, whose constructor takes aliases of fields too."""
     dataclass(eq=False, repr=False)(kind)
-    kind._names = dict.fromkeys(field.name for field in fields(kind))  # type: ignore[arg-type]
+    given = {field.name: field.metadata for field in fields(kind)}  # type: ignore[arg-type]
+    kind._names = dict.fromkeys(given)
+    own = {name: metadata["converter"] for name, metadata in given.items() if "converter" in metadata}
+    kind._converters = own | dict(kind._converters)
     init: Callable[..., None] = kind.__init__
 
     @functools.wraps(init)

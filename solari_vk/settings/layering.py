@@ -22,7 +22,7 @@ class Surfaces(Protocol):
 
 def brdf_constants(settings: Surfaces) -> dict[str, int | bool]:
     """The specialization constants of every pass that evaluates the BRDF."""
-    return {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    return {"brdf_layering": LAYERINGS.index(settings.layering), "lambertian_surfaces": settings.lambert}
 
 
 def glsl_header() -> str:

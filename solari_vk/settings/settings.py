@@ -79,7 +79,9 @@ class Settings(SeparatePasses):
     denoise: bool = _denoise(
         True, "Average light over frames and pixels, as far as differences are noise, with lighting=paths. Less noise, "
         "slower.")  # fmt: skip
-    denoise_frames: int = _denoise(128, "Frames in a pixel's mean. More: less noise, more lag.", low=1, high=4096)
+    denoise_max_history: int = _denoise(
+        128, "Most frames in a pixel's mean. More: less noise, more lag.", low=1, high=4096
+    )
 
     # ---- ReSTIR of paths (lighting=paths)
     restir: bool = _restir(False, "Pixels reuse light that others found. Less noise in a frame, slower.", rebuilds=True)
@@ -220,7 +222,7 @@ _fields = sorted(dataclasses.fields(Settings), key=lambda field: field.name not 
 FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in _fields}
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in _fields}
 
-RENAMED = {"paths_young_samples": "paths_short_history_samples"}
+RENAMED = {"paths_young_samples": "paths_short_history_samples", "denoise_frames": "denoise_max_history"}
 """Names of version 0.2, which warn until version 0.4."""
 
 

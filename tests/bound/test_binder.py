@@ -119,7 +119,7 @@ def assert_mirrors(binder, scene):
             np.testing.assert_array_equal(image.read(), texture.image.pixels)
         if instance in emissive:
             source = sources[record["light_index"]]
-            assert (source["kind"], source["index"]) == (KIND_INDEX["emissive_mesh"], row)
+            assert (source["kind"], source["record_index"]) == (KIND_INDEX["emissive_mesh"], row)
             assert source["part_count"] == len((instance.ray_mesh or instance.mesh).triangles)
         else:
             assert record["light_index"] == NO_INDEX

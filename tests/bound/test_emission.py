@@ -96,7 +96,7 @@ def probabilities(binder, instance):
     if buffer is None:
         return None
     found = np.zeros(len(mesh.triangles))
-    found[binder._geometry.orders[mesh]] = buffer.read(source["choice"].dtype, len(found))["probability"]
+    found[binder._geometry.orders[mesh]] = buffer.read(source["by_power"].dtype, len(found))["probability"]
     return found
 
 
@@ -162,7 +162,7 @@ def test_dark_lights_are_never_chosen(bound):
 
     def chances():
         binder.update()
-        return binder.lights.sources.records["choice"]["probability"][:4]
+        return binder.lights.sources.records["by_power"]["probability"][:4]
 
     assert ((chances() > 0) == [False, True, True, False]).all()
     assert chances()[1] == pytest.approx(0.25)
@@ -188,7 +188,7 @@ def test_moving_a_lamp_changes_no_table(bound):
     lamp.transform = np.array([[0, -1, 0, 3], [1, 0, 0, 4], [0, 0, 1, 5]])
     binder.update()
     assert binder.lights.powers is powers
-    for field in ("choice", "parts"):
+    for field in ("by_power", "parts"):
         np.testing.assert_array_equal(binder.lights.sources.records[field], sources[field])
 
 

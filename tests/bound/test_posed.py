@@ -253,7 +253,7 @@ def test_lights_follow_poses(bound):
     node = lights.tree.records[lights.sources.records[lights.index(lamp)]["node"]]
     assert (np.abs(now - node["center"]) <= node["half_size"] * (1 + 1e-5)).all()
     choices = binder._emissions._emissions[skin, None].choices
-    assert choices.read(binder._emissions._choice)["probability"].min() > 0.05 / len(mesh.triangles)
+    assert choices.read(binder._emissions._row)["probability"].min() > 0.05 / len(mesh.triangles)
 
 
 def test_meshes_with_colors_alone(bound):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.scene.gltf.extensions import OF_MATERIALS
 from solari_vk.scene.material import TEXTURES
 
 UVS = [[0, 0], [1, 0], [0, 1]]
@@ -69,19 +70,18 @@ def test_reflectance(writer, fields, f0, remarks):
 def test_lobes(writer):
     """Each factor and texture of the extensions comes to its field."""
     slot = {"index": writer.image(GRAY)}
-    material, warnings = load(writer, extensions={
-        "KHR_materials_transmission": {"transmissionFactor": 0.9, "transmissionTexture": slot},
+    factors = {
+        "KHR_materials_transmission": {"transmissionFactor": 0.9},
         "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationColor": [1, 0.5, 0], "attenuationDistance": 2},
         "KHR_materials_clearcoat": {
-            "clearcoatFactor": 0.8, "clearcoatTexture": slot, "clearcoatRoughnessFactor": 0.2,
-            "clearcoatRoughnessTexture": slot, "clearcoatNormalTexture": {**slot, "scale": 0.7},
+            "clearcoatFactor": 0.8, "clearcoatRoughnessFactor": 0.2, "clearcoatNormalTexture": {**slot, "scale": 0.7},
         },
-        "KHR_materials_sheen": {
-            "sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": slot, "sheenRoughnessFactor": 0.4,
-            "sheenRoughnessTexture": slot,
-        },
-        "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": 0.3, "anisotropyTexture": slot},
-        "KHR_materials_specular": {"specularTexture": slot, "specularColorTexture": slot},
+        "KHR_materials_sheen": {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenRoughnessFactor": 0.4},
+        "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": 0.3},
+    }  # fmt: skip
+    material, warnings = load(writer, extensions={
+        name: {**dict.fromkeys(row.textures.values(), slot), **factors.get(name, {})}
+        for name, row in OF_MATERIALS.items() if name != "KHR_materials_unlit"
     })  # fmt: skip
     assert warnings == []
     assert (material.transmission, material.solid, material.attenuation_distance) == (0.9, True, 2)

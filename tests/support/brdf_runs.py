@@ -2,27 +2,34 @@
 
 import numpy as np
 
-LOBES = {
-    "transmission": 0.0, "ior": 1.5, "solid": 0, "inside": 0, "specular_weight": 1.0, "coat": 0.0,
-    "coat_roughness": 0.0, "coat_normal": (0.0, 0.0, 1.0), "sheen_color": (0.0, 0.0, 0.0), "sheen_roughness": 0.0,
-    "anisotropy": 0.0, "anisotropy_direction": (1.0, 0.0),
-}  # fmt: skip
-"""The fields of the lobes that few materials have, as in MaterialLobes, and the values of a material without them."""
+from solari_vk.bound.constants import MATERIAL_SOLID, NO_INDEX
+from solari_vk.bound.features import LOBES
+from solari_vk.bound.material_record import TYPES
+from solari_vk.scene.material import TEXTURES
+
+_NUMPY = {"float": ("<f4", ()), "vec3": ("<f4", 3), "uint": ("<u4", ())}
 MATERIAL = np.dtype(
-    [("base_color", "<f4", 3), ("reflectance", "<f4", 3), ("metallic", "<f4"), ("perceptual_roughness", "<f4")]
-    + [(name, "<u4" if isinstance(value, int) else "<f4", np.shape(value)) for name, value in LOBES.items()]
+    [(name, *_NUMPY[kind]) for name, kind in TYPES.items()]
+    + [("inside", "<u4"), ("coat_normal", "<f4", 3), ("anisotropy_direction", "<f4", 2)]
 )
+WITHOUT_LOBES = {
+    **dict.fromkeys(TEXTURES, NO_INDEX), "ior": 1.5, "specular": 1.0, "coat_normal": (0.0, 0.0, 1.0),
+    "anisotropy_direction": (1.0, 0.0),
+}  # fmt: skip
+"""The fields of a record whose value is not 0 for a material without lobes that few materials have."""
 MODES = ("draw", "evaluate", "albedo", "sampled_albedo")
-ALL_LOBES = {"SCENE_GLASS": True, "SCENE_LAYERS": True}
+ALL_LOBES = dict.fromkeys(LOBES, True)
 """The constants for materials with such lobes."""
 RESULT_COUNT = 4  # vectors that the shader writes for each row
 
 
-def materials(base_color=1.0, reflectance=0.5, metallic=0.0, roughness=0.5, **lobes):
-    """Records of the broadcast arguments; colors may be numbers or (..., 3). lobes: fields of LOBES, of all records."""
+def materials(base_color=1.0, reflectance=0.5, metallic=0.0, roughness=0.5, solid=False, **lobes):
+    """Records of the broadcast arguments; colors may be numbers or (..., 3). lobes: fields of MATERIAL, of all
+    records."""
     shape = np.broadcast_shapes(np.shape(metallic), np.shape(roughness), np.shape(base_color)[:-1], (1,))
     records = np.zeros(shape, MATERIAL)
-    given = {**LOBES, **lobes, "metallic": metallic, "perceptual_roughness": roughness}
+    given = {**WITHOUT_LOBES, **lobes, "flags": MATERIAL_SOLID * solid}
+    given |= {"metallic": metallic, "perceptual_roughness": roughness}
     for name, value in (("base_color", base_color), ("reflectance", reflectance)):
         given[name] = value if np.ndim(value) else np.full(3, value)
     for name, value in given.items():

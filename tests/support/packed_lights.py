@@ -25,7 +25,7 @@ class LightSamples(NamedTuple):
     position: np.ndarray
     normal: np.ndarray
     exposed: np.ndarray
-    inverse_pdf: np.ndarray
+    inverse_area_pdf: np.ndarray
     directional: np.ndarray
 
 
@@ -35,7 +35,7 @@ def decode(packed):
         packed["world_position"].astype(np.float64),
         decode_octahedral(packed["world_normal"]),
         np.exp2(decode_rgb9e5(packed["radiance"])) - 1,
-        packed["inverse_pdf"].astype(np.float64),
+        packed["inverse_area_pdf"].astype(np.float64),
         packed["kind"] == KIND_INDEX["directional"],
     )
 
@@ -48,4 +48,4 @@ def receive(samples, points):
     squared = (to_light**2).sum(axis=-1, keepdims=True)
     wi = to_light / np.sqrt(squared)
     cosine = np.maximum(-(wi * samples.normal).sum(axis=-1, keepdims=True), 0)
-    return wi, cosine / squared * samples.inverse_pdf[:, None]
+    return wi, cosine / squared * samples.inverse_area_pdf[:, None]

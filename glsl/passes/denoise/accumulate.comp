@@ -9,17 +9,18 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x54FF53A5u;
 
-LobeHistory add_sample(LobeHistory history, vec4 value_distance, float confidence) {
-    if (!is_finite_color(value_distance.rgb)) { return history; }
-    float value = luminance(value_distance.rgb);
-    history.frames = min(history.frames * confidence, float(denoise_settings.frames - 1u));
+LobeHistory add_sample(LobeHistory history, vec4 radiance_hit_distance, float confidence) {
+    if (!is_finite_color(radiance_hit_distance.rgb)) { return history; }
+    float value = luminance(radiance_hit_distance.rgb);
+    history.frames = min(history.frames * confidence, float(denoise_settings.max_history - 1u));
     float weight = 1.0 / (history.frames + 1.0);
-    float inverse = value_distance.w > 0.0 ? max(1.0 / value_distance.w, INVERSE_OF_INFINITY)
-        : history.inverse_distance;
+    float inverse = radiance_hit_distance.w > 0.0
+        ? max(1.0 / radiance_hit_distance.w, MIN_INVERSE_HIT_DISTANCE)
+        : history.inverse_hit_distance;
     return LobeHistory(
-        mix(history.radiance, value_distance.rgb, weight), mix(history.second_moment, value * value, weight),
+        mix(history.radiance, radiance_hit_distance.rgb, weight), mix(history.second_moment, value * value, weight),
         mix(history.fast_luminance, value, max(weight, FAST_WEIGHT)), history.frames + 1.0,
-        history.inverse_distance > 0.0 ? mix(history.inverse_distance, inverse, weight) : inverse
+        history.inverse_hit_distance > 0.0 ? mix(history.inverse_hit_distance, inverse, weight) : inverse
     );
 }
 
@@ -27,7 +28,7 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (denoise_settings.denoise == 0u || !is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size), kind = kind_of(denoise_guides.at[index]);
-    vec2 confidence = denoise_blocks.at[cell_at(pixel)].confidence;
+    vec2 confidence = denoise_neighborhoods.at[cell_at(pixel)].confidence;
     if (min(confidence.x, confidence.y) < 1.0) { shorten_alternate(index, min(confidence.x, confidence.y)); }
     if (kind == NO_SURFACE) { return; }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);

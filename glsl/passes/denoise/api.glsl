@@ -5,14 +5,14 @@
 #include "passes/denoise/at_sample.glsl"
 
 struct Denoised {
-    vec3 diffuse;     // demodulated, as all light of the denoiser
+    vec3 diffuse;  // demodulated, as all light of the denoiser
     vec3 specular;
-    vec3 reflected;   // by what the specular light must be multiplied besides: the albedo of what mirrors show
-    vec2 deviations;  // of the noise that is left in both luminances
+    vec3 replaced_albedo;  // of primary surface replacement, by which the specular light is demodulated too; else 1
+    vec2 deviations;  // standard deviations of the noise that is left in both luminances
 };
 
 // Whether the denoiser works on a pixel: it is on, and there is a surface or a reflection.
-bool is_denoised(uint index) {
+bool uses_denoiser(uint index) {
     return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NO_SURFACE;
 }
 
@@ -27,9 +27,9 @@ float history_noise(uint index) {
     return mean > 0.0 ? sqrt(variance / lobe.frames) / mean : 0.0;
 }
 
-// The estimated standard error of the luminance of light, where both lobes are multiplied by these colors.
-float standard_error(Denoised light, vec3 by_diffuse, vec3 by_specular) {
-    return ERROR_OVER_NOISE * length(light.deviations * vec2(luminance(by_diffuse), luminance(by_specular)));
+// The estimated standard error of the luminance of light that is multiplied by these albedos.
+float standard_error(Denoised light, vec3 diffuse_albedo, vec3 specular_albedo) {
+    return ERROR_OVER_NOISE * length(light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
 }
 
 // The light of a pixel that is denoised, after all passes of the denoiser.

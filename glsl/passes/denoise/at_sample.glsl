@@ -31,8 +31,9 @@ void denoised_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
         for (int side = 0; side < 2; side++) {
             ivec2 step = (2 * side - 1) * ivec2(1 - axis, axis), other = clamp(pixel + step, ivec2(0), last);
             uint at = pixel_index(other, camera.size);
-            weights[side] = other == pixel + step ? edge_stopping_weights(edges, denoise_guides.at[at],
-                step) : vec2(0.0);
+            weights[side] = other == pixel + step
+                ? edge_stopping_weights(edges, denoise_guides.at[at], step)
+                : vec2(0.0);
             found[side] = load_filtered(at);
         }
         weights = transpose(weights);

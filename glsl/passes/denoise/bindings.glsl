@@ -14,7 +14,7 @@ layout(set = 1, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_spec
 layout(set = 1, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
 // Filters read one of these and write the other. The first three words hold the light of both lobes, packed by
 // passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of 3 x 3 pixels.
-layout(set = 1, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } denoise_ping;
-layout(set = 1, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_pong;
+layout(set = 1, scalar) buffer DenoisePingBlock { uvec4 at[]; } denoise_ping;
+layout(set = 1, scalar) buffer DenoisePongBlock { uvec4 at[]; } denoise_pong;
 
 #endif

@@ -15,12 +15,12 @@ layout(constant_id = level_id) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
 
-const bool EVEN = (level & 1u) == 0u;
+const bool READS_PING = (level & 1u) == 0u;
 
-uvec4 load_bits(uint index) { return EVEN ? denoise_ping.at[index] : denoise_pong.at[index]; }
+uvec4 load_bits(uint index) { return READS_PING ? denoise_ping.at[index] : denoise_pong.at[index]; }
 
 void store_bits(uint index, uvec4 bits) {
-    if (EVEN) {
+    if (READS_PING) {
         denoise_pong.at[index] = bits;
     } else {
         denoise_ping.at[index] = bits;
@@ -54,15 +54,15 @@ vec2 luminances(uint means, Signals signals) {
     return vec2(unpack_positive(means, 16u), unpack_positive(means >> 16u, 16u));
 }
 
-// Whether wider passes would change nothing that can be seen in the sum of both lobes. Where all is black they may
-// bring light.
-bool is_clean(ivec2 pixel, uint kind, Signals signals) {
+// Whether wider passes would change nothing that can be seen in the sum of both lobes: there is little noise left.
+// Where all is black they may bring light.
+bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
     vec2 deviations = vec2(signals.diffuse.deviation, signals.specular.deviation);
     if (min(deviations.x, deviations.y) < 0.0) { return false; }
     vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, pixel).g, imageLoad(guides_specular_albedo, pixel).g);
     if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }
-    return length(albedos * deviations) < CLEAN * dot(albedos, values);
+    return length(albedos * deviations) < CONVERGED_NOISE * dot(albedos, values);
 }
 
 // A neighbor counts by how well noise explains its difference: by the square of `luminance_weight`. The rest of its
@@ -73,7 +73,7 @@ void add_neighbor(
     inout FilterSum sum, Signal center, Signal other, float difference, float weight, bool other_done
 ) {
     float variance = center.deviation * center.deviation + other.deviation * other.deviation;
-    float tolerance = SIGMA_LUMINANCE * SIGMA_LUMINANCE * variance + DARKEST;
+    float tolerance = SIGMA_LUMINANCE * SIGMA_LUMINANCE * variance + EPSILON;
     float luminance_weight = other_done ? 0.0 : tolerance / (tolerance + difference * difference);
     luminance_weight = center.deviation < 0.0 ? 1.0 : luminance_weight;
     weight = other.deviation < 0.0 ? 0.0 : weight;
@@ -127,9 +127,9 @@ void main() {
     // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
     vec2 accepted_weight = vec2(diffuse.accepted_weight, specular.accepted_weight),
         weight_sum = vec2(diffuse.weight_sum, specular.weight_sum);
-    bool gains_nothing = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));
+    bool rejects_neighbors = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), state);
-    if (gains_nothing || is_clean(pixel, guide.kind, filtered)) { filtered.state = DONE; }
+    if (rejects_neighbors || is_converged(pixel, guide.kind, filtered)) { filtered.state = DONE; }
     uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;
     store_bits(index, uvec4(pack_signals(filtered, random), 0u));
 }

@@ -7,17 +7,17 @@
 
 // Largest distance from a surface's plane, in widths of a pixel: of the surface itself, of the same surface at another
 // sample of the pixel, and of where it shows the same reflection.
-const float SAME_PLANE = 1.5, PLANE_OF_ALTERNATE = 2.5, PLANE_OF_REFLECTION = 8.0;
-const float SAME_NORMAL = 0.9;  // smallest cosine between normals
-const float SAME_MATERIAL = 0.1;
-const float FARTHEST = 1e6;  // depth of what is nowhere
+const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_REFLECTION_PLANE_DISTANCE = 8.0;
+const float MIN_NORMAL_COSINE = 0.9;
+const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.material
+const float BACKGROUND_DEPTH = 1e6;
 
 // Reflections: Zhdan, "ReBLUR" (2021).
-const float ONLY_SURFACE_MOTION = 0.8;  // perceptual roughness from which reflections move like their surface
-const float ONLY_VIRTUAL_MOTION = 0.5;
-const float NORMALS_OF_LOBE = 0.1;  // 1 - the cosine between normals, over alpha
-const float VIRTUAL_POSITION_ERROR = 0.3;  // share of a pixel by which a reflection's place may be off
-const float INVERSE_OF_INFINITY = 1e-9;  // 1 / distance of light from the environment
+// Perceptual roughness from which reflections move like their surface; and up to which like their virtual image.
+const float SURFACE_MOTION_ROUGHNESS = 0.8, VIRTUAL_MOTION_ROUGHNESS = 0.5;
+const float LOBE_NORMAL_TOLERANCE = 0.1;  // 1 - the cosine between normals, over alpha
+const float VIRTUAL_POSITION_ERROR = 0.3;  // share of a pixel by which the virtual image's position may be off
+const float MIN_INVERSE_HIT_DISTANCE = 1e-9;  // 1 / distance of light from the environment
 
 // ---- changes of light: Schied et al., "Gradient Estimation" (HPG 2018) -------------------------------
 
@@ -25,23 +25,25 @@ const float FAST_WEIGHT = 0.2;  // weight of a frame in LobeHistory.fast_luminan
 // The variance of LobeHistory.fast_luminance over that of a frame: FAST_WEIGHT / (2 - FAST_WEIGHT).
 const float FAST_VARIANCE = 0.111;
 const float MIN_GRADIENT_FRAMES = 3.0;  // shorter histories tell nothing
-const int LARGEST_RING = 2;  // cells from the center of the widest block
-// Standard deviations between which a difference becomes a change of light; and where all light may have changed.
+const int MAX_RING = 2;  // cells from the center of the widest neighborhood
+// Standard deviations between which a temporal gradient becomes a change of light; and where all light may have
+// changed.
 const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_AFTER_CHANGE = vec2(0.5, 1.5);
-const float CHANGE_EXPONENT = 16.0;  // of the share of light that didn't change
+const float CHANGE_EXPONENT = 16.0;  // of the share of light that didn't change, for the confidence
 const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightest
 
-// ---- what is uncertain, and outliers -----------------------------------------------------------------
+// ---- variance and fireflies -------------------------------------------------------------------------
 
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
-const float OWN_WEIGHT = 4.0;  // of a pixel in its neighborhood
-const float SETTLED_FRAMES = 40.0;  // frames from which a pixel's own spread tells enough
-// How many times as bright as its neighbors' mean, and as its block's mean of a single frame, a pixel may be.
-const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
+const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood
+const float TEMPORAL_VARIANCE_FRAMES = 40.0;  // frames from which a pixel's temporal variance suffices
+// How many times as bright a pixel may be as its neighbors' mean; and, for each frame of its history, as the mean of
+// the 3 x 3 cells around it.
+const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_BLOCK = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // least weight of the neighbors that a pixel is compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples differ
 
-// ---- how alike surfaces are --------------------------------------------------------------------------
+// ---- edge-stopping weights --------------------------------------------------------------------------
 
 // Distance from the surface's plane, in widths of a pixel, beyond that of a surface that bends as the normals turn.
 const float PLANE_TOLERANCE = 1.0;
@@ -49,8 +51,8 @@ const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
 const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, over its squared roughness
 // The least alpha (squared roughness) that counts, for certain light and for uncertain light: it is better to blur
-// reflections of smooth surfaces than to show their noise, but little in new pixels and settled ones, in which the
-// edges of bright reflections aren't known.
+// reflections of smooth surfaces than to show their noise, but little in pixels with a short history or a very long
+// one, whose deviation isn't compared with their neighbors' (EDGES_UNKNOWN).
 const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_NO_EDGES = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 
@@ -58,11 +60,11 @@ const float MATERIAL_TOLERANCE = 0.1;
 
 const float SIGMA_LUMINANCE = 2.2;  // standard deviations
 const float CENTER_WEIGHT = 4.0;
-const float CLEAN = 0.025;  // standard deviation over mean
+const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
 const float MIN_ACCEPTED_RATIO = 0.25;  // share of the neighbors' weight that is taken
 // Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
-const float DARKEST = 1e-30;  // keeps quotients of black finite
+const float EPSILON = 1e-30;
 
 // The error over the deviation of the noise that is left, since the blur has an error of its own: chosen so that about
 // 68 % of the pixels of mirror_hall and other scenes are within one standard error.

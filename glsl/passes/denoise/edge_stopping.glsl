@@ -1,4 +1,4 @@
-// How alike the surfaces of two pixels are, as weights of a filter.
+// Edge-stopping functions: how alike the surfaces of two pixels are, as weights of a filter.
 #ifndef PASSES_DENOISE_EDGE_STOPPING_GLSL
 #define PASSES_DENOISE_EDGE_STOPPING_GLSL
 
@@ -25,8 +25,8 @@ EdgeStopping make_edge_stopping(Guide guide, float uncertainty, float max_min_al
     vec3 in_view = normal * mat3(camera.world_from_view);
     float offset = dot(guide.position, normal);
     float alpha = max(guide.material * guide.material, mix(MIN_ALPHA_CERTAIN, max_min_alpha, min(uncertainty, 1.0)));
-    bool replaced = guide.kind != PRIMARY_SURFACE;
-    float tolerance = replaced ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
+    bool is_replaced = guide.kind != PRIMARY_SURFACE;
+    float tolerance = is_replaced ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
     float per_depth = offset / guide.depth;
     if (is_parallel(camera)) {
         per_depth = -in_view.z;
@@ -46,8 +46,8 @@ vec2 edge_stopping_weights(EdgeStopping edges, uvec2 other, ivec2 step) {
         ? dot(edges.plane, vec3(step, depth))
         : depth * dot(edges.plane, vec3(step, 1.0));
     vec3 normal_difference = quantized_normal(other) - edges.normal;
-    float bend = 0.5 * length(normal_difference) / NORMAL_SCALE * length(vec2(step)) / PLANE_TOLERANCE;
-    float plane_distance = max(abs(plane_coordinate - edges.plane_offset) - bend, 0.0);
+    float curvature = 0.5 * length(normal_difference) / NORMAL_SCALE * length(vec2(step)) / PLANE_TOLERANCE;
+    float plane_distance = max(abs(plane_coordinate - edges.plane_offset) - curvature, 0.0);
     float material_difference = abs(quantized_material(other) - edges.material) / (MATERIAL_TOLERANCE * MATERIAL_SCALE);
     vec2 weights = exp(-(plane_distance + dot(normal_difference, normal_difference) * edges.normal_sharpness
         + vec2(0.0, material_difference)));

@@ -11,23 +11,23 @@
 #include "scene/camera.glsl"
 
 struct Gradient {
-    float difference_sum;    // luminance minus that of the history; noise of either sign cancels out
-    float squared_sum;
-    float max_sum;   // of both luminances
+    float difference_sum;  // luminance minus that of the history; noise of either sign cancels out
+    float squared_sum;     // of these differences
+    float max_sum;         // the larger of both luminances, by which A-SVGF normalizes gradients
 };
 
 struct LobeGradient {
-    Gradient now;       // of this frame
-    Gradient recently;  // of the latest frames
-    float variance;       // of a frame, as the history lets expect
+    Gradient current;     // of this frame
+    Gradient recent;      // of the fast history, LobeHistory.fast_luminance
+    float variance;       // of a frame's luminance, by the history
     float luminance;      // of the history with this frame
-    float brightest;      // pixel of the cell
+    float max_luminance;  // of a pixel of the cell
     float pixels;
 };
 
 struct PackedLobeGradient {
-    float total_now;
-    float total_recently;
+    float current_difference_sum;
+    float recent_difference_sum;
     uvec4 others;
 };
 
@@ -36,15 +36,16 @@ struct GradientCell {
     PackedLobeGradient specular;
 };
 
-// What the cells around one tell: the share of the histories that changes of light leave valid, and the luminance
-// without the brightest pixel.
+// What the cells around one tell of each lobe: the confidence in the history, which is the share of it that changes of
+// light leave valid (a power of 1 - lambda in A-SVGF), and the mean luminance without the brightest pixel, by which
+// variance.comp limits fireflies.
 struct CellNeighborhood {
     vec2 confidence;
     vec2 luminance;
 };
 
 layout(set = 1, scalar) buffer DenoiseCellsBlock { GradientCell at[]; } denoise_cells;
-layout(set = 1, scalar) buffer DenoiseBlocksBlock { CellNeighborhood at[]; } denoise_blocks;
+layout(set = 1, scalar) buffer DenoiseNeighborhoodsBlock { CellNeighborhood at[]; } denoise_neighborhoods;
 
 uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
 
@@ -54,10 +55,10 @@ const Gradient NO_GRADIENT = Gradient(0.0, 0.0, 0.0);
 const LobeGradient NO_PIXELS = LobeGradient(NO_GRADIENT, NO_GRADIENT, 0.0, 0.0, 0.0, 0.0);
 
 PackedLobeGradient pack_gradient(LobeGradient cell, inout uint rng) {
-    return PackedLobeGradient(cell.now.difference_sum, cell.recently.difference_sum, uvec4(
-        pack_two(cell.now.squared_sum, cell.now.max_sum, rng), pack_two(cell.recently.squared_sum,
-            cell.recently.max_sum, rng),
-        pack_two(cell.variance, cell.pixels, rng), pack_two(cell.luminance, cell.brightest, rng)
+    return PackedLobeGradient(cell.current.difference_sum, cell.recent.difference_sum, uvec4(
+        pack_two(cell.current.squared_sum, cell.current.max_sum, rng),
+        pack_two(cell.recent.squared_sum, cell.recent.max_sum, rng),
+        pack_two(cell.variance, cell.pixels, rng), pack_two(cell.luminance, cell.max_luminance, rng)
     ));
 }
 
@@ -68,8 +69,8 @@ LobeGradient unpack_gradient(PackedLobeGradient cell) {
         high[i] = unpack_positive(cell.others[i] >> 16u, 16u);
     }
     return LobeGradient(
-        Gradient(cell.total_now, low.x, high.x), Gradient(cell.total_recently, low.y, high.y), low.z, low.w, high.w,
-        high.z
+        Gradient(cell.current_difference_sum, low.x, high.x), Gradient(cell.recent_difference_sum, low.y, high.y),
+        low.z, low.w, high.w, high.z
     );
 }
 

@@ -12,7 +12,9 @@
 
 const uint NO_SURFACE = 0u;        // nothing that has noise: no surface, or in mirrors of metal none but lights
 const uint PRIMARY_SURFACE = 1u;   // what the pixel shows itself
-const uint REPLACED_SURFACE = 2u;  // primary surface replacement: what mirrors of metal or clear glass show
+// Primary surface replacement: the guides are of the surface that a pixel shows in a mirror of metal or through clear
+// glass (the replaced surface).
+const uint REPLACED_SURFACE = 2u;
 
 struct Guide {
     uint kind;
@@ -93,7 +95,7 @@ Guide make_guide(ivec2 pixel) {
     Guide guide;
     guide.kind = depth_value == 0.0 ? NO_SURFACE : is_primary ? PRIMARY_SURFACE : is_noisy ? REPLACED_SURFACE
         : NO_SURFACE;
-    guide.depth = depth_value > 0.0 ? camera.near / depth_value : FARTHEST;
+    guide.depth = depth_value > 0.0 ? camera.near / depth_value : BACKGROUND_DEPTH;
     guide.position = position_at(vec2(pixel) + 0.5, guide.depth, camera);
     guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));
     guide.material = is_primary ? normal_roughness.w : luminance(guide_albedo(pixel));

@@ -17,25 +17,26 @@ void add_gradient(inout Gradient sum, Gradient other) {
 }
 
 void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
-    add_gradient(sum.now, other.now);
-    add_gradient(sum.recently, other.recently);
+    add_gradient(sum.current, other.current);
+    add_gradient(sum.recent, other.recent);
     sum.variance += other.variance;
     sum.luminance += other.luminance;
-    sum.brightest = max(sum.brightest, other.brightest);
+    sum.max_luminance = max(sum.max_luminance, other.max_luminance);
     sum.pixels += other.pixels;
 }
 
-// The share of the history that remains valid. Squares count as variance too, since a history may not know outliers.
-float confidence(Gradient sum, float variance, vec2 bounds) {
+// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. Squares count as variance too, since a history
+// may not know outliers.
+float confidence(Gradient sum, float variance, vec2 sigmas) {
     float deviation = sqrt(max(sum.squared_sum, variance));
     if (!(deviation > 0.0)) { return 1.0; }
-    float certain = smoothstep(bounds.x, bounds.y, abs(sum.difference_sum) / deviation);
-    return pow(1.0 - certain * min(abs(sum.difference_sum) / max(sum.max_sum, DARKEST), 1.0), CHANGE_EXPONENT);
+    float certainty = smoothstep(sigmas.x, sigmas.y, abs(sum.difference_sum) / deviation);
+    return pow(1.0 - certainty * min(abs(sum.difference_sum) / max(sum.max_sum, EPSILON), 1.0), CHANGE_EXPONENT);
 }
 
-float confidence(LobeGradient sum, vec2 bounds) {
-    float recently = confidence(sum.recently, FAST_VARIANCE * sum.variance, bounds);
-    return min(confidence(sum.now, sum.variance, bounds), recently);
+float confidence(LobeGradient sum, vec2 sigmas) {
+    float recent = confidence(sum.recent, FAST_VARIANCE * sum.variance, sigmas);
+    return min(confidence(sum.current, sum.variance, sigmas), recent);
 }
 
 // The share of a cell's light that may have changed: by lights near it, however long ago, or by a change of all lights.
@@ -44,13 +45,13 @@ float cell_light_change(LobeGradient cell, vec3 position) {
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
 }
 
-vec2 bounds_of(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_AFTER_CHANGE, min(4.0 * change, 1.0)); }
+vec2 change_sigmas(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_AFTER_CHANGE, min(4.0 * change, 1.0)); }
 
-// The mean without the brightest pixel. Few pixels tell nothing without it; no pixel is brighter than their sum, so
-// that none of them is limited.
+// The mean without the brightest pixel, by which variance.comp limits fireflies. Few pixels tell nothing without it;
+// no pixel is brighter than their sum, so that none of them is limited there.
 float robust_luminance(LobeGradient sum) {
     if (sum.pixels <= ROBUST_PIXELS) { return sum.luminance; }
-    return max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0);
+    return max(sum.luminance - sum.max_luminance, 0.0) / (sum.pixels - 1.0);
 }
 
 void main() {
@@ -59,11 +60,11 @@ void main() {
     GradientCell own = denoise_cells.at[pixel_index(cell, cells)];
     ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
-    vec2 bounds = bounds_of(cell_light_change(unpack_gradient(own.diffuse), position));
-    vec2 specular_bounds = bounds_of(cell_light_change(unpack_gradient(own.specular), position));
-    vec2 lobe_confidence = vec2(1.0), light = vec2(0.0);
+    vec2 sigmas = change_sigmas(cell_light_change(unpack_gradient(own.diffuse), position));
+    vec2 specular_sigmas = change_sigmas(cell_light_change(unpack_gradient(own.specular), position));
+    vec2 lobe_confidence = vec2(1.0), mean_luminance = vec2(0.0);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
-    for (int ring = 0; ring <= LARGEST_RING; ring++) {
+    for (int ring = 0; ring <= MAX_RING; ring++) {
         for (int y = -ring; y <= ring; y++) {
             int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
             for (int x = -ring; x <= ring; x += max(step, 1)) {
@@ -74,9 +75,10 @@ void main() {
                 add_neighbor_gradient(specular, unpack_gradient(neighbor.specular));
             }
         }
-        lobe_confidence = min(lobe_confidence, vec2(confidence(diffuse, bounds), confidence(specular,
-            specular_bounds)));
-        if (ring == 1) { light = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
+        lobe_confidence = min(
+            lobe_confidence, vec2(confidence(diffuse, sigmas), confidence(specular, specular_sigmas))
+        );
+        if (ring == 1) { mean_luminance = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
     }
-    denoise_blocks.at[pixel_index(cell, cells)] = CellNeighborhood(lobe_confidence, light);
+    denoise_neighborhoods.at[pixel_index(cell, cells)] = CellNeighborhood(lobe_confidence, mean_luminance);
 }

@@ -9,9 +9,9 @@
 struct LobeHistory {
     vec3 radiance;           // the mean
     float second_moment;     // the mean of squared luminances
-    float fast_luminance;            // luminance of the latest frames
+    float fast_luminance;    // fast history: exponential mean of the luminances of the latest frames
     float frames;            // number of frames in the mean; 0 without a history
-    float inverse_distance;  // mean of 1 / distance to where the light came from, in 1/m; 0 when unknown
+    float inverse_hit_distance;  // mean of 1 / distance to where the light came from, in 1/m; 0 when unknown
 };
 
 const LobeHistory NO_HISTORY = LobeHistory(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
@@ -31,7 +31,7 @@ uvec4 pack_lobe_history(LobeHistory lobe, inout uint rng) {
     uint blue = pack_positive(lobe.radiance.b, 21u, rng);
     return uvec4(
         red | green << 21u, green >> 11u | blue << 10u,
-        pack_two(lobe.second_moment, lobe.fast_luminance, rng), pack_two(lobe.frames, lobe.inverse_distance, rng)
+        pack_two(lobe.second_moment, lobe.fast_luminance, rng), pack_two(lobe.frames, lobe.inverse_hit_distance, rng)
     );
 }
 

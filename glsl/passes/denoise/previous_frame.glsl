@@ -38,7 +38,7 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 }
 
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
-    // of the replaced surface; of a primary surface its own, which is 0 where it rests
+    // of the replaced surface; of a primary surface its own, which is 0 where it is static
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
     if (guide.kind != PRIMARY_SURFACE || !moved) {
@@ -51,13 +51,15 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     return PreviousSurface(previous_pixel(guide.position, position, pixel), position, plane.normal);
 }
 
-bool is_the_same(Guide then, PreviousSurface previous, Guide guide, float plane_distance) {
-    if (then.kind != guide.kind) { return false; }
+// Whether a pixel of the previous frame showed the same surface.
+bool is_consistent(Guide previous_guide, PreviousSurface previous, Guide guide, float plane_distance) {
+    if (previous_guide.kind != guide.kind) { return false; }
     bool near = guide.kind == PRIMARY_SURFACE
-        ? abs(dot(then.position - previous.position, previous.normal)) < plane_distance * pixel_width(then.depth)
-        : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
-    return near && dot(then.normal, previous.normal) > SAME_NORMAL
-        && abs(then.material - guide.material) < SAME_MATERIAL;
+        ? abs(dot(previous_guide.position - previous.position, previous.normal))
+            < plane_distance * pixel_width(previous_guide.depth)
+        : abs(previous_guide.depth - guide.depth) < MAX_DEPTH_DIFFERENCE * guide.depth;
+    return near && dot(previous_guide.normal, previous.normal) > MIN_NORMAL_COSINE
+        && abs(previous_guide.material - guide.material) < MAX_MATERIAL_DIFFERENCE;
 }
 
 Taps no_taps() {
@@ -69,14 +71,14 @@ Taps no_taps() {
 
 void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previous, Guide guide, float plane_distance) {
     if (abs(weight) < 1e-3 || !is_inside(pixel, camera.size)) { return; }
-    Guide then = load_previous_guide(pixel);
-    if (!is_the_same(then, previous, guide, plane_distance)) { return; }
+    Guide previous_guide = load_previous_guide(pixel);
+    if (!is_consistent(previous_guide, previous, guide, plane_distance)) { return; }
     taps.at[taps.count] = pixel_index(pixel, camera.size);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
     // Splines would cancel out what grows with the square of the distance, as this does.
-    taps.normal_divergence += abs(weight) * (1.0 - dot(normalize(then.normal), previous.normal));
+    taps.normal_divergence += abs(weight) * (1.0 - dot(normalize(previous_guide.normal), previous.normal));
 }
 
 // The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or
@@ -89,7 +91,7 @@ Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_di
         add_tap(taps, corner, 1.0, previous, guide, plane_distance);
         return taps;
     }
-    vec4 across = spline(fraction.x), down = spline(fraction.y);
+    vec4 across = catmull_rom_weights(fraction.x), down = catmull_rom_weights(fraction.y);
     for (int i = 0; i < 16; i++) {
         ivec2 step = ivec2(i & 3, i >> 2);
         add_tap(taps, corner + step - 1, across[step.x] * down[step.y], previous, guide, plane_distance);
@@ -109,7 +111,7 @@ void add_history(inout LobeHistory sum, LobeHistory found, float weight) {
     sum.second_moment += weight * found.second_moment;
     sum.fast_luminance += weight * found.fast_luminance;
     sum.frames += weight * found.frames;
-    sum.inverse_distance += weight * found.inverse_distance;
+    sum.inverse_hit_distance += weight * found.inverse_hit_distance;
 }
 
 // Splines may fall below 0.
@@ -117,8 +119,7 @@ LobeHistory without_overshoot(LobeHistory lobe) {
     vec3 radiance = max(lobe.radiance, vec3(0.0));
     return LobeHistory(
         radiance, max(lobe.second_moment, square(luminance(radiance))), max(lobe.fast_luminance, 0.0),
-            max(lobe.frames, 0.0),
-        max(lobe.inverse_distance, 0.0)
+        max(lobe.frames, 0.0), max(lobe.inverse_hit_distance, 0.0)
     );
 }
 

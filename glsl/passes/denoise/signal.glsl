@@ -17,8 +17,9 @@ struct Signals {
 };
 
 // The state of a pixel's signals in a buffer. What is done is left as it is by later passes, and is copied once, so
-// that it is in both buffers. Where the history is very short, or so long that it is settled, the edges of bright
-// reflections are unknown.
+// that it is in both buffers. EDGES_UNKNOWN: the history is too short, or so long (TEMPORAL_VARIANCE_FRAMES), that
+// variance.comp didn't compare the pixel's deviation with its neighbors', which would stop the blur at the edges of
+// bright reflections.
 const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
 

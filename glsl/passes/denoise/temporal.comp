@@ -17,7 +17,7 @@ LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
     return LobeHistory(
         mix(a.radiance, b.radiance, share), mix(a.second_moment, b.second_moment, share),
         mix(a.fast_luminance, b.fast_luminance, share), mix(a.frames, b.frames, share),
-        mix(a.inverse_distance, b.inverse_distance, share)
+        mix(a.inverse_hit_distance, b.inverse_hit_distance, share)
     );
 }
 
@@ -29,49 +29,50 @@ float curvature(ivec2 pixel, Guide guide) {
         ivec2 other = pixel + (any(greaterThanEqual(pixel + step, ivec2(camera.size))) ? -step : step);
         if (any(lessThan(other, ivec2(0)))) { continue; }
         Guide next = make_guide(other);
-        vec3 apart = next.position - guide.position, normal_change = next.normal - guide.normal;
-        bool same = next.kind == guide.kind && dot(normal_change, normal_change) < 0.1 && dot(normal_change,
-            normal_change) > 1e-5;
-        if (same) { sum += 0.5 * dot(normal_change, apart) / dot(apart, apart); }
+        vec3 offset = next.position - guide.position, normal_change = next.normal - guide.normal;
+        bool same = next.kind == guide.kind && dot(normal_change, normal_change) < 0.1
+            && dot(normal_change, normal_change) > 1e-5;
+        if (same) { sum += 0.5 * dot(normal_change, offset) / dot(offset, offset); }
     }
     return sum;
 }
 
-// The history of the specular lobe: that of the surface, or that of the reflection, which lies behind the surface.
-LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Taps at_surface) {
-    LobeHistory by_surface = read_specular(at_surface);
-    if (guide.kind != PRIMARY_SURFACE) { return by_surface; }
-    vec3 seen_along = normalize(guide.position);
-    vec3 previous_seen_along = normalize(previous.position);
+// The history of the specular lobe: by surface motion, or by virtual motion, that of the virtual image behind the
+// surface.
+LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Taps surface_taps) {
+    LobeHistory surface_history = read_specular(surface_taps);
+    if (guide.kind != PRIMARY_SURFACE) { return surface_history; }
+    vec3 view_direction = normalize(guide.position);
+    vec3 previous_view_direction = normalize(previous.position);
     float alpha = guide.material * guide.material;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
-    float normal_divergence = at_surface.normal_divergence / at_surface.weight;
-    by_surface.frames /= 1.0 + square(normal_divergence / (NORMALS_OF_LOBE * max(alpha, 0.02)));
-    float view_change = length(seen_along - previous_seen_along);
-    if (view_change < 1e-6) { return by_surface; }
+    float normal_divergence = surface_taps.normal_divergence / surface_taps.weight;
+    surface_history.frames /= 1.0 + square(normal_divergence / (LOBE_NORMAL_TOLERANCE * max(alpha, 0.02)));
+    float view_change = length(view_direction - previous_view_direction);
+    if (view_change < 1e-6) { return surface_history; }
 
-    // Light that surface motion moves along stays valid for angles within the lobe.
-    by_surface.frames /= 1.0 + square(view_change / (0.05 * alpha + 0.002));
-    float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.material);
-    if (share == 0.0 || by_surface.inverse_distance == 0.0) { return by_surface; }
-    float cosine = max(-dot(seen_along, guide.normal), 0.1), twice_curvature = 2.0 * curvature(pixel, guide);
-    float inverse = by_surface.inverse_distance + twice_curvature / cosine;
-    if (!(inverse > 0.0)) { return by_surface; }
-    vec3 behind = seen_along / inverse;
-    vec2 where = previous_pixel(guide.position + behind, previous.position + behind, pixel);
-    Taps at_reflection = find_taps(where, previous, guide, PLANE_OF_REFLECTION);
-    if (at_reflection.weight == 0.0) { return by_surface; }
-    LobeHistory by_reflection = read_specular(at_reflection);
+    // Light moved by surface motion stays valid for angles within the lobe.
+    surface_history.frames /= 1.0 + square(view_change / (0.05 * alpha + 0.002));
+    float share = 1.0 - smoothstep(VIRTUAL_MOTION_ROUGHNESS, SURFACE_MOTION_ROUGHNESS, guide.material);
+    if (share == 0.0 || surface_history.inverse_hit_distance == 0.0) { return surface_history; }
+    float cosine = max(-dot(view_direction, guide.normal), 0.1), twice_curvature = 2.0 * curvature(pixel, guide);
+    float inverse_distance = surface_history.inverse_hit_distance + twice_curvature / cosine;
+    if (!(inverse_distance > 0.0)) { return surface_history; }
+    vec3 virtual_offset = view_direction / inverse_distance;
+    vec2 virtual_pixel = previous_pixel(guide.position + virtual_offset, previous.position + virtual_offset, pixel);
+    Taps virtual_taps = find_taps(virtual_pixel, previous, guide, MAX_REFLECTION_PLANE_DISTANCE);
+    if (virtual_taps.weight == 0.0) { return surface_history; }
+    LobeHistory virtual_history = read_specular(virtual_taps);
     // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in
     // the previous picture is uncertain.
-    by_reflection.frames /= 1.0 + square(VIRTUAL_POSITION_ERROR * twice_curvature * pixel_width(guide.depth)
+    virtual_history.frames /= 1.0 + square(VIRTUAL_POSITION_ERROR * twice_curvature * pixel_width(guide.depth)
         / (alpha + 0.02));
-    return blend(by_surface, by_reflection, share);
+    return blend(surface_history, virtual_history, share);
 }
 
 // The light of a pixel whose surface doesn't move, from where it was kept.
 void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
-    if (guide.kind != NO_SURFACE && is_the_same(load_previous_guide(pixel), previous, guide, SAME_PLANE)) {
+    if (guide.kind != NO_SURFACE && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
         denoise_specular.at[index] = previous_denoise_specular.at[index];
         return;
@@ -79,7 +80,9 @@ void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Gui
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
     AlternateHistory alternate = denoise_alternate.at[index];
     bool matches_alternate = guide.kind != NO_SURFACE
-        && is_the_same(unpack_guide(surface_of(alternate), pixel, camera), previous, guide, PLANE_OF_ALTERNATE);
+        && is_consistent(
+            unpack_guide(surface_of(alternate), pixel, camera), previous, guide, MAX_ALTERNATE_PLANE_DISTANCE
+        );
     if (matches_alternate) { unpack_alternate(alternate, diffuse, specular); }
     uvec2 before = previous_denoise_guides.at[index];
     if (kind_of(before) != NO_SURFACE) {
@@ -99,8 +102,8 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     Guide guide = make_guide(pixel);
     if (denoise_settings.denoise == 0u) { guide.kind = NO_SURFACE; }
-    bool shown = guide.kind != NO_SURFACE;
-    denoise_guides.at[index] = shown ? pack_guide(guide) : uvec2(0u);
+    bool has_surface = guide.kind != NO_SURFACE;
+    denoise_guides.at[index] = has_surface ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
     if (denoise_settings.denoise != 0u && this_frame.has_history != 0u) {
@@ -109,13 +112,13 @@ void main() {
             keep_unmoved_history(pixel, index, previous, guide, rng);
             return;
         }
-        Taps taps = shown ? find_taps(previous.pixel, previous, guide, SAME_PLANE) : no_taps();
+        Taps taps = has_surface ? find_taps(previous.pixel, previous, guide, MAX_PLANE_DISTANCE) : no_taps();
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
             specular = find_specular(pixel, guide, previous, taps);
         }
     }
     denoise_alternate.at[index].surface = uvec2(0u);
-    denoise_diffuse.at[index] = shown ? pack_lobe_history(diffuse, rng) : uvec4(0u);
-    denoise_specular.at[index] = shown ? pack_lobe_history(specular, rng) : uvec4(0u);
+    denoise_diffuse.at[index] = has_surface ? pack_lobe_history(diffuse, rng) : uvec4(0u);
+    denoise_specular.at[index] = has_surface ? pack_lobe_history(specular, rng) : uvec4(0u);
 }

@@ -20,12 +20,12 @@ void add_pixel(inout LobeGradient cell, LobeHistory history, vec3 radiance) {
     float value = luminance(radiance), mean = luminance(history.radiance);
     float updated_mean = mix(mean, value, 1.0 / (history.frames + 1.0));
     cell.luminance += updated_mean;
-    cell.brightest = max(cell.brightest, updated_mean);
+    cell.max_luminance = max(cell.max_luminance, updated_mean);
     cell.pixels += 1.0;
     if (history.frames < MIN_GRADIENT_FRAMES) { return; }
     cell.variance += max(history.second_moment - mean * mean, 0.0);
-    add_gradient(cell.now, value, mean);
-    add_gradient(cell.recently, mix(history.fast_luminance, value, FAST_WEIGHT), mean);
+    add_gradient(cell.current, value, mean);
+    add_gradient(cell.recent, mix(history.fast_luminance, value, FAST_WEIGHT), mean);
 }
 
 void main() {
@@ -43,6 +43,6 @@ void main() {
         }
     }
     uint rng = seed_rng(cell, this_frame.index, this_frame.seed ^ PASS_SALT);
-    denoise_cells.at[pixel_index(cell, cells)] = GradientCell(pack_gradient(diffuse, rng), pack_gradient(specular,
-        rng));
+    denoise_cells.at[pixel_index(cell, cells)] =
+        GradientCell(pack_gradient(diffuse, rng), pack_gradient(specular, rng));
 }

@@ -1,5 +1,6 @@
-// Begins the filter: the light of each lobe, and how far it may be off, from the spread over frames and over the
-// nearest pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
+// Begins the filter: the light of each lobe, and its standard deviation, from its temporal variance and from the
+// spatial variance of 3 x 3 pixels. A value far from its neighbors counts as uncertain, since in few frames it is most
+// often noise.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/gradient_cell.glsl"
@@ -37,28 +38,29 @@ void extend(inout Range range, LobeHistory lobe) {
     range.min_upper_bound = min(range.min_upper_bound, mean + deviation);
 }
 
-// In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black or
-// no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The history isn't limited, so
-// that this light is in the picture when more frames confirm it.
+// Suppresses fireflies: in few frames, a pixel far brighter than its neighbors and its block of cells is limited,
+// unless these are black or no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The
+// history isn't limited, so that this light is in the picture when more frames confirm it.
 Signal estimate_signal(LobeHistory lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float local_mean = sum.mean / sum.weight, value = luminance(lobe.radiance);
-    float neighbor_weight = sum.weight - OWN_WEIGHT, neighbor_mean = max(sum.mean - OWN_WEIGHT * value, 0.0)
+    float neighbor_weight = sum.weight - CENTER_MOMENTS_WEIGHT;
+    float neighbor_mean = max(sum.mean - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
-    float settled_frames = min(SETTLED_FRAMES, float(denoise_settings.frames));
-    float limit = max(NEIGHBORS_LIMIT * neighbor_mean, BLOCK_LIMIT * lobe.frames * block_luminance);
-    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < settled_frames) {
+    float long_history = min(TEMPORAL_VARIANCE_FRAMES, float(denoise_settings.max_history));
+    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_BLOCK * lobe.frames * block_luminance);
+    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
-        local_mean += OWN_WEIGHT * (limit - value) / sum.weight;
+        local_mean += CENTER_MOMENTS_WEIGHT * (limit - value) / sum.weight;
         value = limit;
     }
     float spatial_variance = max(sum.second_moment / sum.weight - local_mean * local_mean, 0.0);
-    // mean square of sample - local_mean
-    float own_variance = max(lobe.second_moment + local_mean * (local_mean - 2.0 * value), 0.0);
-    float of_sample = (SPATIAL_VARIANCE_FRAMES * spatial_variance + lobe.frames * own_variance)
+    // the mean square of samples minus local_mean
+    float temporal_variance = max(lobe.second_moment + local_mean * (local_mean - 2.0 * value), 0.0);
+    float sample_variance = (SPATIAL_VARIANCE_FRAMES * spatial_variance + lobe.frames * temporal_variance)
         / (SPATIAL_VARIANCE_FRAMES + lobe.frames);
-    return Signal(lobe.radiance, sqrt(of_sample / lobe.frames));
+    return Signal(lobe.radiance, sqrt(sample_variance / lobe.frames));
 }
 
 void main() {
@@ -70,19 +72,20 @@ void main() {
         denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, DONE_IN_BOTH << 30u, 0u);
         return;
     }
-    LobeHistory own_diffuse = unpack_lobe_history(denoise_diffuse.at[index]), own_specular =
-        unpack_lobe_history(denoise_specular.at[index]);
+    LobeHistory own_diffuse = unpack_lobe_history(denoise_diffuse.at[index]);
+    LobeHistory own_specular = unpack_lobe_history(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
-    bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED_FRAMES;
-    bool reflection_edges_known = !settled && own_specular.frames >= MIN_VARIANCE_FRAMES;
+    bool has_long_history = min(own_diffuse.frames, own_specular.frames) >= TEMPORAL_VARIANCE_FRAMES;
+    bool reflection_edges_known = !has_long_history && own_specular.frames >= MIN_VARIANCE_FRAMES;
     EdgeStopping edges;
-    if (!settled) {
+    if (!has_long_history) {
         float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
-        edges = make_edge_stopping(guide, uncertainty, reflection_edges_known ? MIN_ALPHA_UNCERTAIN
-            : MIN_ALPHA_NO_EDGES);
+        edges = make_edge_stopping(
+            guide, uncertainty, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_NO_EDGES
+        );
     }
-    for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
+    for (int i = has_long_history ? 4 : 0; i < (has_long_history ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
         uint at = pixel_index(inside, camera.size);
@@ -94,10 +97,11 @@ void main() {
         if (weights.x > MIN_NEIGHBOR_WEIGHT && i != 4) { extend(range, other_specular); }
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
-    vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
+    vec2 block_luminance = denoise_neighborhoods.at[cell_at(pixel)].luminance;
     uint state = reflection_edges_known ? FILTERING : EDGES_UNKNOWN;
     Signals signals = Signals(
-        estimate_signal(own_diffuse, diffuse, block.x), estimate_signal(own_specular, specular, block.y), state
+        estimate_signal(own_diffuse, diffuse, block_luminance.x),
+        estimate_signal(own_specular, specular, block_luminance.y), state
     );
     // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With a
     // deviation no larger than the dark side's light, the blur doesn't spread the bright side's over it.

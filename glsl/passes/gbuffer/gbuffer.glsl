@@ -3,12 +3,16 @@
 #define PASSES_GBUFFER_GBUFFER_GLSL
 
 #include "common/packing.glsl"
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
-#include "passes/gbuffer/lobes.glsl"
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
 
-const float SAME_DEPTH = 0.1;  // largest relative difference of depths, in two frames, that may be of one surface
+const float MAX_DEPTH_DIFFERENCE = 0.1;  // relative, of what may be one surface in two frames
+
+// Of surfaces with lobes that few materials have, in scenes that have any. Of a surface of the previous frame they are
+// unknown: it has none, as only the weights of reused samples depend on it.
+layout(set = 1, scalar) buffer GBufferLobesBlock { PackedLobes at[]; } gbuffer_lobes;
 
 struct GBufferSurface {
     bool exists;
@@ -32,17 +36,17 @@ const uvec3 COLOR_BITS = uvec3(13u, 14u, 13u);  // the highest 8 of each are sto
 // have. Reflectance is one number, the mean of its color. Emission is scaled by the exposure, so that the packed range
 // fits what the picture shows.
 uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) {
-    vec3 color = pow(clamp(material.base_color, 0.0, 1.0), vec3(1.0 / 2.2));
+    vec3 color = pow(clamp(material.base.color, 0.0, 1.0), vec3(1.0 / 2.2));
     uvec3 codes = uvec3(
         pack_unorm(color.x, COLOR_BITS.x), pack_unorm(color.y, COLOR_BITS.y), pack_unorm(color.z, COLOR_BITS.z)
     );
     uvec3 coarse = codes >> (COLOR_BITS - 8u);
     uvec3 fine = codes & ((uvec3(1u) << (COLOR_BITS - 8u)) - 1u);
-    float reflectance = dot(material.reflectance, vec3(1.0 / 3.0));
+    float reflectance = dot(material.base.reflectance, vec3(1.0 / 3.0));
     return uvec4(
-        coarse.x | coarse.y << 8u | coarse.z << 16u | pack_unorm(material.perceptual_roughness, 8u) << 24u,
+        coarse.x | coarse.y << 8u | coarse.z << 16u | pack_unorm(material.base.perceptual_roughness, 8u) << 24u,
         pack_rgb9e5(emissive * this_frame.exposure),
-        pack_unorm(reflectance, 8u) | pack_unorm(material.metallic, 8u) << 8u
+        pack_unorm(reflectance, 8u) | pack_unorm(material.base.metallic, 8u) << 8u
             | fine.x << 16u | fine.y << 21u | fine.z << 27u,
         pack_octahedral_24(world_normal)
     );
@@ -57,16 +61,13 @@ vec3 unpack_base_color(uvec4 texel) {
 
 vec3 unpack_emissive(uvec4 texel) { return unpack_rgb9e5(texel.y) / this_frame.exposure; }
 
+// Without `gbuffer_lobes`.
 ResolvedMaterial unpack_material(uvec4 texel) {
-    ResolvedMaterial material;
-    material.base_color = unpack_base_color(texel);
-    material.emissive = unpack_emissive(texel);
-    material.reflectance = vec3(unpack_unorm(texel.z, 8u));
-    material.perceptual_roughness = unpack_unorm(texel.x >> 24u, 8u);
-    material.roughness = min(square(material.perceptual_roughness), 1.0);  // Mesa 26.2 rounds 1 * 1 up
-    material.metallic = unpack_unorm(texel.z >> 8u, 8u);
-    material.lobes = NO_LOBES;
-    return material;
+    BaseMaterial base = make_base(
+        unpack_base_color(texel), vec3(unpack_unorm(texel.z, 8u)), unpack_unorm(texel.x >> 24u, 8u),
+        unpack_unorm(texel.z >> 8u, 8u)
+    );
+    return without_lobes(base, unpack_emissive(texel));
 }
 
 // ---- loading ----------------------------------------------------------------------------------------
@@ -117,8 +118,9 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
         vec2(pixel) + 0.5 + camera.jitter, camera
     );
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
-    if (surface.exists && (SCENE_GLASS || SCENE_LAYERS)) {
-        surface.material.lobes = unpack_lobes(imageLoad(gbuffer_lobes, at), surface.world_normal);
+    if (SCENE_LOBES && surface.exists) {
+        PackedLobes packed = gbuffer_lobes.at[pixel_index(pixel, camera.size)];
+        surface.material = unpack_lobes(surface.material, packed, surface.world_normal);
     }
     return surface;
 }
@@ -138,7 +140,7 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
 
 // Whether an instance was there in the previous frame and is where it was, in the same pose.
-bool rests(uint instance_index) {
+bool is_static(uint instance_index) {
     PreviousInstance before = previous_instances.at[instance_index];
     Instance now = instances.at[instance_index];
     return now.mesh != NO_INDEX && now.id == before.id && now.world_from_object == before.world_from_object
@@ -154,19 +156,19 @@ vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {
     return position;
 }
 
-// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance rests or
-// is new.
+// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance is static
+// or is new.
 vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[hit.instance];
-    if (previous.id != instances.at[hit.instance].id || rests(hit.instance)) { return world_position; }
+    if (previous.id != instances.at[hit.instance].id || is_static(hit.instance)) { return world_position; }
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
     precise vec3 position = previous.world_from_object * vec4(object_position, 1.0);
     return position;
 }
 
-// Exactly 0 for what rests, also where a compiler rounds the two projections differently.
+// Exactly 0 for what is static, also where a compiler rounds the two projections differently.
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
-    if (previous_world_position == world_position && camera_rests()) { return vec2(0.0); }
+    if (previous_world_position == world_position && is_camera_static()) { return vec2(0.0); }
     return project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera);
 }
 

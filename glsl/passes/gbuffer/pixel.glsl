@@ -9,7 +9,7 @@ const uint GBUFFER_SALT = 0x8DA6B343u;
 
 // Decides which blended surfaces a pixel shows in this frame (see alpha_threshold). Bits that a hash of the seed flips
 // keep blocks of pixels and frames together.
-uvec2 pixel_blend_point(uvec2 pixel) {
+uvec2 pixel_alpha_seed(uvec2 pixel) {
     uvec2 bits = (pixel | pixel << 8u) & 0x00FF00FFu;
     bits = (bits | bits << 4u) & 0x0F0F0F0Fu;
     bits = (bits | bits << 2u) & 0x33333333u;
@@ -20,14 +20,15 @@ uvec2 pixel_blend_point(uvec2 pixel) {
 
 struct GBufferPixel {
     uvec4 gbuffer;
-    uvec4 lobes;
+    PackedLobes lobes;
     uvec2 surface;
     float depth;
     vec2 motion;
 };
 
 GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
-    ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
+    SurfaceInteraction surface =
+        resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     vec3 emissive = shown_emission(surface);
     vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
     // Both positions are computed from the object-space position in the same way, also by compilers that fuse
@@ -41,14 +42,13 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     float t = dot(surface.world_position - ray.origin, surface.geometric_world_normal) / cosine;
     float view_depth = (cosine < -1e-3 ? t : hit.t) * ray.depth_per_t;
     uvec4 gbuffer_texel = pack_gbuffer(surface.material, emissive, surface.world_normal);
-    uvec4 lobes_texel = uvec4(0u);
-    if (SCENE_GLASS || SCENE_LAYERS) {
-        vec3 packed_normal = unpack_octahedral_24(gbuffer_texel.w);
-        lobes_texel = pack_lobes(surface.material.lobes, surface.world_normal, packed_normal);
+    PackedLobes lobes = NO_PACKED_LOBES;
+    if (SCENE_LOBES) {
+        lobes = pack_lobes(surface.material, surface.world_normal, unpack_octahedral_24(gbuffer_texel.w));
     }
     return GBufferPixel(
         gbuffer_texel,
-        lobes_texel,
+        lobes,
         uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
         camera.near / view_depth,
         motion_vector(now, before)
@@ -59,13 +59,13 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
     vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
     vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    vec2 motion = is_parallel(camera) || camera_rests() ? vec2(0.0) : motion_vector(far, previous_far);
-    return GBufferPixel(uvec4(0u), uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion);
+    vec2 motion = is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
+    return GBufferPixel(uvec4(0u), NO_PACKED_LOBES, uvec2(0u, NO_INDEX), 0.0, motion);
 }
 
 void store_pixel(ivec2 at, GBufferPixel pixel) {
     imageStore(gbuffer, at, pixel.gbuffer);
-    if (SCENE_GLASS || SCENE_LAYERS) { imageStore(gbuffer_lobes, at, pixel.lobes); }
+    if (SCENE_LOBES) { gbuffer_lobes.at[pixel_index(uvec2(at), camera.size)] = pixel.lobes; }
     imageStore(gbuffer_surface, at, uvec4(pixel.surface, 0u, 0u));
     imageStore(depth, at, vec4(pixel.depth));
     imageStore(motion_vectors, at, vec4(pixel.motion, 0.0, 0.0));

@@ -10,8 +10,8 @@ void main() {
     uvec2 at = INVOCATION_INDEX;
     if (!is_inside(at, camera.size)) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
-    uvec2 blend_point = pixel_blend_point(at);
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);
+    uvec2 alpha_seed = pixel_alpha_seed(at);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
     if (hit.instance == NO_INDEX) {
         store_pixel(ivec2(at), resolve_empty_pixel(ray));
     } else {

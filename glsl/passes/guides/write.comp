@@ -24,30 +24,30 @@ struct Guides {
     float perceptual_roughness;
     float depth;
     vec2 specular_motion;
-    bool lit;   // false where a mirror shows a light or nothing
-    bool own;   // false where a mirror is replaced by what it shows
+    bool is_noisy;    // false where a mirror shows a light or nothing
+    bool is_primary;  // false where a mirror is replaced by what it shows
 };
 
 void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
-    guides.diffuse_albedo = material.base_color * (1.0 - material.metallic);
+    guides.diffuse_albedo = diffuse_color(material);
     guides.specular_albedo = lobe_albedos(material, NdotV).specular;  // the environment BRDF
-    guides.perceptual_roughness = material.perceptual_roughness;
+    guides.perceptual_roughness = material.base.perceptual_roughness;
 }
 
 // Whether a surface is a wall of smooth glass that lets through at least three times what it reflects.
 bool is_clear_wall(ResolvedMaterial material, float cosine) {
-    MaterialLobes lobes = material.lobes;
-    float reflected = dielectric_fresnel(lobes.ior, cosine);
-    float let_through = (1.0 - reflected) * max_component(material.base_color);
-    return is_glass(material) && !lobes.solid && material.roughness <= MIRROR_ROUGHNESS
-        && lobes.transmission * (1.0 - material.metallic) > MOSTLY_CLEAR && 3.0 * reflected < let_through;
+    BaseMaterial base = material.base;
+    float reflected = dielectric_fresnel(material.glass.ior, cosine);
+    float let_through = (1.0 - reflected) * max_component(base.color);
+    return is_glass(material) && !base.solid && base.roughness <= MIRROR_ROUGHNESS
+        && material.glass.transmission * (1.0 - base.metallic) > MOSTLY_CLEAR && 3.0 * reflected < let_through;
 }
 
 // Follows the chain of mirrors and clear walls that starts at the pixel's surface, and describes the surface at its
 // end.
 Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
-    ResolvedRayHitFull surface;
+    SurfaceInteraction surface;
     surface.world_position = seen.world_position;
     surface.world_normal = seen.world_normal;
     surface.geometric_world_normal = seen.geometric_world_normal;
@@ -76,7 +76,7 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
         count_ray();
         Hit hit = find_surface(walk, rng);
         passes_light = passes_light
-            || max_component(radiance_along_ray(walk.origin, walk.direction, hit.t, INFINITY)) > 0.0;
+            || max_component(mis_weighted_radiance_along_ray(walk.origin, walk.direction, hit.t, INFINITY)) > 0.0;
         instance = hit.instance;
         if (instance == NO_INDEX) {
             path_length = INFINITY;
@@ -84,7 +84,7 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
         } else {
             path_length += hit.t;
             float cone_width = camera_ray.cone_width + camera_ray.cone_spread * path_length;
-            surface = resolve_ray_hit_full(hit, walk.direction, cone_width);
+            surface = resolve_surface_interaction(hit, walk.direction, cone_width);
             previous_position = previous_hit_position(hit, surface.world_position);
         }
     }
@@ -96,13 +96,13 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
         describe(guides, surface.material, dot(surface.world_normal, -walk.direction));
-        guides.lit = !passes_light && max_component(shown_emission(surface)) == 0.0;
+        guides.is_noisy = !passes_light && max_component(shown_emission(surface)) == 0.0;
         guides.world_normal = mat3(chain) * surface.world_normal;
         guides.depth = camera.near / (path_length * camera_ray.depth_per_t);
         virtual_position = chain * vec4(surface.world_position, 1.0);
         previous_virtual_position = previous_chain * vec4(previous_position, 1.0);
     }
-    bool rested = camera_rests() && previous_chain == chain
+    bool rested = is_camera_static() && previous_chain == chain
         && (instance == NO_INDEX || previous_position == surface.world_position);
     bool unmoved = rested || is_parallel(camera) && instance == NO_INDEX;  // one color, as the background by itself
     guides.specular_motion = unmoved ? vec2(0.0) : motion_vector(virtual_position, previous_virtual_position);
@@ -125,11 +125,11 @@ void main() {
         if ((is_wall || is_metal_mirror(surface.material)) && frame_settings.primary_surface_replacement != 0u) {
             Guides shown = replace_primary_surface(surface, pixel);
             // Lights behind glass have noise, since paths see them or what the glass reflects.
-            if (shown.lit || !is_wall) { guides = shown; }
+            if (shown.is_noisy || !is_wall) { guides = shown; }
         }
     }
-    imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, float(guides.lit)));
-    imageStore(guides_specular_albedo, at, vec4(guides.specular_albedo, float(guides.own)));
+    imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, float(guides.is_noisy)));
+    imageStore(guides_specular_albedo, at, vec4(guides.specular_albedo, float(guides.is_primary)));
     imageStore(guides_normal_roughness, at, vec4(guides.world_normal, guides.perceptual_roughness));
     imageStore(guides_depth, at, vec4(guides.depth));
     imageStore(guides_motion, at, vec4(motion, 0.0, 0.0));

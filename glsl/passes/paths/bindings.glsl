@@ -11,16 +11,17 @@
 // lobe came from: the length of the first ray of the first path that this lobe proposed, 0 when it proposed none.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
-// Radiance without the denoiser.
+// Radiance before the denoiser.
 layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
-// The estimated standard error of the luminance of `sample_radiance`, in cd/m^2. The result `frame["error"]`.
+// The estimated standard error of the luminance of `sample_radiance`, the frame before antialiasing, in cd/m^2. The
+// result `frame["error"]`.
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct PathState {
     uint rng;
-    uint state;  // number of rays | number of them that left mirrors << 8 | SPECULAR_ONLY | DIFFUSE_AT_FIRST_HIT
-    LobeRadiance tinted_first_weight;  // path.first_weight times the transmittance of the first ray
+    uint flags;  // number of rays | number of them that left mirrors << 8 | SPECULAR_ONLY | DIFFUSE_AT_FIRST_HIT
+    LobeRadiance attenuated_first_weight;  // path.first_weight times the transmittance of the first ray
     vec3 throughput;
     vec3 direction;
     uint instance;
@@ -35,7 +36,7 @@ layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states
 // The indices of the pixels whose paths wait: for waves with even index, then for those with odd index.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
 layout(set = 1, scalar) buffer PathsWaveBlock {
-    IndirectDispatch size;
+    IndirectDispatch dispatch;
     uint index;
     uint count;    // of paths that go on in this wave
     uint queued;  // of paths that wait for the next wave, so far
@@ -44,7 +45,7 @@ layout(set = 1, scalar) buffer PathsWaveBlock {
 
 // ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------
 
-// What a path offers to its pixel's reservoir.
+// The candidates that a path gives to its pixel's reservoir: a point of a light, and the path's first hit.
 struct ReservoirCandidate {
     uvec4 light;         // a point of a light, as PathReservoir.point
     float light_resampling_weight;  // the target function times the unbiased contribution weight
@@ -57,8 +58,8 @@ struct ReservoirCandidate {
 layout(set = 1, scalar) buffer PathsReservoirCandidatesBlock { ReservoirCandidate at[]; } paths_reservoir_candidates;
 
 struct PathReservoir {
-    // Of a light: its index, its part, and as floats the random numbers that resolve_light takes. Of a hit: its
-    // position, moved off the surface, as floats, and its geometric normal, octahedral.
+    // Of a light: its index, its part (triangle or texel), and as floats the random numbers that resolve_light takes.
+    // Of a hit: its position, moved off the surface, as floats, and its geometric normal, octahedral.
     uvec4 point;
     vec3 radiance;     // of a hit, towards the pixel
     float confidence;  // in frames

@@ -1,61 +1,63 @@
-// What a path offers to its pixel's reservoir after its first ray, and what it keeps for the pixel alone.
+// The candidates that a path gives to its pixel's reservoir after its first ray, and the light that isn't reused.
 #ifndef PASSES_PATHS_CANDIDATE_GLSL
 #define PASSES_PATHS_CANDIDATE_GLSL
 
 #include "passes/paths/path.glsl"
 #include "passes/paths/reservoir.glsl"
 
-uvec4 light_key(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
+uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The key of the light sample that the path's first ray has hit: which light, which part, which random numbers. A light
-// that it passes stands for what lies behind it too; where lights at infinity overlap, such as a sun and its sky, one
-// of them stands for all, by its radiance.
-uvec4 light_key_of_hit(inout Path path) {
+// The point of a light that the path's first ray has hit, as PathReservoir.point. A light that it passes stands for
+// what lies behind it too; where lights at infinity overlap, such as a sun and its sky, one of them stands for all, by
+// its radiance.
+uvec4 hit_light_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
-    for (uint i = scene_info.first_light_without_surface; HAS_PASSED_LIGHTS
+    for (uint i = scene_info.first_light_without_surface; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        LightHit light_hit = intersect_light(light.kind, light.index, origin, path.walk.direction, path.hit.t);
-        if (light_hit.inverse_pdf > 0.0) { return light_key(i, 0u, light_hit.u); }
+        LightHit light_hit = intersect_light(light.kind, light.record_index, origin, path.walk.direction, path.hit.t);
+        if (light_hit.inverse_solid_angle_pdf > 0.0) { return pack_light_point(i, 0u, light_hit.u); }
     }
     if (hits) {
         uint light_index = instances.at[path.hit.instance].light_index;
-        return light_key(light_index, path.hit.triangle, invert_triangle_sample(path.hit.barycentrics));
+        return pack_light_point(light_index, path.hit.triangle, invert_triangle_sample(path.hit.barycentrics));
     }
     uvec4 point = uvec4(NO_INDEX);
     float sum = 0.0;
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
-        LightHit light_hit = evaluate_light(light.kind, light.index, path.walk.direction);
-        bool chosen = light_hit.inverse_pdf > 0.0 && choose_weighted(sum, luminance(light_hit.radiance), path.rng);
-        if (chosen) { point = light_key(i, light_hit.part, light_hit.u); }
+        LightHit light_hit = evaluate_light(light.kind, light.record_index, path.walk.direction);
+        bool chosen = light_hit.inverse_solid_angle_pdf > 0.0
+            && choose_weighted(sum, luminance(light_hit.radiance), path.rng);
+        if (chosen) { point = pack_light_point(i, light_hit.part, light_hit.u); }
     }
     return point;
 }
 
-// Writes the offer of a path that has traced its first ray, and returns the light that is the pixel's alone. Until now
+// Writes the candidates of a path that has traced its first ray, and returns the light that isn't reused. Until now
 // `path.radiance` is what lights emit where the ray ended.
 LobeRadiance write_candidate(inout Path path, uint index, float perceptual_roughness) {
     // Targets leave out what light passes on its way, and rays find what is behind it with a probability.
     RayTransmittance transmittance = path.first_transmittance;
-    LobeRadiance at_hit = scale(path.first_weight, path.first_along_ray.untinted
-        + path.radiance / transmittance.probability);
+    LobeRadiance at_hit = scale(
+        path.first_weight, path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability
+    );
     float sampled_luminance = luminance(sum(reused_lobes(path.direct, perceptual_roughness)));
     float light_hit_luminance = luminance(sum(reused_lobes(at_hit, perceptual_roughness)));
     float luminance_sum = sampled_luminance + light_hit_luminance;
     ReservoirCandidate candidate;
     candidate.light_resampling_weight = luminance_sum;
     if (rand_f(path.rng) * luminance_sum < light_hit_luminance) {
-        candidate.light = light_key_of_hit(path);
+        candidate.light = hit_light_point(path);
     } else {
         uint rng = path.direct_sample.seed;
-        candidate.light = light_key(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
+        candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
     candidate.instance = path.hit.instance;
     // one over the pdf of the first ray alone, until now
-    candidate.hit_contribution_weight = path.hit.instance == NO_INDEX ? 0.0 : path.inverse_pdf_sum
-        / transmittance.probability;
+    candidate.hit_contribution_weight =
+        path.hit.instance == NO_INDEX ? 0.0 : path.inverse_pdf_sum / transmittance.probability;
     candidate.position = path.vertex.origin;
     candidate.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
     candidate.radiance = path.reusable_radiance;
@@ -64,7 +66,7 @@ LobeRadiance write_candidate(inout Path path, uint index, float perceptual_rough
     LobeRadiance light = path_light(path);
     LobeRadiance reusable_radiance = apply_first_weight(path, path.reusable_radiance);
     light.specular += reusable_radiance.specular;
-    return LobeRadiance(vec3(0.0), kept_specular(light, perceptual_roughness));
+    return LobeRadiance(vec3(0.0), specular_without_reuse(light, perceptual_roughness));
 }
 
 #endif

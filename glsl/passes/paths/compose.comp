@@ -15,21 +15,21 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     GBufferSurface surface = load_gbuffer(pixel);
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
-    Demodulation by;
+    Demodulation albedo;
     if (surface.exists) {
-        by = demodulation(surface);
-        diffuse = paths_diffuse.at[index].rgb * by.diffuse;
-        specular = paths_specular.at[index].rgb * by.specular;
+        albedo = demodulation(surface);
+        diffuse = paths_diffuse.at[index].rgb * albedo.diffuse;
+        specular = paths_specular.at[index].rgb * albedo.specular;
     }
     vec3 emitted = visible_emission(pixel);
     raw_radiance.at[index] = emitted + diffuse + specular;
     error.at[index] = 0.0;
-    if (is_denoised(index)) {
+    if (uses_denoiser(index)) {
         Denoised light = denoised(pixel);
-        by.specular *= light.reflected;
-        diffuse = light.diffuse * by.diffuse;
-        specular = light.specular * by.specular;
-        error.at[index] = standard_error(light, by.diffuse, by.specular);
+        albedo.specular *= light.replaced_albedo;
+        diffuse = light.diffuse * albedo.diffuse;
+        specular = light.specular * albedo.specular;
+        error.at[index] = standard_error(light, albedo.diffuse, albedo.specular);
     }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;

@@ -1,4 +1,5 @@
-// What the light of a pixel's lobes is divided by, so that a denoiser blurs light and not textures.
+// What the light of a pixel's lobes is divided by, so that a denoiser blurs light and not textures: the lobes' albedos,
+// bounded from below.
 #ifndef PASSES_PATHS_DEMODULATION_GLSL
 #define PASSES_PATHS_DEMODULATION_GLSL
 
@@ -10,13 +11,13 @@ struct Demodulation {
     vec3 specular;
 };
 
-const float SMALLEST_DEMODULATION = 0.02;  // light of black surfaces is divided by it
+const float MIN_DEMODULATION = 0.02;  // for black surfaces
 
 Demodulation demodulation(GBufferSurface surface) {
     LobeAlbedos albedos = lobe_albedos(surface.material, max(dot(surface.world_normal, surface.wo), 0.0));
     return Demodulation(
-        mix(vec3(SMALLEST_DEMODULATION), vec3(1.0), albedos.diffuse),
-        mix(vec3(SMALLEST_DEMODULATION), vec3(1.0), albedos.specular)
+        mix(vec3(MIN_DEMODULATION), vec3(1.0), albedos.diffuse),
+        mix(vec3(MIN_DEMODULATION), vec3(1.0), albedos.specular)
     );
 }
 

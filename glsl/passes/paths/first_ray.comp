@@ -33,7 +33,7 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
 }
 
 void main() {
-    uvec2 pixel = INVOCATION_INDEX;
+    uvec2 pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
     if (!is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size);
     uint samples = count_samples(index), sample_index = paths_wave.sample_index;
@@ -47,16 +47,16 @@ void main() {
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // again, instead of kept across rays
     LobeRadiance light = path_light(path);
-    if (paths_reuse) { light = write_candidate(path, index, surface.material.perceptual_roughness); }
+    if (paths_reuse) { light = write_candidate(path, index, surface.material.base.perceptual_roughness); }
     if (goes_on) { store_path_state(path, index, 1u); }
-    Demodulation by = demodulation(surface);
+    Demodulation albedo = demodulation(surface);
     vec2 distances = path.first_ray_is_diffuse ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
-    vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), distances.x);
-    vec4 specular = vec4(light.specular / by.specular / float(samples), distances.y);
+    vec4 diffuse = vec4(light.diffuse / albedo.diffuse / float(samples), distances.x);
+    vec4 specular = vec4(light.specular / albedo.specular / float(samples), distances.y);
     if (sample_index > 0u) {
-        vec4 was_diffuse = paths_diffuse.at[index], was_specular = paths_specular.at[index];
-        diffuse = vec4(was_diffuse.rgb + diffuse.rgb, was_diffuse.w > 0.0 ? was_diffuse.w : diffuse.w);
-        specular = vec4(was_specular.rgb + specular.rgb, was_specular.w > 0.0 ? was_specular.w : specular.w);
+        vec4 sum_diffuse = paths_diffuse.at[index], sum_specular = paths_specular.at[index];
+        diffuse = vec4(sum_diffuse.rgb + diffuse.rgb, sum_diffuse.w > 0.0 ? sum_diffuse.w : diffuse.w);
+        specular = vec4(sum_specular.rgb + specular.rgb, sum_specular.w > 0.0 ? sum_specular.w : specular.w);
     }
     paths_diffuse.at[index] = diffuse;
     paths_specular.at[index] = specular;

@@ -10,9 +10,9 @@
 layout(local_size_x = GROUP_SIZE) in;
 
 void main() {
-    uint row = thread_index(INVOCATION_INDEX);
-    if (row >= paths_wave.count) { return; }
-    uint index = paths_ray_queues.at[queue_begin(paths_wave.index) + row];
+    uint queue_index = thread_index(INVOCATION_INDEX);
+    if (queue_index >= paths_wave.count) { return; }
+    uint index = paths_ray_queues.at[queue_begin(paths_wave.index) + queue_index];
     uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
     Path path = load_path_state(index);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
@@ -26,10 +26,10 @@ void main() {
     if (paths_reuse) {
         paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
         LobeRadiance reusable_radiance = apply_first_weight(path, path.reusable_radiance);
-        light.specular += kept_specular(reusable_radiance, surface.material.perceptual_roughness);
+        light.specular += specular_without_reuse(reusable_radiance, surface.material.base.perceptual_roughness);
     }
-    Demodulation by = demodulation(surface);
+    Demodulation albedo = demodulation(surface);
     float share = 1.0 / float(count_samples(index));
-    paths_diffuse.at[index].rgb += share * light.diffuse / by.diffuse;
-    paths_specular.at[index].rgb += share * light.specular / by.specular;
+    paths_diffuse.at[index].rgb += share * light.diffuse / albedo.diffuse;
+    paths_specular.at[index].rgb += share * light.specular / albedo.specular;
 }

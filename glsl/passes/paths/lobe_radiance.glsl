@@ -1,10 +1,10 @@
-// Light by the diffuse and by the specular lobe of a surface.
+// Radiance, BRDF or weight, split by lobe.
 #ifndef PASSES_PATHS_LOBE_RADIANCE_GLSL
 #define PASSES_PATHS_LOBE_RADIANCE_GLSL
 
 struct LobeRadiance {
-    vec3 diffuse;
-    vec3 specular;
+    vec3 diffuse;   // with sheen
+    vec3 specular;  // by all other lobes: specular, coat and glass
 };
 
 const LobeRadiance NO_LIGHT = LobeRadiance(vec3(0.0), vec3(0.0));

@@ -11,6 +11,6 @@ void main() {
     paths_wave.sample_index = sample_index;
     paths_wave.index = wave_index;
     paths_wave.count = paths_wave.queued;
-    paths_wave.size = dispatch_in_rows(paths_wave.queued);
+    paths_wave.dispatch = make_indirect_dispatch(paths_wave.queued);
     paths_wave.queued = 0u;
 }

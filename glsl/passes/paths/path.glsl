@@ -1,7 +1,7 @@
 // A path through the scene: from the first vertex, the surface that the pixel shows (x1 in papers, found by the
 // G-buffer), along the first ray to the first hit (x2), and on to where it ends: in the world cache, where nothing is,
-// or by chance. Light samples and BRDF samples are weighted by the power heuristic, as in the reference path tracer
-// (Veach 1997), whose mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
+// or by Russian roulette. Light samples and BRDF samples are weighted by the power heuristic, as in the reference path
+// tracer (Veach 1997), whose mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
@@ -23,12 +23,12 @@ struct Path {
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
     Medium medium_below;          // on the other side of the vertex
-    bool specular_only;           // the cache stands for the diffuse lobe of the vertex
+    bool specular_only;           // goes on by the specular lobe alone: the world cache gave the diffuse lobe's light
     uint bounce;                  // rays traced so far
     uint specular_bounces;        // of them, those that delta lobes sampled
     LobeRadiance first_weight;    // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
     RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
-    LightAlongRay first_along_ray;
+    LightAlongRay first_along_ray;  // what lights emit that the first ray passes through
     vec3 radiance;                // that arrives from the first hit, without `reusable_radiance`
     // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
     vec3 reusable_radiance;
@@ -36,11 +36,11 @@ struct Path {
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
     LobeRadiance direct;          // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
-    bool first_ray_is_diffuse;           // whether the diffuse lobe proposed the first ray
+    bool first_ray_is_diffuse;    // whether the diffuse lobe proposed the first ray
     // The footprint of the path, in meters: the root of the sum of one over the pdfs of its directions, in steradians,
     // times the length of each ray. Müller et al., "Real-time Neural Radiance Caching for Path Tracing" (2021).
     float inverse_pdf_sum, footprint;
-    uint lifetime;                // of the cells that the path asks, in frames
+    uint lifetime;                // of the world cache's cells that the path looks up, in frames
     // What the first vertex samples with: the candidates of its light sample, and the random numbers of its direction.
     uint candidates;
     float lobe_choice;
@@ -73,14 +73,15 @@ Path start_path(uint rng) {
 
 // What the first vertex reflects of a radiance that leaves the first hit.
 LobeRadiance apply_first_weight(Path path, vec3 radiance) {
-    return scale(path.first_weight, path.first_transmittance.tint * radiance);
+    return scale(path.first_weight, path.first_transmittance.weight * radiance);
 }
 
 // The light that the first vertex reflects.
 LobeRadiance path_light(Path path) {
     LobeRadiance direct = scale(path.direct, path.direct_transmittance);
-    LobeRadiance indirect = scale(path.first_weight, path.first_along_ray.radiance + path.first_transmittance.tint
-        * path.radiance);
+    LobeRadiance indirect = scale(
+        path.first_weight, path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance
+    );
     return LobeRadiance(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
@@ -90,8 +91,9 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_first_hit) {
 
 // The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
 float next_event_probability(Brdf brdf) {
-    bool by_reflection = brdf.mirror && brdf.specular_probability == 1.0;
-    return by_reflection || scene_info.light_count == 0u ? 0.0 : mix(1.0, brdf.perceptual_roughness, brdf.metallic);
+    Specular specular = brdf.specular;
+    if (scene_info.light_count == 0u || specular.mirror && brdf.specular_probability == 1.0) { return 0.0; }
+    return mix(1.0, specular.perceptual_roughness, specular.metallic);
 }
 
 // The weight of a BRDF sample by lobe.
@@ -102,11 +104,11 @@ LobeRadiance lobe_weights(Vertex vertex, BrdfSample next) {
 
 // Whether the specular lobe is so broad that the cache stands for it too.
 bool is_rough(ResolvedMaterial material) {
-    return brdf_lambert || material.roughness >= paths_settings.cache_roughness;
+    return lambertian_surfaces || material.base.roughness >= paths_settings.cache_roughness;
 }
 
 // Moves the path to the surface that its last ray hit.
-void make_path_vertex(inout Path path, inout ResolvedRayHitFull surface) {
+void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     path.medium_below = medium_below(path.hit.instance, surface.material);
     regularize(surface.material, path.inverse_pdf_sum);
     path.vertex = make_vertex(
@@ -119,8 +121,8 @@ void make_path_vertex(inout Path path, inout ResolvedRayHitFull surface) {
 // Adds the light of the world cache at a hit. The cache stands for the diffuse lobe. Differs from Solari, where it
 // stands for the whole surface: the path goes on by the specular lobe, with that lobe's share of the energy as
 // probability, unless the lobe is nearly as broad as the diffuse one. Returns whether the path goes on.
-bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
-    if (frame_settings.world_cache == 0u || always_reflects(surface.material)) { return true; }
+bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
+    if (frame_settings.world_cache == 0u || has_no_cell(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
     bool far = path.hit.t > MIN_RAY_IN_CELLS * cell_size && path.footprint > MIN_FOOTPRINT_IN_CELLS * cell_size;
     if (!far && path.bounce < paths_settings.bounces + path.specular_bounces) { return true; }
@@ -131,8 +133,10 @@ bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
     bool rough = is_rough(surface.material);
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
-    add_light(path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance), path.diffuse_at_first_hit
-        || path.bounce == 1u);
+    add_light(
+        path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance),
+        path.diffuse_at_first_hit || path.bounce == 1u
+    );
     float specular_probability = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < specular_probability)) { return false; }
     path.walk.throughput /= specular_probability;
@@ -155,11 +159,11 @@ bool advance(inout Path path) {
     }
     float probability = next_event_probability(brdf);
     float light_samples = probability * float(candidates);  // expected, for each BRDF sample
-    RisLightSample event;
-    event.light = NO_LIGHT;
+    RisLightSample ris_sample;
+    ris_sample.contribution = NO_LIGHT;
     if (rand_f(path.rng) < probability) {
-        event = sample_light_by_ris(path.vertex, candidates, light_samples, path.rng);
-        event.light = scale(event.light, path.walk.throughput / probability);
+        ris_sample = sample_light_by_ris(path.vertex, candidates, light_samples, path.rng);
+        ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
     }
 
     BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.lobe_choice, path.u);
@@ -185,23 +189,23 @@ bool advance(inout Path path) {
     float carried = max_component(sum(apply_first_weight(path, path.walk.throughput)));
     goes_on = goes_on && survives(path.walk, carried, path.bounce, path.rng);
 
-    if (max_component(sum(event.light)) > 0.0) {
+    if (max_component(sum(ris_sample.contribution)) > 0.0) {
         count_ray();
-        vec3 to_light = light_sample_seen_from(event.light_sample, path.vertex.position).world_position;
-        if (!is_at_infinity(event.light_sample.kind)) { to_light -= path.vertex.position; }
-        bool transmits = SCENE_GLASS && dot(to_light, path.vertex.geometric_normal) < 0.0;
+        vec3 to_light = light_sample_for_receiver(ris_sample.resolved, path.vertex.position).world_position;
+        if (!is_at_infinity(ris_sample.resolved.kind)) { to_light -= path.vertex.position; }
+        bool transmits = SCENE_TRANSMISSION && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
-        vec3 visible = trace_light(from, transmits ? path.medium_below : medium, event.light_sample);
-        if (visible != vec3(0.0)) {
+        vec3 transmittance = trace_light(from, transmits ? path.medium_below : medium, ris_sample.resolved);
+        if (transmittance != vec3(0.0)) {
             if (first) {
-                path.direct = event.light;
-                path.direct_transmittance = visible;
-                path.direct_sample = event.chosen;
+                path.direct = ris_sample.contribution;
+                path.direct_transmittance = transmittance;
+                path.direct_sample = ris_sample.light_sample;
             } else if (path.bounce == 2u) {
-                add_light(path, event.light.diffuse * visible, true);
-                add_light(path, event.light.specular * visible, false);
+                add_light(path, ris_sample.contribution.diffuse * transmittance, true);
+                add_light(path, ris_sample.contribution.specular * transmittance, false);
             } else {
-                add_light(path, sum(event.light) * visible, path.diffuse_at_first_hit);
+                add_light(path, sum(ris_sample.contribution) * transmittance, path.diffuse_at_first_hit);
             }
         }
     }
@@ -221,12 +225,12 @@ bool advance(inout Path path) {
     add_light(path, emitted, path.diffuse_at_first_hit);
     if (!hits) { return false; }
     path.footprint += sqrt(path.inverse_pdf_sum) * path.hit.t;
-    ResolvedRayHitFull surface = resolve_surface(path.walk, path.hit);
+    SurfaceInteraction surface = resolve_surface(path.walk, path.hit);
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
     float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.walk.direction);
     add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_first_hit);
     make_path_vertex(path, surface);
-    return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.specular_bounces;
+    return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.specular_bounces;
 }
 
 #endif

@@ -14,15 +14,14 @@ const uint DIFFUSE_AT_FIRST_HIT = 0x40000000u;
 uint queue_begin(uint wave_index) { return wave_index % 2u * (paths_ray_queues.at.length() / 2u); }
 
 void store_path_state(Path path, uint pixel_index, uint wave_index) {
-    uint state = path.bounce | path.specular_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
+    uint flags = path.bounce | path.specular_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
         | (path.diffuse_at_first_hit ? DIFFUSE_AT_FIRST_HIT : 0u);
-    uint row = atomicAdd(paths_wave.queued, 1u);
-    paths_ray_queues.at[queue_begin(wave_index) + row] = pixel_index;
+    uint queue_index = atomicAdd(paths_wave.queued, 1u);
+    paths_ray_queues.at[queue_begin(wave_index) + queue_index] = pixel_index;
     paths_states.at[pixel_index] = PathState(
-        path.rng, state, apply_first_weight(path, vec3(1.0)), path.walk.throughput, path.walk.direction,
-            path.hit.instance,
-        path.hit.triangle, path.hit.barycentrics, path.inverse_pdf_sum, path.footprint, path.walk.cone_width,
-        path.walk.medium.material
+        path.rng, flags, apply_first_weight(path, vec3(1.0)), path.walk.throughput, path.walk.direction,
+        path.hit.instance, path.hit.triangle, path.hit.barycentrics, path.inverse_pdf_sum, path.footprint,
+        path.walk.cone_width, path.walk.medium.material
     );
 }
 
@@ -30,11 +29,11 @@ void store_path_state(Path path, uint pixel_index, uint wave_index) {
 Path load_path_state(uint pixel_index) {
     PathState state = paths_states.at[pixel_index];
     Path path = start_path(state.rng);
-    path.bounce = state.state & 0xFFu;
-    path.specular_bounces = state.state >> 8u & 0xFFu;
-    path.diffuse_at_first_hit = (state.state & DIFFUSE_AT_FIRST_HIT) != 0u;
-    path.specular_only = (state.state & SPECULAR_ONLY) != 0u;
-    path.first_weight = state.tinted_first_weight;
+    path.bounce = state.flags & 0xFFu;
+    path.specular_bounces = state.flags >> 8u & 0xFFu;
+    path.diffuse_at_first_hit = (state.flags & DIFFUSE_AT_FIRST_HIT) != 0u;
+    path.specular_only = (state.flags & SPECULAR_ONLY) != 0u;
+    path.first_weight = state.attenuated_first_weight;
     path.walk.throughput = state.throughput;
     path.walk.direction = state.direction;
     path.hit = Hit(0.0, state.instance, state.triangle, state.barycentrics, false);
@@ -42,7 +41,7 @@ Path load_path_state(uint pixel_index) {
     path.footprint = state.footprint;
     path.walk.cone_width = state.cone_width;
     path.walk.medium = Medium(state.medium);
-    ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.walk.direction, path.walk.cone_width);
+    SurfaceInteraction surface = resolve_surface_interaction(path.hit, path.walk.direction, path.walk.cone_width);
     vec3 discarded = vec3(1.0);  // the stored throughput has it already
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, discarded);
     make_path_vertex(path, surface);

@@ -20,9 +20,9 @@
 const float MAX_JACOBIAN = 8.0;
 
 // The target function of a sample at a surface: without occlusion and transmittance.
-struct TargetLight {
-    LobeRadiance light;   // integrand: to be multiplied by the sample's unbiased contribution weight
-    float target;         // its luminance
+struct TargetFunction {
+    LobeRadiance integrand;  // to be multiplied by the sample's unbiased contribution weight
+    float value;             // its luminance
 };
 
 const PathReservoir EMPTY_RESERVOIR = PathReservoir(uvec4(0u), vec3(0.0), 0.0, 0.0, NO_INDEX);
@@ -42,8 +42,8 @@ LobeRadiance reused_lobes(LobeRadiance lobes, float perceptual_roughness) {
     return LobeRadiance(lobes.diffuse, reuses_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
 }
 
-// The light of the specular lobe that goes to the pixel at once.
-vec3 kept_specular(LobeRadiance light, float perceptual_roughness) {
+// The light of a specular lobe that isn't reused, which goes to the pixel at once.
+vec3 specular_without_reuse(LobeRadiance light, float perceptual_roughness) {
     return reuses_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
 }
 
@@ -51,29 +51,31 @@ bool is_hit(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
 vec3 hit_position(PathReservoir reservoir) { return uintBitsToFloat(reservoir.point.xyz); }
 vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservoir.point.w); }
 
-ResolvedLightSample resolve_light_key(PathReservoir reservoir) {
+ResolvedLightSample resolve_light_point(PathReservoir reservoir) {
     uvec4 point = reservoir.point;
     LightSource light = light_sources.at[point.x];
-    return resolve_light(light.kind, light.index, point.y, uintBitsToFloat(point.zw), 1.0);
+    const float inverse_probability = 1.0;  // the densities above are per light and part
+    return resolve_light(light.kind, light.record_index, point.y, uintBitsToFloat(point.zw), inverse_probability);
 }
 
-TargetLight evaluate_target(Vertex vertex, PathReservoir reservoir) {
-    TargetLight nothing = TargetLight(NO_LIGHT, 0.0);
+TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
+    TargetFunction nothing = TargetFunction(NO_LIGHT, 0.0);
     if (!(reservoir.weight > 0.0)) { return nothing; }
-    vec3 direction, received;
+    vec3 direction, incident;
     if (is_hit(reservoir)) {
         direction = safe_normalize(hit_position(reservoir) - vertex.position, vec3(0.0));
-        received = reservoir.radiance;
+        incident = reservoir.radiance;
     } else {
-        LightContribution light = calculate_resolved_light_contribution(resolve_light_key(reservoir), vertex.position);
+        LightContribution light =
+            calculate_resolved_light_contribution(resolve_light_point(reservoir), vertex.position);
         direction = light.wi;
-        received = light.radiance_times_geometry * light.inverse_pdf;
+        incident = light.radiance_in_area_measure * light.inverse_area_pdf;
     }
     vec3 wi = direction * vertex.frame;
     if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal)) { return nothing; }
     LobeRadiance lobes = lobes_times_cosine(vertex, wi);
-    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.perceptual_roughness), received);
-    return TargetLight(light, luminance(sum(light)));
+    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), incident);
+    return TargetFunction(light, luminance(sum(light)));
 }
 
 // The solid angle of a piece of the hit's surface seen from `to`, over that seen from `from`; 1 for points of lights.
@@ -91,28 +93,33 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
 
 // The share of a sample's light that reaches a vertex.
 vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
-    vec3 to_sample;
+    vec3 to_sample, origin = vertex.origin;
     float t_max = 1.0;
     if (is_hit(reservoir)) {
-        to_sample = hit_position(reservoir) - vertex.origin;
+        if (SCENE_TRANSMISSION) { origin = ray_origin(vertex, hit_position(reservoir) - vertex.position); }
+        to_sample = hit_position(reservoir) - origin;
         // ends before the point by the rounding error of a ray of this length
         to_sample += hit_normal(reservoir) * (16.0 * ROUNDING_UNIT * max_component(abs(to_sample)));
     } else {
-        ResolvedLightSample light = resolve_light_key(reservoir);
+        ResolvedLightSample light = resolve_light_point(reservoir);
         bool at_infinity = is_at_infinity(light.kind);
-        to_sample = at_infinity ? light.world_position : light_segment(vertex.origin, light);
+        if (SCENE_TRANSMISSION) {
+            vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
+            origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
+        }
+        to_sample = at_infinity ? light.world_position : shadow_ray_segment(origin, light);
         t_max = at_infinity ? INFINITY : 1.0;
     }
     count_ray();
-    if (in_previous_frame) { return trace_previous_transmittance(vertex.origin, to_sample, t_max); }
-    return trace_transmittance(vertex.origin, to_sample, t_max);
+    if (in_previous_frame) { return trace_previous_transmittance(origin, to_sample, t_max); }
+    return trace_transmittance(origin, to_sample, t_max);
 }
 
 bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
     return trace_sample_transmittance(vertex, reservoir, in_previous_frame) != vec3(0.0);
 }
 
-// A pixel's reservoir after a merge, and the light of both samples, each by its MIS weight.
+// A pixel's reservoir after a merge, and the light of both samples, each with its MIS weight.
 struct Merge {
     PathReservoir reservoir;
     LobeRadiance light;
@@ -126,41 +133,41 @@ Merge merge_reservoirs(
     Vertex here, PathReservoir own, Vertex there, PathReservoir other, bool there_in_previous_frame,
     vec2 other_confidence, float choice
 ) {
-    TargetLight own_light = evaluate_target(here, own), other_light = evaluate_target(here, other);
+    TargetFunction own_target = evaluate_target(here, own), other_target = evaluate_target(here, other);
     float own_mis_weight = 1.0, other_mis_weight = 0.0;
-    if (own_light.target > 0.0) {
-        float elsewhere = evaluate_target(there, own).target * shift_jacobian(here, there, own);
-        own_mis_weight = balance_heuristic(own.confidence * own_light.target, other_confidence.x * elsewhere);
+    if (own_target.value > 0.0) {
+        float own_target_there = evaluate_target(there, own).value * shift_jacobian(here, there, own);
+        own_mis_weight = balance_heuristic(own.confidence * own_target.value, other_confidence.x * own_target_there);
         if (own_mis_weight < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_mis_weight = 1.0; }
     }
     // Only spatial reuse takes the light.
-    if (SCENE_BLEND && own_light.target > 0.0 && !there_in_previous_frame) {
-        own_light.light = scale(own_light.light, trace_sample_transmittance(here, own, false));
+    if (SCENE_BLEND && own_target.value > 0.0 && !there_in_previous_frame) {
+        own_target.integrand = scale(own_target.integrand, trace_sample_transmittance(here, own, false));
     }
-    if (other_light.target > 0.0) {
+    if (other_target.value > 0.0) {
         float jacobian = shift_jacobian(there, here, other);
         other_mis_weight = balance_heuristic(
-            other_confidence.y * evaluate_target(there, other).target, own.confidence * other_light.target * jacobian
+            other_confidence.y * evaluate_target(there, other).value, own.confidence * other_target.value * jacobian
         );
         other.weight *= jacobian;
         if (other_mis_weight * jacobian > 0.0) {
-            vec3 arriving = trace_sample_transmittance(here, other, false);
-            if (arriving == vec3(0.0)) { other_mis_weight = 0.0; }
-            other_light.light = scale(other_light.light, arriving);
+            vec3 transmittance = trace_sample_transmittance(here, other, false);
+            if (transmittance == vec3(0.0)) { other_mis_weight = 0.0; }
+            other_target.integrand = scale(other_target.integrand, transmittance);
         }
     }
 
     float own_weight = own_mis_weight * own.weight, other_weight = other_mis_weight * other.weight;
     Merge merged;
     merged.light = LobeRadiance(
-        own_light.light.diffuse * own_weight + other_light.light.diffuse * other_weight,
-        own_light.light.specular * own_weight + other_light.light.specular * other_weight
+        own_target.integrand.diffuse * own_weight + other_target.integrand.diffuse * other_weight,
+        own_target.integrand.specular * own_weight + other_target.integrand.specular * other_weight
     );
-    float own_luminance = own_light.target * own_weight, other_luminance = other_light.target * other_weight;
+    float own_luminance = own_target.value * own_weight, other_luminance = other_target.value * other_weight;
     float luminance_sum = own_luminance + other_luminance;
-    bool takes_other = choice * luminance_sum < other_luminance;
-    float target = takes_other ? other_light.target : own_light.target;
-    merged.reservoir = takes_other ? other : own;
+    bool chooses_other = choice * luminance_sum < other_luminance;
+    float target = chooses_other ? other_target.value : own_target.value;
+    merged.reservoir = chooses_other ? other : own;
     merged.reservoir.weight = target > 0.0 ? luminance_sum / target : 0.0;
     merged.reservoir.confidence = own.confidence + other.confidence;
     return merged;

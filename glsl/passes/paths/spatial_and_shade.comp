@@ -12,7 +12,7 @@ const uint PASS_SALT = 0x51ED270Bu;
 
 float sample_distance(Vertex vertex, PathReservoir reservoir) {
     if (is_hit(reservoir)) { return distance(vertex.origin, hit_position(reservoir)); }
-    ResolvedLightSample light = resolve_light_key(reservoir);
+    ResolvedLightSample light = resolve_light_point(reservoir);
     return is_at_infinity(light.kind) ? INFINITY : distance(vertex.origin, light.world_position);
 }
 
@@ -35,13 +35,13 @@ void main() {
         merged = merge_reservoirs(
             vertex, merged.reservoir, make_vertex(other_surface), other, false, vec2(other.confidence), rand_f(rng)
         );
-        Demodulation by = demodulation(surface);
-        paths_diffuse.at[index].rgb += merged.light.diffuse / by.diffuse;
-        paths_specular.at[index].rgb += merged.light.specular / by.specular;
+        Demodulation albedo = demodulation(surface);
+        paths_diffuse.at[index].rgb += merged.light.diffuse / albedo.diffuse;
+        paths_specular.at[index].rgb += merged.light.specular / albedo.specular;
         if (merged.reservoir.weight > 0.0) {
             float distance = sample_distance(vertex, merged.reservoir);
             paths_diffuse.at[index].w = distance;
-            if (reuses_specular(surface.material.perceptual_roughness)) { paths_specular.at[index].w = distance; }
+            if (reuses_specular(surface.material.base.perceptual_roughness)) { paths_specular.at[index].w = distance; }
         }
     }
     paths_reservoirs.at[index] = merged.reservoir;

@@ -1,4 +1,4 @@
-// Reuse between frames: chooses one of the samples that a pixel's path offers, and merges it with the reservoir of a
+// Reuse between frames: chooses one of the two candidates of a pixel's path, and merges it with the reservoir of a
 // pixel of the previous frame. Lin et al., "Generalized Resampled Importance Sampling" (2022).
 #version 460
 #include "common/pixel.glsl"
@@ -9,17 +9,18 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x9E1C5A37u;
 
+// evaluate_target asks of a reservoir's weight only whether it is above 0; the chosen one's is set last.
 PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
     PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_resampling_weight, NO_INDEX);
     uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);
     PathReservoir hit = PathReservoir(point, candidate.radiance, 1.0, candidate.hit_contribution_weight,
         candidate.instance);
-    float light_target = evaluate_target(vertex, light).target, hit_target = evaluate_target(vertex, hit).target;
+    float light_target = evaluate_target(vertex, light).value, hit_target = evaluate_target(vertex, hit).value;
     float hit_luminance = hit_target * candidate.hit_contribution_weight;
     float luminance_sum = candidate.light_resampling_weight + hit_luminance;
-    bool takes_hit = choice * luminance_sum < hit_luminance;
-    PathReservoir chosen = takes_hit ? hit : light;
-    float target = takes_hit ? hit_target : light_target;
+    bool chooses_hit = choice * luminance_sum < hit_luminance;
+    PathReservoir chosen = chooses_hit ? hit : light;
+    float target = chooses_hit ? hit_target : light_target;
     chosen.weight = target > 0.0 ? luminance_sum / target : 0.0;
     return chosen;
 }
@@ -38,11 +39,11 @@ PathReservoir load_previous_reservoir(uvec2 pixel) {
 
 // How much the previous frame's reservoir counts for a sample. It could not find lights that didn't exist, hits on what
 // moves stay where they were, and the light of hits is what it was, so that they count less while lights change.
-float previous_confidence(float confidence, PathReservoir found) {
-    if (is_hit(found)) {
-        return rests(found.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
+float previous_confidence(float confidence, PathReservoir reservoir) {
+    if (is_hit(reservoir)) {
+        return is_static(reservoir.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
     }
-    return found.weight > 0.0 && previous_light.at[found.point.x] == NO_INDEX ? 0.0 : confidence;
+    return reservoir.weight > 0.0 && previous_light.at[reservoir.point.x] == NO_INDEX ? 0.0 : confidence;
 }
 
 void main() {

@@ -29,7 +29,7 @@ Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 
 
 // Where rays that go in a direction leave the vertex.
 vec3 ray_origin(Vertex vertex, vec3 direction) {
-    bool transmits = SCENE_GLASS && dot(direction, vertex.geometric_normal) < 0.0;
+    bool transmits = SCENE_TRANSMISSION && dot(direction, vertex.geometric_normal) < 0.0;
     return transmits ? 2.0 * vertex.position - vertex.origin : vertex.origin;
 }
 
@@ -40,15 +40,17 @@ LobeRadiance lobes_times_cosine(Vertex vertex, vec3 wi) {
     );
 }
 
-// Makes surfaces rougher that a path reaches after a spread lobe. Otherwise light that a mirror throws on a diffuse
-// surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for
-// Holistic and Robust Light Transport" (2013).
+// Makes surfaces rougher that a path reaches after a lobe of finite pdf. Otherwise light that a mirror throws on a
+// diffuse surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space
+// Regularization for Holistic and Robust Light Transport" (2013).
 void regularize(inout ResolvedMaterial material, float inverse_pdf_sum) {
-    float least = min(1.0, 0.5 * sqrt(inverse_pdf_sum)) * paths_settings.regularization;
-    if (SCENE_LAYERS) { material.lobes.coat_roughness = max(material.lobes.coat_roughness, sqrt(least)); }
-    if (material.roughness >= least) { return; }
-    material.roughness = least;
-    material.perceptual_roughness = sqrt(least);
+    float min_roughness = min(1.0, 0.5 * sqrt(inverse_pdf_sum)) * paths_settings.regularization;
+    if (SCENE_LAYERS) {
+        material.coat.perceptual_roughness = max(material.coat.perceptual_roughness, sqrt(min_roughness));
+    }
+    if (material.base.roughness >= min_roughness) { return; }
+    material.base.roughness = min_roughness;
+    material.base.perceptual_roughness = sqrt(min_roughness);
 }
 
 // ---- light samples -----------------------------------------------------------------------------------
@@ -60,14 +62,14 @@ LobeRadiance evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
     float mis_weight = power_heuristic(light_samples * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
-    return scale(lobes_times_cosine(vertex, wi), light.radiance_times_geometry * mis_weight * light.inverse_pdf);
+    return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);
 }
 
-// A light sample that waits for its shadow ray.
+// A light sample before its shadow ray.
 struct RisLightSample {
-    LightSample chosen;
-    ResolvedLightSample light_sample;
-    LobeRadiance light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
+    LightSample light_sample;
+    ResolvedLightSample resolved;
+    LobeRadiance contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
@@ -75,32 +77,32 @@ Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
 // samples of lights, chosen by the luminance that the vertex reflects without occlusion.
 RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_samples, inout uint rng) {
-    RisLightSample event;
-    event.light = NO_LIGHT;
+    RisLightSample ris_sample;
+    ris_sample.contribution = NO_LIGHT;
     float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
         ChosenLight light = choose_light(receiver(vertex), rng);
-        uint part = choose_part(light_sources.at[light.index], rng);
-        LightSample light_sample = LightSample(light.index, part, rand_u(rng));
+        uint part = choose_part(light_sources.at[light.light_index], rng);
+        LightSample light_sample = LightSample(light.light_index, part, rand_u(rng));
         ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
         LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
         float weight = luminance(sum(reflected));
         if (choose_weighted(weight_sum, weight, rng)) {
-            event = RisLightSample(light_sample, resolved, reflected);
+            ris_sample = RisLightSample(light_sample, resolved, reflected);
             chosen_weight = weight;
         }
     }
-    float inverse_share = chosen_weight > 0.0 ? weight_sum / (float(candidates) * chosen_weight) : 0.0;
-    event.light = scale(event.light, vec3(inverse_share));
-    return event;
+    float ris_weight = chosen_weight > 0.0 ? weight_sum / (float(candidates) * chosen_weight) : 0.0;
+    ris_sample.contribution = scale(ris_sample.contribution, vec3(ris_weight));
+    return ris_sample;
 }
 
-// The density in solid angle with which a vertex samples the point of a light where a ray has met it.
-float hit_light_pdf(Vertex vertex, Hit hit, ResolvedRayHitFull surface, vec3 direction) {
+// The density in solid angle with which a vertex samples the point of a light where a ray has hit it.
+float hit_light_pdf(Vertex vertex, Hit hit, SurfaceInteraction surface, vec3 direction) {
     float pdf = emissive_hit_pdf(surface, direction, hit.t);
     if (!(pdf > 0.0)) { return 0.0; }
     uint light = instances.at[hit.instance].light_index;
-    return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].choice.probability;
+    return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].by_power.probability;
 }
 
 #endif

@@ -15,8 +15,8 @@ void main() {
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
-    uvec2 blend_point = random_alpha_seed(rng);
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);
+    uvec2 alpha_seed = random_alpha_seed(rng);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
     if (hit.instance == NO_INDEX) {
         store_empty_aovs(index);
     } else {

@@ -53,7 +53,7 @@ void main() {
         rays += segment.rays;
         path_ended = !accumulate_segment(walk, segment, radiance);
         if (!path_ended) {
-            ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
+            SurfaceInteraction surface = resolve_surface(walk, segment.hit);
             if (bounce == 0u) {
                 radiance += shown_emission(surface);
             } else {

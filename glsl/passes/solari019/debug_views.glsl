@@ -16,7 +16,7 @@ vec3 show_light_tiles(uvec2 pixel) {
 
 vec3 show_light(uint light_index) {
     LightSource light = light_sources.at[light_index];
-    return show_number(shown_id(light.kind, light.index));
+    return show_number(debug_color_id(light.kind, light.record_index));
 }
 
 #endif

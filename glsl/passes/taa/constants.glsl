@@ -9,7 +9,7 @@
 const float SOFTNESS = 0.5, SOFTNESS_OF_BLENDED = 1.0;
 // Ratios of luminances up to which samples count whole: of two surfaces, and first samples of the same surface.
 const float EXCHANGED = 16.0, EXCHANGED_ON_SURFACE = 8.0;
-const float SAME_NORMAL = 0.9;       // cosine
+const float MIN_NORMAL_COSINE = 0.9;
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
 

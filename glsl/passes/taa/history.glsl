@@ -37,7 +37,7 @@ HistorySample load_history(ivec2 at) {
 HistorySample interpolate_history(vec2 position, Neighborhood around) {
     ivec2 corner = ivec2(floor(position - 0.5));
     vec2 share = position - 0.5 - vec2(corner);
-    vec4 across = spline(share.x), down = spline(share.y);
+    vec4 across = catmull_rom_weights(share.x), down = catmull_rom_weights(share.y);
     vec3 sum = vec3(0.0), low = vec3(INFINITY), high = vec3(0.0);
     float total = 0.0, shortest = LONGEST_IN_MOTION * render_scale().x * render_scale().y;
     for (int i = 0; i < 16; i++) {
@@ -64,7 +64,7 @@ bool was_visible(ivec2 pixel, vec2 position) {
     for (int i = 0; i < 9; i++) {
         ivec2 step = ivec2((i + 4) % 9 % 3, (i + 4) % 9 / 3) - 1;  // the center first
         float before = imageLoad(previous_depth, clamp(center + step, ivec2(0), last)).x;
-        if (abs(now - before) <= SAME_DEPTH * max(now, before)) { return true; }
+        if (abs(now - before) <= MAX_DEPTH_DIFFERENCE * max(now, before)) { return true; }
     }
     return false;
 }
@@ -86,7 +86,7 @@ bool is_still(ivec2 center) {
         if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
         uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
         if (instance == known || instance == NO_INDEX) { continue; }
-        if (!rests(instance)) { return false; }
+        if (!is_static(instance)) { return false; }
         known = instance;
     }
     return true;

@@ -85,8 +85,8 @@ float tone_weight(vec3 found, Neighborhood around) {
 bool show_the_same(ivec2 a, ivec2 b) {
     float depth = imageLoad(guides_depth, a).x, other = imageLoad(guides_depth, b).x;
     vec3 normal = imageLoad(guides_normal_roughness, a).xyz;
-    return abs(depth - other) < SAME_DEPTH * max(depth, other)
-        && dot(normal, imageLoad(guides_normal_roughness, b).xyz) > SAME_NORMAL;
+    return abs(depth - other) < MAX_DEPTH_DIFFERENCE * max(depth, other)
+        && dot(normal, imageLoad(guides_normal_roughness, b).xyz) > MIN_NORMAL_COSINE;
 }
 
 // A sample with a share of those around it, by a Gaussian that is narrower the more samples the pixel's mean has: one

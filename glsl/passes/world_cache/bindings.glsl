@@ -15,7 +15,7 @@ struct WorldCachePoint {
 
 layout(set = 1, scalar) buffer WorldCacheChecksumsBlock { uint at[]; } world_cache_checksums;  // 0: empty
 layout(set = 1, scalar) buffer WorldCacheLifeBlock { uint at[]; } world_cache_life;  // frames left
-// Mean irradiance; w is the number of samples in the mean.
+// Mean irradiance; w is the effective number of samples in it.
 layout(set = 1, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;
 // Minimum corner and size of the cell.
 layout(set = 1, scalar) buffer WorldCacheBoundsBlock { vec4 at[]; } world_cache_bounds;

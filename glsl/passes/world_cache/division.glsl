@@ -11,7 +11,7 @@
 // Points see each other from this height above the surface, in cell sizes, so that bumps of the surface hide nothing.
 const float EYE_HEIGHT = 0.05;
 
-const float TESTED_SAMPLES = 1.99;  // samples of a cell after five updates
+const float TESTED_SAMPLES = 1.99;  // a cell's effective samples after five updates: blend.comp adds 0.25 in each
 
 bool sees_first_point(uint cell, vec3 world_position, vec3 normal) {
     WorldCacheSurface first = unpack_point(cell, world_cache_first_points.at[cell]);

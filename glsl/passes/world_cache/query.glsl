@@ -50,18 +50,18 @@ WorldCacheResult query_world_cache(
 // the base color (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
 // diffuse.
 vec3 surface_albedo(ResolvedMaterial material, float cosine) {
-    if (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
+    if (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base.color; }
     LobeAlbedos albedos = lobe_albedos(material, cosine);
     return albedos.diffuse + albedos.specular;
 }
 
 // An estimate of the direct irradiance at a hit, from one light sample and a shadow ray.
-vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
+vec3 sample_irradiance(SurfaceInteraction hit, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
     ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
     LightContribution light = calculate_resolved_light_contribution(light_sample, hit.world_position);
     float cosine = dot(light.wi, hit.geometric_world_normal);
-    vec3 irradiance = light.radiance_times_geometry * (light.inverse_pdf * cosine);
+    vec3 irradiance = light.radiance_in_area_measure * (light.inverse_area_pdf * cosine);
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
     count_ray();
@@ -70,7 +70,7 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
 
 const uint MAX_CACHE_MISSES = 4u;  // maximum of consecutive hits of a path for which the cache has no value
 
-// The light along a ray, without the tint of `passage`: `emitted` + `reflectance` * `irradiance`.
+// The light along a ray, without the transmittance `through`: `emitted` + `reflectance` * `irradiance`.
 struct GatheredLight {
     vec3 first_position;  // where the ray ended, moved off the surface; of a ray that met nothing its origin
     vec3 first_normal;    // geometric, there; 0 when that is a mirror or nothing
@@ -101,11 +101,11 @@ GatheredLight gather_light(Walk walk, bool finest_for_short_rays, uint lifetime,
             light.through = found.first_transmittance;
         } else {
             throughput *= PI;  // the ray's cosine over its pdf
-            throughput *= found.first_transmittance.tint;
+            throughput *= found.first_transmittance.weight;
             light.irradiance += throughput * found.emitted;
         }
         if (!found.exists) { break; }
-        ResolvedRayHitFull hit = found.surface;
+        SurfaceInteraction hit = found.surface;
         vec3 albedo = surface_albedo(hit.material, dot(hit.world_normal, -walk.direction));
         vec3 reflectance = walk.throughput * (INVERSE_PI * albedo);
         float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;

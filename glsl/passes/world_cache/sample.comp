@@ -20,7 +20,7 @@ void main() {
     vec3 normal = surface.geometric_world_normal;
     Path path = start_path(rng);
     path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
-    path.vertex.brdf = white_diffuse_brdf();
+    path.vertex.brdf = lambert_brdf(vec3(1.0));
     path.candidates = world_cache_settings.candidates;
     path.lobe_choice = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);

@@ -48,6 +48,6 @@ void main() {
     if (thread == SCAN_SIZE - 1u) {
         uint total = sums[thread];
         world_cache_counters.active_cells = total;
-        world_cache_dispatch.size = dispatch_in_rows(total);
+        world_cache_dispatch.size = make_indirect_dispatch(total);
     }
 }

@@ -1,5 +1,5 @@
-// Which light, and which of its parts, a light sample takes: by power, from two levels of alias tables. Walker, "An
-// Efficient Method for Generating Discrete Random Variables with General Distributions" (1977).
+// Which light, and which of its triangles or texels (parts), a light sample takes: by power, from two levels of alias
+// tables. Walker, "An Efficient Method for Generating Discrete Random Variables with General Distributions" (1977).
 // Differs from Solari, which takes all lights, and all triangles of a light, with equal probability.
 #ifndef SCENE_LIGHTS_CHOICE_GLSL
 #define SCENE_LIGHTS_CHOICE_GLSL
@@ -7,13 +7,13 @@
 #include "common/random.glsl"
 #include "scene/bindings.glsl"
 
-uint choose(uint row, Choice choice, inout uint rng) {
-    return rand_u(rng) < choice.threshold ? row : choice.alias;
+uint choose(uint row, AliasTableRow drawn, inout uint rng) {
+    return rand_u(rng) < drawn.threshold ? row : drawn.alias;
 }
 
 uint choose_light(inout uint rng) {
     uint row = rand_range_u(scene_info.light_count, rng);
-    return choose(row, light_sources.at[row].choice, rng);
+    return choose(row, light_sources.at[row].by_power, rng);
 }
 
 bool has_equal_parts(LightSource light) { return uvec2(light.parts) == uvec2(0u); }
@@ -28,9 +28,10 @@ float part_probability(LightSource light, uint part) {
     return has_equal_parts(light) ? 1.0 / float(light.part_count) : light.parts.at[part].probability;
 }
 
-// The probability that a light sample takes this part of this light; 0 only where nothing is emitted.
-float choice_probability(LightSource light, uint part) {
-    return light.choice.probability * part_probability(light, part);
+// The probability that a light sample takes this part of this light, where lights are chosen by power; 0 only where
+// nothing is emitted.
+float choice_probability_by_power(LightSource light, uint part) {
+    return light.by_power.probability * part_probability(light, part);
 }
 
 #endif

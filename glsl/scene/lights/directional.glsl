@@ -28,7 +28,7 @@ ResolvedLightSample resolve_directional(uint index, uint part, vec2 u, float inv
 
 float emission_cosine_directional(uint data, float cosine) { return max(cosine, 0.0); }
 
-uint shown_id_directional(uint index) { return ~index; }
+uint debug_color_id_directional(uint index) { return ~index; }
 
 LightHit evaluate_directional(uint index, vec3 direction) {
     DirectionalLight light = directional_lights.at[index];

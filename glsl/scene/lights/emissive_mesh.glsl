@@ -15,7 +15,7 @@ ResolvedLightSample resolve_emissive_mesh(uint index, uint part, vec2 u, float i
     vec2 barycentrics = sample_triangle_barycentrics(u);
     TrianglePoint point = resolve_triangle(instance, mesh, part, barycentrics);
     vec3 radiance = resolve_emissive(material, point.texture_point);
-    if (has_alpha(material)) { radiance *= resolve_cover(material, mesh, part, barycentrics).w; }
+    if (has_alpha(material)) { radiance *= resolve_color_opacity(material, mesh, part, barycentrics).w; }
     return ResolvedLightSample(
         LIGHT_EMISSIVE_MESH,
         material.flags & MATERIAL_DOUBLE_SIDED,
@@ -32,13 +32,13 @@ float emission_cosine_emissive_mesh(uint double_sided, float cosine) {
 }
 
 // The number of the view of instances, so that a light has the same color in both.
-uint shown_id_emissive_mesh(uint index) { return instances.at[index].id; }
+uint debug_color_id_emissive_mesh(uint index) { return instances.at[index].id; }
 
 // The density in solid angle with which sampling lights chooses the direction to a hit at distance `ray_t`; 0 for a
 // surface that is no light.
-float emissive_hit_pdf(ResolvedRayHitFull hit, vec3 ray_direction, float ray_t) {
+float emissive_hit_pdf(SurfaceInteraction hit, vec3 ray_direction, float ray_t) {
     float cosine = abs(dot(ray_direction, hit.geometric_world_normal));
-    return hit.light_area_pdf > 0.0 && cosine > 0.0 ? square(ray_t) / cosine * hit.light_area_pdf : 0.0;
+    return hit.area_pdf_by_power > 0.0 && cosine > 0.0 ? square(ray_t) / cosine * hit.area_pdf_by_power : 0.0;
 }
 
 #endif

@@ -13,7 +13,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Tex
 
 struct Environment {
     Texels texels;
-    Choices choices;  // among the texels
+    AliasTable choices;  // among the texels
     uvec2 size;       // in texels: longitude, latitude; the first row is up
     float scale;      // radiance of a texel that holds 1, before the intensity
     float intensity;
@@ -62,7 +62,7 @@ ResolvedLightSample resolve_environment(uint index, uint part, vec2 u, float inv
 
 float emission_cosine_environment(uint data, float cosine) { return 1.0; }
 
-uint shown_id_environment(uint index) { return ~index - 0x10000u; }
+uint debug_color_id_environment(uint index) { return ~index - 0x10000u; }
 
 LightHit evaluate_environment(uint index, vec3 direction) {
     Environment map = environments.at[index];

@@ -19,7 +19,7 @@ ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_p
     );
 }
 
-ResolvedLightSample seen_from_point(ResolvedLightSample light_sample, vec3 receiver) {
+ResolvedLightSample sample_for_receiver_point(ResolvedLightSample light_sample, vec3 receiver) {
     PunctualLight light = point_lights.at[light_sample.data];
     vec3 to_receiver = receiver - light.position;
     float distance = length(to_receiver);
@@ -31,6 +31,6 @@ ResolvedLightSample seen_from_point(ResolvedLightSample light_sample, vec3 recei
 
 float emission_cosine_point(uint index, float cosine) { return 1.0; }
 
-uint shown_id_point(uint index) { return 0x80000000u + index; }
+uint debug_color_id_point(uint index) { return 0x80000000u + index; }
 
 #endif

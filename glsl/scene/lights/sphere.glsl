@@ -50,7 +50,7 @@ ResolvedLightSample resolve_sphere(uint index, uint part, vec2 u, float inverse_
     );
 }
 
-ResolvedLightSample seen_from_sphere(ResolvedLightSample light_sample, vec3 receiver) {
+ResolvedLightSample sample_for_receiver_sphere(ResolvedLightSample light_sample, vec3 receiver) {
     PunctualLight light = sphere_lights.at[light_sample.data];
     SphereCone cone = sphere_cone(light, receiver);
     float along = dot(light_sample.world_normal, cone.axis);
@@ -64,13 +64,13 @@ ResolvedLightSample seen_from_sphere(ResolvedLightSample light_sample, vec3 rece
     light_sample.world_position = receiver + distance * direction;
     light_sample.world_normal = -direction;
     light_sample.radiance *= cone.falloff;
-    light_sample.inverse_pdf *= 2.0 * PI * cone.one_minus_cos * square(distance);
+    light_sample.inverse_area_pdf *= 2.0 * PI * cone.one_minus_cos * square(distance);
     return light_sample;
 }
 
 float emission_cosine_sphere(uint index, float cosine) { return 1.0; }
 
-uint shown_id_sphere(uint index) { return 0xC0000000u + index; }
+uint debug_color_id_sphere(uint index) { return 0xC0000000u + index; }
 
 LightHit intersect_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
     PunctualLight light = sphere_lights.at[index];

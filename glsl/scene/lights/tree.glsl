@@ -20,7 +20,7 @@ struct Receiver {
 const Receiver CHOSEN_BY_POWER = Receiver(vec3(0.0), vec3(0.0));
 
 struct ChosenLight {
-    uint index;
+    uint light_index;  // into light_sources
     float probability;
 };
 
@@ -82,7 +82,7 @@ float leaf_probability(uint node, Receiver receiver) {
 ChosenLight choose_light(Receiver receiver, inout uint rng) {
     uint row = choose_light(rng);
     LightSource light = light_sources.at[row];
-    if (light.node == NO_INDEX) { return ChosenLight(row, light.choice.probability); }
+    if (light.node == NO_INDEX) { return ChosenLight(row, light.by_power.probability); }
     ChosenLight chosen = descend_light_tree(receiver, rng);
     chosen.probability *= scene_info.finite_probability;
     return chosen;
@@ -91,7 +91,7 @@ ChosenLight choose_light(Receiver receiver, inout uint rng) {
 // The probability with which a receiver chooses this light.
 float light_choice_probability(uint row, Receiver receiver) {
     LightSource light = light_sources.at[row];
-    if (light.node == NO_INDEX || receiver.normal == vec3(0.0)) { return light.choice.probability; }
+    if (light.node == NO_INDEX || receiver.normal == vec3(0.0)) { return light.by_power.probability; }
     return scene_info.finite_probability * leaf_probability(light.node, receiver);
 }
 

@@ -2,30 +2,33 @@
 #ifndef SCENE_LIGHTS_TYPES_GLSL
 #define SCENE_LIGHTS_TYPES_GLSL
 
-// Differs from Solari: 32 bits each for light and triangle, so that neither is limited to 65,535.
+// A point of a light, by the seed of its random numbers. Differs from Solari: 32 bits each for light and triangle, so
+// that neither is limited to 65,535.
 struct LightSample {
     uint light_index;
-    uint part;  // for emissive meshes a triangle of the instance's ray mesh
+    uint part;  // the triangle of an emissive mesh or the texel of an environment; 0 for other lights
     uint seed;
 };
 
+// The point of a LightSample in world space. Of point lights and spheres, light_sample_for_receiver (each kind's file
+// has its own) makes what one receiver sees.
 struct ResolvedLightSample {
     uint kind;
-    uint data;            // what the kind stores for emission_cosine and light_sample_seen_from
+    uint data;            // what the kind stores for emission_cosine and light_sample_for_receiver
     vec3 world_position;  // for kinds at infinity, the direction to the light
     vec3 world_normal;
     float ray_offset;
     vec3 radiance;
-    float inverse_pdf;    // in area; for kinds at infinity, in solid angle
+    float inverse_area_pdf;  // one over the pdf in area; for kinds at infinity, in solid angle
 };
 
 // What a ray sees of a light at infinity, or of one that it passes.
 struct LightHit {
     vec3 radiance;
-    float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light
-    uint part;          // the part of the light that the ray meets
-    vec2 u;             // the random numbers for which light samples of the part have the ray's direction
-    float t;            // where the ray meets it; INFINITY for lights at infinity
+    float inverse_solid_angle_pdf;  // one over the pdf of the direction, once the light is chosen; 0: no hit
+    uint part;  // of the light that the ray hits
+    vec2 u;     // the random numbers for which light samples of the part have the ray's direction
+    float t;    // of the hit; INFINITY for lights at infinity
 };
 
 const LightHit NO_LIGHT_HIT = LightHit(vec3(0.0), 0.0, 0u, vec2(0.0), INFINITY);

@@ -2,12 +2,46 @@
 #ifndef SCENE_LOBES_COAT_GLSL
 #define SCENE_LOBES_COAT_GLSL
 
-#include "common/math.glsl"
+#include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
-#include "scene/material_lobes.glsl"
 #include "scene/microfacet.glsl"
 
 const float COAT_F0 = 0.04;  // of an index of refraction of 1.5
+
+// ---- of a material ----------------------------------------------------------------------------------
+
+struct CoatParameters {
+    float weight;
+    float perceptual_roughness;
+    vec3 normal;
+};
+
+const CoatParameters NO_COAT = CoatParameters(0.0, 0.0, vec3(0.0, 0.0, 1.0));
+
+// Without its normal.
+CoatParameters resolve_coat(Material material, TexturePoint point) {
+    return CoatParameters(
+        material.clearcoat * sampled_or_one(material.clearcoat_texture, point, 0u),
+        material.clearcoat_roughness * sampled_or_one(material.clearcoat_roughness_texture, point, 1u),
+        NO_COAT.normal
+    );
+}
+
+// weight 8, roughness 8 | normal octahedral 2x16, in world space. `frame` is that of the shading normal.
+uvec2 pack_coat(CoatParameters coat, mat3 frame) {
+    return uvec2(
+        pack_unorm(coat.weight, 8u) | pack_unorm(coat.perceptual_roughness, 8u) << 8u,
+        pack_octahedral_2x16(frame * coat.normal)
+    );
+}
+
+CoatParameters unpack_coat(uvec2 bits, mat3 frame) {
+    return CoatParameters(
+        unpack_unorm(bits.x, 8u), unpack_unorm(bits.x >> 8u, 8u), unpack_octahedral_2x16(bits.y) * frame
+    );
+}
+
+// ---- seen from a direction --------------------------------------------------------------------------
 
 struct Coat {
     float weight;
@@ -31,15 +65,15 @@ float coat_albedo(float weight, float perceptual_roughness, float cosine) {
     return weight * specular_albedo(vec3(COAT_F0), coat_albedo_terms(perceptual_roughness, cosine)).x;
 }
 
-Coat prepare_coat(MaterialLobes lobes, vec3 wo) {
+Coat prepare_coat(CoatParameters parameters, bool inside, vec3 wo) {
     Coat coat;
-    coat.frame = orthonormalize(lobes.coat_normal);
+    coat.frame = orthonormalize(parameters.normal);
     coat.wo = wo * coat.frame;
-    coat.inside = lobes.inside;
-    coat.weight = lobes.inside || !(coat.wo.z > 0.0) ? 0.0 : lobes.coat;
-    coat.perceptual_roughness = lobes.coat_roughness;
-    coat.roughness = square(lobes.coat_roughness);
-    vec2 ab = coat_albedo_terms(lobes.coat_roughness, coat.wo.z);
+    coat.inside = inside;
+    coat.weight = inside || !(coat.wo.z > 0.0) ? 0.0 : parameters.weight;
+    coat.perceptual_roughness = parameters.perceptual_roughness;
+    coat.roughness = square(coat.perceptual_roughness);
+    vec2 ab = coat_albedo_terms(coat.perceptual_roughness, coat.wo.z);
     coat.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;
     coat.pdf_per_d = 0.0;
     if (coat.weight > 0.0 && !is_mirror_coat(coat)) {

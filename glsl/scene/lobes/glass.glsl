@@ -6,10 +6,39 @@
 #ifndef SCENE_LOBES_GLASS_GLSL
 #define SCENE_LOBES_GLASS_GLSL
 
-#include "common/math.glsl"
+#include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
 #include "scene/microfacet.glsl"
-#include "scene/surface.glsl"
+
+// ---- of a material ----------------------------------------------------------------------------------
+
+struct GlassParameters {
+    float transmission;  // the share of a dielectric's base that is glass instead of diffuse
+    float ior;           // its index of refraction
+    bool reflects_only;  // rays have taken the light that passes straight: remove_straight_transmission
+};
+
+const GlassParameters NO_GLASS = GlassParameters(0.0, 1.5, false);
+
+GlassParameters resolve_glass(Material material, TexturePoint point) {
+    float transmission = material.transmission * sampled_or_one(material.transmission_texture, point, 0u);
+    return GlassParameters(transmission, material.ior, false);
+}
+
+const float LARGEST_IOR_RATIO = 0.75;  // (ior - 1) / (ior + 1) for an index of refraction of 7
+
+// transmission 8, index of refraction 10
+uint pack_glass(GlassParameters glass) {
+    float ratio = (glass.ior - 1.0) / (glass.ior + 1.0) / LARGEST_IOR_RATIO;
+    return pack_unorm(glass.transmission, 8u) | pack_unorm(ratio, 10u) << 8u;
+}
+
+GlassParameters unpack_glass(uint bits) {
+    float ratio = LARGEST_IOR_RATIO * unpack_unorm(bits >> 8u, 10u);
+    return GlassParameters(unpack_unorm(bits, 8u), (1.0 + ratio) / (1.0 - ratio), false);
+}
+
+// ---- seen from a direction --------------------------------------------------------------------------
 
 struct Glass {
     float weight;        // 0: the surface isn't made of glass
@@ -34,24 +63,23 @@ float glass_reflects(Glass glass, float cosine) {
 }
 
 // `cosine` is that of the direction from which the surface is seen.
-Glass prepare_glass(ResolvedMaterial material, float cosine) {
-    MaterialLobes lobes = material.lobes;
-    bool mirror = material.roughness <= MIRROR_ROUGHNESS;
+Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine) {
+    bool mirror = base.roughness <= MIRROR_ROUGHNESS;
     // Where nothing is bent, a rough boundary would have no microfacet normals.
-    float ior = mirror ? lobes.ior : max(lobes.ior, 1.005);
+    float ior = mirror ? parameters.ior : max(parameters.ior, 1.005);
     Glass glass;
-    glass.weight = SCENE_GLASS ? lobes.transmission * (1.0 - material.metallic) : 0.0;
-    glass.eta = lobes.inside ? 1.0 / ior : ior;
-    glass.thin = !lobes.solid;
-    glass.roughness = material.roughness;
-    glass.color = lobes.passed_straight ? vec3(0.0) : material.base_color;
-    glass.tint = glass_tint(ior, lobes.specular_weight * reflectance_f0(material.reflectance));
+    glass.weight = SCENE_GLASS ? parameters.transmission * (1.0 - base.metallic) : 0.0;
+    glass.eta = base.inside ? 1.0 / ior : ior;
+    glass.thin = !base.solid;
+    glass.roughness = base.roughness;
+    glass.color = parameters.reflects_only ? vec3(0.0) : base.color;
+    glass.tint = glass_tint(ior, base.specular_weight * reflectance_f0(base.reflectance));
     glass.compensation = vec3(1.0);
     if (glass.weight > 0.0 && !mirror) {
-        vec2 ab = lookup_brdf_table(cosine, material.perceptual_roughness);
+        vec2 ab = lookup_brdf_table(cosine, base.perceptual_roughness);
         vec3 albedo = vec3(ab.x + ab.y);
         if (!glass.thin) {
-            vec2 ends = lookup_glass_table(glass.eta, cosine, material.perceptual_roughness);
+            vec2 ends = lookup_glass_table(glass.eta, cosine, base.perceptual_roughness);
             albedo = mix(vec3(ends.x), vec3(ends.y), glass.tint);
         }
         glass.compensation = 1.0 / albedo;

@@ -3,10 +3,9 @@
 #ifndef SCENE_LOBES_SHEEN_GLSL
 #define SCENE_LOBES_SHEEN_GLSL
 
-#include "common/math.glsl"
 #include "common/random.glsl"
+#include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
-#include "scene/material_lobes.glsl"
 
 const float MIN_SHEEN_ROUGHNESS = 0.07;  // perceptual; smoother sheen would be a line at the horizon
 
@@ -37,15 +36,46 @@ float evaluate_sheen(float alpha, vec3 wo, vec3 wi) {
     return sheen_distribution(alpha, normalize(wo + wi)) / (4.0 * shadowing * max(wo.z, 1e-6));
 }
 
-// ---- the lobe of a material -------------------------------------------------------------------------
+// ---- of a material ----------------------------------------------------------------------------------
+
+struct SheenParameters {
+    vec3 color;
+    float perceptual_roughness;
+};
+
+const SheenParameters NO_SHEEN = SheenParameters(vec3(0.0), 0.0);
+
+SheenParameters resolve_sheen(Material material, TexturePoint point) {
+    return SheenParameters(
+        material.sheen_color * sampled_color_or_one(material.sheen_color_texture, point),
+        material.sheen_roughness * sampled_or_one(material.sheen_roughness_texture, point, 3u)
+    );
+}
+
+// color 3x8, roughness 8
+uint pack_sheen(SheenParameters sheen) {
+    return pack_unorm(sheen.color.x, 8u) | pack_unorm(sheen.color.y, 8u) << 8u | pack_unorm(sheen.color.z, 8u) << 16u
+        | pack_unorm(sheen.perceptual_roughness, 8u) << 24u;
+}
+
+SheenParameters unpack_sheen(uint bits) {
+    return SheenParameters(
+        vec3(unpack_unorm(bits, 8u), unpack_unorm(bits >> 8u, 8u), unpack_unorm(bits >> 16u, 8u)),
+        unpack_unorm(bits >> 24u, 8u)
+    );
+}
+
+// ---- seen from a direction --------------------------------------------------------------------------
 
 struct Sheen {
     vec3 color;
-    float roughness;  // perceptual
-    bool inside;      // wo is below the fibers
+    float perceptual_roughness;
+    bool inside;  // wo is below the fibers
 };
 
-Sheen prepare_sheen(MaterialLobes lobes) { return Sheen(lobes.sheen_color, lobes.sheen_roughness, lobes.inside); }
+Sheen prepare_sheen(SheenParameters parameters, bool inside) {
+    return Sheen(parameters.color, parameters.perceptual_roughness, inside);
+}
 
 // The share of uniform incoming light that white sheen reflects.
 float sheen_albedo(float perceptual_roughness, float cosine) {
@@ -56,8 +86,8 @@ float sheen_albedo(float perceptual_roughness, float cosine) {
 // volume don't pass it.
 float sheen_cover(Sheen sheen, vec3 wo, vec3 wi) {
     bool wi_inside = wi.z < 0.0 != sheen.inside;
-    float seen = sheen.inside ? 0.0 : sheen_albedo(sheen.roughness, wo.z);
-    float lit = wi_inside ? 0.0 : sheen_albedo(sheen.roughness, abs(wi.z));
+    float seen = sheen.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, wo.z);
+    float lit = wi_inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, abs(wi.z));
     return max_component(sheen.color) * max(seen, lit);
 }
 
@@ -65,10 +95,9 @@ float sheen_cover(Sheen sheen, vec3 wo, vec3 wi) {
 vec3 evaluate_sheen(Sheen sheen, vec3 wo, vec3 wi) {
     if (sheen.inside || sheen.color == vec3(0.0)) { return vec3(0.0); }
     // Where the fitted shadowing lets an albedo exceed 1, the lobe is scaled down to that.
-    float largest = max(
-        lookup_sheen_table(wo.z, sheen.roughness), lookup_sheen_table(wi.z, sheen.roughness)
-    );
-    return sheen.color * (evaluate_sheen(sheen_alpha(sheen.roughness), wo, wi) / max(largest, 1.0));
+    float roughness = sheen.perceptual_roughness;
+    float largest = max(lookup_sheen_table(wo.z, roughness), lookup_sheen_table(wi.z, roughness));
+    return sheen.color * (evaluate_sheen(sheen_alpha(roughness), wo, wi) / max(largest, 1.0));
 }
 
 float sheen_pdf() { return 0.5 * INVERSE_PI; }

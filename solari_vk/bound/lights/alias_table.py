@@ -16,7 +16,7 @@ _RANGE = 2.0**32  # of the random numbers that are compared with a threshold
 
 
 def alias_table(weights: NDArray[np.floating[Any]], record: np.dtype[Any]) -> NDArray[Any]:
-    """The rows (N,) for weights (N,) from 0 to 1e300; record: the shaders' struct Choice.
+    """The rows (N,) for weights (N,) from 0 to 1e300; record: the shaders' struct AliasTableRow.
 
     The probabilities in the rows are those with which the rounded thresholds choose. A row is never chosen if its
     weight is 0, and sometimes otherwise; where all weights are 0, all rows are equally likely.

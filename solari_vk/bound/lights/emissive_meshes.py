@@ -44,11 +44,11 @@ class Emission:
 
 
 class Emissions:
-    """The Emission of each pair of mesh and emissive texture in use. choice: the layout of the shaders' Choice."""
+    """The Emission of each pair of mesh and emissive texture in use. row: the layout of the shaders' AliasTableRow."""
 
-    def __init__(self, device: Device, choice: np.dtype[Any]) -> None:
+    def __init__(self, device: Device, row: np.dtype[Any]) -> None:
         self._device = device
-        self._choice = choice
+        self._row = row
         self._emissions: dict[Key, Emission] = {}
         self._users: Rows[Key] = Rows()
         self._key_of: dict[Instance, Key] = {}
@@ -103,7 +103,7 @@ class Emissions:
             weights = np.maximum(weights, MIN_LUMINANCE * weights.mean())
         choices = None
         if weights.max() > weights.min() * (1 + 1e-4):
-            table = alias_table(weights, self._choice)
+            table = alias_table(weights, self._row)
             choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
             choices.upload(table)
         return Emission(area, len(triangles), choices, joint_areas)

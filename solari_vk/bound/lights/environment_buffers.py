@@ -17,16 +17,16 @@ _LARGEST_EXPONENT = 14  # the brightest texel lies between 2^14 and 2^15, where 
 
 
 class EnvironmentBuffers:
-    """The buffers of an environment's image. choice: the layout of the shaders' Choice.
+    """The buffers of an environment's image. row: the layout of the shaders' AliasTableRow.
 
     emission: the alias table of the texels. record: the fields of the shaders' Environment that follow from the image.
     """
 
-    def __init__(self, device: Device, choice: np.dtype[Any], image: FloatArray) -> None:
+    def __init__(self, device: Device, row: np.dtype[Any], image: FloatArray) -> None:
         self.image = image
         height, width = image.shape[:2]
         codes, scale = encode_texels(image)
-        table = alias_table(texel_weights(image).ravel(), choice)
+        table = alias_table(texel_weights(image).ravel(), row)
         self._texels = device.buffer(codes.nbytes, "environment texels")
         self._texels.upload(codes)
         self._choices = device.buffer(table.nbytes, "environment choices")

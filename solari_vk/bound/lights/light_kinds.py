@@ -6,18 +6,18 @@ choose between the kinds. Each NAME.glsl defines:
 
     ResolvedLightSample resolve_NAME(uint index, uint part, vec2 u, float inverse_probability)
         The point of a part of the light, or the direction, for random numbers u in [0, 1), with its radiance. The part
-        is a triangle of an emissive mesh or a texel of an environment, 0 for all other kinds. Its inverse_pdf is
+        is a triangle of an emissive mesh or a texel of an environment, 0 for all other kinds. Its inverse_area_pdf is
         inverse_probability times the inverse density of the point in area, or of the direction in solid angle.
     float emission_cosine_NAME(uint data, float cosine)
         The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
         cosine between its normal and the direction to the receiver.
-    uint shown_id_NAME(uint index)
+    uint debug_color_id_NAME(uint index)
         A number that stays the same while other lights are added and removed; debug views give each number a color.
     LightHit evaluate_NAME(uint index, vec3 direction)
         Kinds at infinity only: what a ray in this direction meets if it meets no surface.
     LightHit intersect_NAME(uint index, vec3 origin, vec3 direction, float t_max)
         Kinds that rays pass only: what a ray of this length sees of the light.
-    ResolvedLightSample seen_from_NAME(ResolvedLightSample light_sample, vec3 receiver)
+    ResolvedLightSample sample_for_receiver_NAME(ResolvedLightSample light_sample, vec3 receiver)
         Kinds that depend on the receiver only: what a resolved sample is to one receiver.
 
 `index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
@@ -53,8 +53,8 @@ class LightKind:
     name: part of the names of files, functions and constants in GLSL. source: the class of the scene's objects, of
     which the kind is those that `holds` takes. met_by_rays: where rays meet such a light without having chosen it:
     AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. depends_on_receiver: whether there is a
-    seen_from_NAME. buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its
-    instance's row. power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an
+    sample_for_receiver_NAME. buffer: the buffer of its records, whose fields `record` gives; None: the light's index is
+    its instance's row. power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an
     emissive surface, for all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves
     when the light does, None for instances, whose geometry says it. bounds: the box around the light, min and max (2,
     3) in meters; None for instances and lights at infinity.
@@ -160,21 +160,21 @@ def glsl_header() -> str:
     met = {place: [kind for kind in LIGHT_KINDS if kind.met_by_rays == place] for place in PLACES}
     masks = {
         "KINDS_AT_INFINITY": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays == AT_INFINITY),
-        "KINDS_MET_BY_RAYS": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays != NEVER),
+        "KINDS_HIT_BY_RAYS": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays != NEVER),
     }
     return "\n".join([
         '#include "generated/bound/features.glsl"',
         headers.enumeration("LIGHT", [kind.name for kind in every]),
         headers.constants(**masks),  # bit i says whether the kind i is one of them
         # A copy of a specialization constant would keep its default.
-        f"#define HAS_PASSED_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
+        f"#define HAS_PASS_THROUGH_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
         *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
         _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
         _choose("float emission_cosine", "float cosine", every, argument="data"),
-        _choose("uint shown_id", "", every),
+        _choose("uint debug_color_id", "", every),
         _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
         _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
-        _seen_from([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
+        _for_receiver([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
     ])
 
 
@@ -203,11 +203,11 @@ def _choose(function: str, parameters: str, kinds: list[LightKind], argument: st
     return "\n".join([f"{function}({declared}) {{", *lines, unconditional, "}"])
 
 
-def _seen_from(kinds: list[LightKind]) -> str:
+def _for_receiver(kinds: list[LightKind]) -> str:
     """A function that calls the own ones of some kinds, and returns samples of all others as they are."""
     lines = [
-        f"if ({_is(kind, 'light_sample.kind')}) {{ return seen_from_{kind.name}(light_sample, receiver); }}"
+        f"if ({_is(kind, 'light_sample.kind')}) {{ return sample_for_receiver_{kind.name}(light_sample, receiver); }}"
         for kind in kinds
     ]
-    head = "ResolvedLightSample light_sample_seen_from(ResolvedLightSample light_sample, vec3 receiver) {"
+    head = "ResolvedLightSample light_sample_for_receiver(ResolvedLightSample light_sample, vec3 receiver) {"
     return "\n".join([head, *lines, "return light_sample;", "}"])

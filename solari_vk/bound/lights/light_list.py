@@ -128,9 +128,9 @@ class LightList:
         return last
 
     def _write_source(self, row: int, kind: LightKind, index: int, emission: Emission = ONE_PART) -> None:
-        """Write a row without its choice."""
+        """Write a row without its probability."""
         record = self.sources.records[row]
-        record["kind"], record["index"] = self._index_of_kind[kind], index
+        record["kind"], record["record_index"] = self._index_of_kind[kind], index
         record["part_count"] = emission.triangle_count
         record["parts"] = 0 if emission.choices is None else emission.choices.address
         self.sources.mark([row])
@@ -164,7 +164,7 @@ class LightList:
         """Put an environment's image on the device if it isn't there yet."""
         if light in self._maps and self._maps[light].image is light.image:
             return
-        made = EnvironmentBuffers(self._device, self.sources.records["choice"].dtype, light.image)
+        made = EnvironmentBuffers(self._device, self.sources.records["by_power"].dtype, light.image)
         self.renew(light)
         self._drop_map(light)
         self._maps[light] = made
@@ -229,7 +229,7 @@ class LightList:
             self._changed = False
             self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
             self._write_others(len(listed))
-        choices = self.sources.records["choice"]
+        choices = self.sources.records["by_power"]
         choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
 
     def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> bool:
@@ -248,7 +248,7 @@ class LightList:
         sources = self.sources.records[:count]
         sources["node"][:finite], sources["node"][finite:] = self._nodes.leaves, NO_INDEX
         info["part_count"] = min(int(sources["part_count"].sum(dtype=np.int64)), NO_INDEX)
-        info["finite_probability"] = sources["choice"]["probability"][:finite].sum(dtype=np.float64)
+        info["finite_probability"] = sources["by_power"]["probability"][:finite].sum(dtype=np.float64)
         self.info.mark([0])
         return self._nodes.leaves is not leaves
 

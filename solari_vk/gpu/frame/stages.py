@@ -36,9 +36,10 @@ class Within:
 
 @dataclass(frozen=True)
 class IfUsed:
-    """The size of an image that is made only if one of the frame's shaders uses it; those of some scenes don't."""
+    """The size of an image or a buffer that is made only if one of the frame's shaders uses it; those of some scenes
+    don't."""
 
-    size: Size
+    size: int | Size
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,6 @@ class Stage:
     """
 
     name: str
-    buffers: Mapping[str, int | History | Within] = field(default_factory=dict)
+    buffers: Mapping[str, int | History | IfUsed | Within] = field(default_factory=dict)
     images: Mapping[str, Size | History | IfUsed] = field(default_factory=dict)
     passes: Sequence[Pass | Draw | Step] = ()

@@ -57,7 +57,7 @@ def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
         "restir_di",
         buffers=dict.fromkeys(names, pixels),
         passes=[
-            Pass(f"solari019/restir_di/{initial}", threads=size, constants={"brdf_lambert": settings.lambert}),
+            Pass(f"solari019/restir_di/{initial}", threads=size, constants={"lambertian_surfaces": settings.lambert}),
             Pass("solari019/restir_di/spatial_and_shade", threads=size, constants=brdf_constants(settings)),
         ],
     )

@@ -1,8 +1,21 @@
-"""What the loader does with each extension of glTF. docs/gltf.md shows this table, and a test compares the two."""
+"""What the loader does with each extension of glTF. docs/gltf.md shows this table, and a test compares the two.
+
+The row of an extension of materials has its reader, and the fields of Material that its textures are for.
+"""
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry
+
+HIGHEST_F0 = 0.16  # of what the realtime renderer's G-buffer holds
+LARGEST_DISTANCE = 1e9  # meters; also stands for a volume that absorbs nothing
+_FULL_REFLECTION = 1e6  # the index of refraction for which glTF writes 0
 
 
 class Extension(NamedTuple):
@@ -12,7 +25,78 @@ class Extension(NamedTuple):
     status: Literal["works", "part", "no"]
     """Files that require an extension with "no" are refused; in other files it is reported and ignored."""
     remark: str
+    read: Callable[[Entry, Entry, Report], dict[str, Any]] = lambda extension, material, report: {}
+    """Of materials: the fields of Material that the extension sets, from itself and the material's entry."""
+    textures: Mapping[str, str] = {}
+    """The fields of Material that are textures, and the extension's keys for them."""
+    neutral: str = ""
+    """An extension with "no" changes nothing while this factor of it is zero."""
 
+
+# ---- readers of the extensions of materials ---------------------------------------------------------
+
+
+def _anisotropy(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    return {
+        "anisotropy": extension.number("anisotropyStrength", 0.0, low=0, high=1),
+        "anisotropy_rotation": extension.number("anisotropyRotation", 0.0, low=-1e6, high=1e6),
+    }
+
+
+def _clearcoat(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    normal = extension.entry("clearcoatNormalTexture")
+    return {
+        "clearcoat": extension.number("clearcoatFactor", 0.0, low=0, high=1),
+        "clearcoat_roughness": extension.number("clearcoatRoughnessFactor", 0.0, low=0, high=1),
+        "clearcoat_normal_scale": normal.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+    }
+
+
+def _reflections(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    """The index of refraction, the weight of reflections, and the reflectance for their color at normal incidence, of
+    two extensions together."""
+    nothing = Entry(material.file, material.place, {})
+    ior = (material.extension("KHR_materials_ior") or nothing).number("ior", 1.5, low=0)
+    if 0 < ior < 1:
+        raise material.wrong("extensions", "without an 'ior' between 0 and 1")
+    ior = min(ior, _FULL_REFLECTION) if ior > 0 else _FULL_REFLECTION
+    specular = material.extension("KHR_materials_specular") or nothing
+    f0 = ((ior - 1) / (ior + 1)) ** 2
+    color = np.array(specular.numbers("specularColorFactor", (1.0, 1.0, 1.0), low=0))
+    color = np.minimum(color, min(1 / f0, 4.0) if f0 > 0 else 4.0)  # a reflectance is at most 1
+    if f0 * color.max() > HIGHEST_F0 * (1 + 1e-6):
+        report.add(
+            f"the realtime renderer shows reflections of dielectrics of {HIGHEST_F0:.0%} at most when seen straight on",
+            material.place,
+        )
+    return {
+        "ior": ior,
+        "specular": specular.number("specularFactor", 1.0, low=0, high=1),
+        "reflectance": (0.5 * np.sqrt(color)).astype(np.float32),
+    }
+
+
+def _sheen(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    return {
+        "sheen_color": extension.numbers("sheenColorFactor", (0.0, 0.0, 0.0), low=0, high=1),
+        "sheen_roughness": extension.number("sheenRoughnessFactor", 0.0, low=0, high=1),
+    }
+
+
+def _transmission(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    return {"transmission": extension.number("transmissionFactor", 0.0, low=0, high=1)}
+
+
+def _volume(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    distance = extension.number("attenuationDistance", LARGEST_DISTANCE, low=0)
+    return {
+        "solid": extension.number("thicknessFactor", 0.0, low=0) > 0,
+        "attenuation_color": extension.numbers("attenuationColor", (1.0, 1.0, 1.0), low=0, high=1),
+        "attenuation_distance": min(max(distance, 1 / LARGEST_DISTANCE), LARGEST_DISTANCE),
+    }
+
+
+# ---- the table --------------------------------------------------------------------------------------
 
 EXTENSIONS = (
     # Ratified by Khronos.
@@ -22,18 +106,25 @@ EXTENSIONS = (
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),
     Extension("KHR_lights_punctual", "works", "a `range` of 0, which glTF forbids, is no limit; light above 1e15 cd or "
               "lux is dimmed to that; both are reported"),
-    Extension("KHR_materials_anisotropy", "works", "needs tangents or uvs; glass and coats have none"),
-    Extension("KHR_materials_clearcoat", "works", ""),
-    Extension("KHR_materials_dispersion", "no", "all colors refract alike"),
+    Extension("KHR_materials_anisotropy", "works", "needs tangents or uvs; glass and coats have none", _anisotropy,
+              {"anisotropy_texture": "anisotropyTexture"}),
+    Extension("KHR_materials_clearcoat", "works", "", _clearcoat,
+              {"clearcoat_texture": "clearcoatTexture", "clearcoat_roughness_texture": "clearcoatRoughnessTexture",
+               "clearcoat_normal_texture": "clearcoatNormalTexture"}),
+    Extension("KHR_materials_dispersion", "no", "all colors refract alike", neutral="dispersion"),
     Extension("KHR_materials_emissive_strength", "works", ""),
-    Extension("KHR_materials_ior", "works", "realtime: reflections seen straight on are at most 16 %"),
-    Extension("KHR_materials_iridescence", "no", "the material has no thin film"),
-    Extension("KHR_materials_sheen", "works", ""),
-    Extension("KHR_materials_specular", "works", "factors of the color above 4 count as 4"),
-    Extension("KHR_materials_transmission", "works", "shadow rays pass thin smooth glass only"),
+    Extension("KHR_materials_ior", "works", "realtime: reflections seen straight on are at most 16 %", _reflections),
+    Extension("KHR_materials_iridescence", "no", "the material has no thin film", neutral="iridescenceFactor"),
+    Extension("KHR_materials_sheen", "works", "", _sheen,
+              {"sheen_color_texture": "sheenColorTexture", "sheen_roughness_texture": "sheenRoughnessTexture"}),
+    Extension("KHR_materials_specular", "works", "factors of the color above 4 count as 4", _reflections,
+              {"specular_texture": "specularTexture", "specular_color_texture": "specularColorTexture"}),
+    Extension("KHR_materials_transmission", "works", "shadow rays pass thin smooth glass only", _transmission,
+              {"transmission_texture": "transmissionTexture"}),
     Extension("KHR_materials_unlit", "works", "black in mirrors; a color of 1 is 1.2 cd/m²"),
     Extension("KHR_materials_variants", "works", "`load_gltf(variant=)`, `scene.use_variant`, `--variant`"),
-    Extension("KHR_materials_volume", "works", "meshes must be closed; thickness only says whether there is a volume"),
+    Extension("KHR_materials_volume", "works", "meshes must be closed; thickness only says whether there is a volume",
+              _volume),
     Extension("KHR_mesh_quantization", "works", ""),
     Extension("KHR_node_hoverability", "no", "for interaction only"),
     Extension("KHR_node_selectability", "no", "for interaction only"),
@@ -44,7 +135,8 @@ EXTENSIONS = (
     # Drafts of Khronos.
     Extension("KHR_audio_emitter", "no", "sounds are ignored"),
     Extension("KHR_implicit_shapes", "no", "shapes are for physics"),
-    Extension("KHR_materials_diffuse_transmission", "no", "the material is opaque"),
+    Extension("KHR_materials_diffuse_transmission", "no", "the material is opaque",
+              neutral="diffuseTransmissionFactor"),
     Extension("KHR_materials_volume_scatter", "no", "volumes scatter no light"),
     Extension("KHR_meshopt_compression", "works", "with the extra `formats`"),
     Extension("KHR_physics_rigid_bodies", "no", "physics is ignored"),
@@ -70,3 +162,11 @@ EXTENSIONS = (
 
 SUPPORTED_EXTENSIONS = tuple(extension.name for extension in EXTENSIONS if extension.status != "no")
 """The extensions that a file may require."""
+OF_MATERIALS = {
+    extension.name: extension
+    for extension in EXTENSIONS
+    if extension.status != "no" and extension.name.startswith("KHR_materials_")
+}
+"""Those of materials that are read, here or where materials and their variants are."""
+NEUTRAL = {extension.name: extension.neutral for extension in EXTENSIONS}
+"""By the names of extensions, the factor that makes them matter."""

@@ -11,21 +11,14 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene import checks
-from solari_vk.scene.gltf import lobes
 from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.model import Material
 
-# Extensions that change nothing while this field of theirs is zero.
-_NEUTRAL_FIELDS = {
-    "KHR_materials_diffuse_transmission": "diffuseTransmissionFactor",
-    "KHR_materials_dispersion": "dispersion",
-    "KHR_materials_iridescence": "iridescenceFactor",
-}
 _UNLIT = "KHR_materials_unlit"
-_READ = (_UNLIT, "KHR_materials_emissive_strength", *lobes.EXTENSIONS)
 
 
 @dataclass
@@ -72,8 +65,9 @@ class Materials:
                 "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
                 "normal_texture": self._textures.slot(entry, "normalTexture"),
                 "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
-                **lobes.slots(entry, self._textures),
             }
+            for extension, said in _read_extensions(entry):
+                found |= {field: self._textures.slot(said, key) for field, key in extension.textures.items()}
         slots = {name: slot for name, slot in found.items() if slot is not None}
         for name, slot in list(slots.items()):
             if slot.uv_set not in _uv_sets(slots):
@@ -96,6 +90,9 @@ class Materials:
         textures: dict[str, Any] = {
             name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()
         }
+        fields: dict[str, Any] = {"unlit": True} if _is_unlit(entry) else {}
+        for extension, said in _read_extensions(entry):
+            fields |= extension.read(said, entry, self._report)
         material = Material(
             base_color=np.array(base_color[:3], np.float32),
             metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
@@ -107,7 +104,7 @@ class Materials:
             alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
-            **({"unlit": True} if _is_unlit(entry) else lobes.fields(entry, slots, self._report)),
+            **fields,
             **textures,
         )
         return LoadedMaterial(material, uv_sets, normal)
@@ -115,12 +112,18 @@ class Materials:
     def _remark_extensions(self, entry: Entry) -> None:
         for name in entry.extensions():
             said = entry.extension(name)
-            neutral = _NEUTRAL_FIELDS.get(name)
-            if name in _READ or said is None:
+            neutral = NEUTRAL.get(name)
+            if name in OF_MATERIALS or said is None:
                 continue
             if neutral and said.data.get(neutral, 0) in (0, [0, 0, 0]):
                 continue
             self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
+
+
+def _read_extensions(entry: Entry) -> list[tuple[Extension, Entry]]:
+    """The extensions of a material that are read, each with what it says."""
+    found = [(extension, entry.extension(name)) for name, extension in OF_MATERIALS.items()]
+    return [] if _is_unlit(entry) else [(extension, said) for extension, said in found if said is not None]
 
 
 def _uv_sets(slots: dict[str, Slot]) -> tuple[int, ...]:

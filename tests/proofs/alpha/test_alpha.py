@@ -318,18 +318,20 @@ def test_holds(device, check):
 ALPHA, HISTORY = "scene/alpha.glsl", "passes/taa/history.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "rays pass as often as alpha says": (check_panes, Bug(
-        ALPHA, "alpha_threshold", "return square(correct(blend_point, instance_index, triangle, edge));")),
+        ALPHA, "alpha_threshold", "return square(correct(alpha_seed, instance_index, triangle, edge));")),
     "light takes colors": (check_colored_light, Bug(
-        ALPHA, "attenuate_by_cover(inout RayTransmittance through, vec4", "through.probability *= 1.0 - cover.w;")),
+        ALPHA, "attenuate_by_surface(inout RayTransmittance through, vec4",
+        "through.probability *= 1.0 - color_opacity.w;")),
     "lamps behind panes": (check_lamps, Bug(
-        "scene/walk.glsl", "accumulate_segment", "segment.along_ray.radiance = segment.along_ray.untinted; "
+        "scene/walk.glsl", "accumulate_segment",
+        "segment.along_ray.radiance = segment.along_ray.radiance_over_probability; "
         "return correct(walk, segment, radiance);")),
     "masks cover pixels": (check_mask, Bug(
-        ALPHA, "is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint", "return true;")),
+        ALPHA, "accepts_hit(vec4 color_opacity, uvec2 alpha_seed, uint instance_index, uint", "return true;")),
     "one seed for all rays": (check_random_numbers, Bug(
         "scene/trace.glsl", "random_alpha_seed", "return uvec2(7u);")),
     "frames are independent": (check_even_frames, Bug(
-        "passes/gbuffer/pixel.glsl", "pixel_blend_point",
+        "passes/gbuffer/pixel.glsl", "pixel_alpha_seed",
         "return pcg4d(uvec4(correct(pixel), this_frame.index, 0u)).xy;")),
     "chance counts as a change": (check_specks, Bug(HISTORY, "is_blended", "return false;")),
     "panes that are gone are remembered": (check_gone, Bug(HISTORY, "is_blended", "return true;")),
@@ -338,6 +340,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
 
 def test_a_hit_group_without_its_shader_is_noticed():
     """Pipelines ask the any-hit shader."""
-    bug = Bug(ALPHA, "resolve_cover(Material", "return vec4(correct(material, mesh, triangle, barycentrics).rgb, 1.0);")
+    opaque = "return vec4(correct(material, mesh, triangle, barycentrics).rgb, 1.0);"
+    bug = Bug(ALPHA, "resolve_color_opacity(Material", opaque)
     with seeded(bug), sv.Device(validation=True, rays="pipeline") as device:
         assert not trace(device, before_a_lamp(pane(0.5)), 4, SIZE, CAMERA, max_bounces=0).any()

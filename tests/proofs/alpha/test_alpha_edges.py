@@ -35,7 +35,7 @@ void main() {{
     uint hits = 0u, seen = 0u;
     for (uint ray = 0u; ray < RAYS; ray++) {{
         Hit hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_BOTH_FACES, random_alpha_seed(rng));
-        tint += trace_transmittance_and_probability(vec3(0.0), direction, 9.0, hit).tint;
+        tint += trace_transmittance_and_probability(vec3(0.0), direction, 9.0, hit).weight;
         hits += hit.instance != NO_INDEX ? 1u : 0u;
         hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_FRONT_FACES, random_alpha_seed(rng));
         seen += hit.instance != NO_INDEX ? 1u : 0u;
@@ -131,8 +131,8 @@ def test_cards_are_there_or_not(answers, alpha):
 
 
 BUGS = {
-    "light passes each triangle": Bug("scene/alpha.glsl", "edge_met", "return NO_EDGE;"),
-    "all panes have the same edges": Bug("scene/alpha.glsl", "edge_met", "return min(correct(instance_index, mesh, "
+    "light passes each triangle": Bug("scene/alpha.glsl", "hit_edge", "return NO_EDGE;"),
+    "all panes have the same edges": Bug("scene/alpha.glsl", "hit_edge", "return min(correct(instance_index, mesh, "
                                          "triangle, barycentrics), 1u);"),
 }  # fmt: skip
 

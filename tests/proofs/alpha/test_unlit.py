@@ -89,9 +89,10 @@ def test_a_card_casts_a_shadow(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     "other rays see it": (check_darkness, Bug(
-        "scene/surface.glsl", "resolve_hit_full", "ResolvedRayHitFull found = correct(hit, mesh, ray_direction, "
-        "cone_width); found.emits = found.emits || found.unlit; return found;")),
+        "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh",
+        "SurfaceInteraction found = correct(hit, mesh, ray_direction, cone_width); "
+        "found.emits_towards_ray = found.emits_towards_ray || found.unlit; return found;")),
     "it is lit": (check_color, Bug(
-        "scene/surface.glsl", "make_unlit", "vec3 color = material.base_color; correct(material); "
-        "material.base_color = color;")),
+        "scene/surface.glsl", "make_unlit", "vec3 color = material.base.color; correct(material); "
+        "material.base.color = color;")),
 })  # fmt: skip

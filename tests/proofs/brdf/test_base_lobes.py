@@ -66,7 +66,7 @@ def test_solaris_layerings_have_the_known_errors(device, shaders):
 
 
 def test_lambert_switch(shaders):
-    assert np.abs(furnace(shaders, 0.5, brdf_lambert=True) - 1).max() < 1e-5
+    assert np.abs(furnace(shaders, 0.5, lambertian_surfaces=True) - 1).max() < 1e-5
 
 
 # ---- samples ----------------------------------------------------------------------------------------
@@ -259,12 +259,12 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/brdf_table.glsl", "lookup_brdf_table", "return 0.99 * correct(NdotV, perceptual_roughness);")),
     "weights": (METAL, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                            "found.weight *= 1.01; return found;")),
-    "unit vectors": (METAL, Bug(SPECULAR, "sample_specular_lobe", "return 1.1 * correct(brdf, wo, u);")),
+    "unit vectors": (METAL, Bug(SPECULAR, "sample_specular", "return 1.1 * correct(specular, wo, u);")),
     "distribution": (METAL, Bug(
         MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);")),
     "distribution of both lobes": (with_shaders(check_draws, "rough plastic"), Bug(
-        BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf, wo, wi));")),
-    "values": (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(brdf, half_vector) - 1e-3;")),
+        BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf.specular, wo, wi));")),
+    "values": (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(specular, half_vector) - 1e-3;")),
     "finite samples": (NUMBERS, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                                     "found.weight /= found.pdf == 0.0 ? 0.0 : 1.0; return found;")),
     "reciprocity": (with_shaders(check_reciprocity), Bug(

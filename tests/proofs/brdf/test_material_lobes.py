@@ -14,13 +14,13 @@ DEGREES = (0, 30, 60, 75, 84)
 WHITE_GLASS = {"base_color": 1.0, "transmission": 1.0}
 SIDES = {
     "a thin wall": {},
-    "the outside of a solid": {"solid": 1},
-    "the inside of a solid": {"solid": 1, "inside": 1},
+    "the outside of a solid": {"solid": True},
+    "the inside of a solid": {"solid": True, "inside": 1},
 }
 LAYERS = {
-    "a smooth coat": {"coat": 1.0, "roughness": 0.5},
-    "a rough coat on metal": {"coat": 1.0, "coat_roughness": 0.4, "metallic": 1.0, "roughness": 0.4},
-    "a tilted coat": {"coat": 1.0, "coat_roughness": 0.3, "coat_normal": (0.28, 0.0, 0.96), "roughness": 0.6},
+    "a smooth coat": {"clearcoat": 1.0, "roughness": 0.5},
+    "a rough coat on metal": {"clearcoat": 1.0, "clearcoat_roughness": 0.4, "metallic": 1.0, "roughness": 0.4},
+    "a tilted coat": {"clearcoat": 1.0, "clearcoat_roughness": 0.3, "coat_normal": (0.28, 0.0, 0.96), "roughness": 0.6},
     "sheen": {"sheen_color": 1.0, "sheen_roughness": 0.4, "roughness": 0.6},
     "smooth sheen": {"sheen_color": 1.0, "sheen_roughness": 0.1, "roughness": 0.6},
     "anisotropic metal": {"anisotropy": 0.6, "anisotropy_direction": (0.6, 0.8), "metallic": 1.0, "roughness": 0.4},
@@ -29,10 +29,10 @@ LAYERS = {
     },
     "an anisotropic dielectric": {"anisotropy": 0.9, "anisotropy_direction": (0.6, 0.8), "roughness": 0.3},
     "a smooth anisotropic dielectric": {"anisotropy": 0.6, "anisotropy_direction": (0.6, 0.8), "roughness": 0.2},
-    "weak reflections": {"specular_weight": 0.3, "roughness": 0.3},
+    "weak reflections": {"specular": 0.3, "roughness": 0.3},
     "all at once": {
-        "coat": 0.6, "coat_roughness": 0.5, "sheen_color": 0.5, "sheen_roughness": 0.5, "anisotropy": 0.5,
-        "metallic": 0.3, "transmission": 0.5, "solid": 1, "roughness": 0.5,
+        "clearcoat": 0.6, "clearcoat_roughness": 0.5, "sheen_color": 0.5, "sheen_roughness": 0.5, "anisotropy": 0.5,
+        "metallic": 0.3, "transmission": 0.5, "solid": True, "roughness": 0.5,
     },
 }  # fmt: skip
 # What layers take twice, from light on its way down and up, is at most the layer's mean albedo: that of a coat is
@@ -148,7 +148,7 @@ def check_reciprocity(shaders, count=100_000):
 
     flip = np.array((1, 1, -1), np.float32)
     # So smooth that multiple scattering, which isn't reciprocal, stays below the bar.
-    solid = {"roughness": 0.15, "ior": 1.5, "solid": 1, **WHITE_GLASS}
+    solid = {"roughness": 0.15, "ior": 1.5, "solid": True, **WHITE_GLASS}
     wo = directions()
     wi = run(shaders, "draw", count, brdf_runs.materials(**solid), wo)[:, 0]
     refracted = (wi[:, 2] < -0.2) & (wo[:, 2] > 0.5)
@@ -158,7 +158,7 @@ def check_reciprocity(shaders, count=100_000):
     wo, wi = directions(), directions()
     for name, fields in (
         ("sheen over a diffuse surface", {"sheen_color": 0.8, "sheen_roughness": 0.5, "reflectance": 0.0}),
-        ("a coat over a diffuse surface", {"coat": 0.8, "coat_roughness": 1e-3, "reflectance": 0.0}),
+        ("a coat over a diffuse surface", {"clearcoat": 0.8, "clearcoat_roughness": 1e-3, "reflectance": 0.0}),
         ("an anisotropic dielectric without multiple scattering",
          {"anisotropy": 0.7, "base_color": 0.0, "reflectance": 0.0, "roughness": 0.4}),
     ):  # fmt: skip

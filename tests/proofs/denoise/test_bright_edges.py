@@ -129,7 +129,7 @@ def test_a_lamp_in_motion(device):
 SAMPLES = "passes/taa/samples.glsl"
 BUGS = {
     "light of a mirrored lamp stays there": Bug("passes/denoise/variance.comp", "extend", ""),
-    "reflections of curved surfaces in motion": Bug("passes/denoise/constants.glsl", "NORMALS_OF_LOBE", "1e9"),
+    "reflections of curved surfaces in motion": Bug("passes/denoise/constants.glsl", "LOBE_NORMAL_TOLERANCE", "1e9"),
     "blended surfaces in motion": Bug("passes/taa/history.glsl", "is_blended",
                                       "return is_still(center) && correct(center);"),
 }  # fmt: skip

@@ -254,7 +254,7 @@ def boxes_before_an_unlit_wall():
 def test_objects_as_small_as_pixels(device, make_scene):
     """Boxes about a pixel wide keep their light, also with short histories. Before an unlit wall they kept 53 % when
     all bright pixels were limited."""
-    found, raw = means_of_frames(device, make_scene(), (32, 32), JITTER_PERIOD, denoise_frames=8)
+    found, raw = means_of_frames(device, make_scene(), (32, 32), JITTER_PERIOD, denoise_max_history=8)
     assert found.mean() == pytest.approx(raw.mean(), rel=0.03)
 
 

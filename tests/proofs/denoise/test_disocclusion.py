@@ -91,5 +91,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, block_luminance); "
         "if (lobe.frames < 4.0) { found.deviation *= 0.01; } return found;")),
     "what is uncovered: histories of what was there": (check_moving_block, Bug(
-        "passes/denoise/previous_frame.glsl", "is_the_same", "return then.kind == guide.kind;")),
+        "passes/denoise/previous_frame.glsl", "is_consistent", "return previous_guide.kind == guide.kind;")),
 })  # fmt: skip

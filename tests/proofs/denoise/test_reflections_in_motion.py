@@ -63,7 +63,7 @@ def test_reflections_follow_the_camera(device, metallic, roughness, make):
 
 CONSTANTS = "passes/denoise/constants.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "reflections: they move like their surface": (check, Bug(CONSTANTS, "ONLY_SURFACE_MOTION", "0.0")),
+    "reflections: they move like their surface": (check, Bug(CONSTANTS, "SURFACE_MOTION_ROUGHNESS", "0.0")),
     "environment: infinity counts as unknown": (lambda device: check(device, make=open_hall), Bug(
-        CONSTANTS, "INVERSE_OF_INFINITY", "0.0")),
+        CONSTANTS, "MIN_INVERSE_HIT_DISTANCE", "0.0")),
 })  # fmt: skip

@@ -70,7 +70,7 @@ def test_a_search_without_neighbor_adds_nothing(device):
     poison = Bug("passes/reuse.glsl", "find_spatial_neighbor",
                  "bool found = correct(pixel, surface, radius, rng, neighbor, neighbor_surface); "
                  "if (!found) { neighbor_surface = surface; "
-                 "neighbor_surface.material.metallic = uintBitsToFloat(0x7FC00000u); } return found;")  # fmt: skip
+                 "neighbor_surface.material.base.metallic = uintBitsToFloat(0x7FC00000u); } return found;")  # fmt: skip
     with (
         seeded(poison),
         make_renderer(device, sv.builtin("cornell_box"), (16, 12), restir=True, spatial_tries=1) as renderer,

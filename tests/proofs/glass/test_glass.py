@@ -95,11 +95,11 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, Bug(
         "scene/walk.glsl", "transmittance", "return vec3(1.0);")),
     "a pane doesn't color light": (lambda device: test_shadow_rays(device, "nee", {}, PASSES), Bug(
-        "scene/alpha.glsl", "attenuate_by_cover(inout RayTransmittance through, vec4",
-        "through.probability *= 1.0 - cover.w;")),
+        "scene/alpha.glsl", "attenuate_by_surface(inout RayTransmittance through, vec4",
+        "through.probability *= 1.0 - color_opacity.w;")),
     "the tangent is turned": (lambda device: test_anisotropy_of_metal(device, 0.0), Bug(
-        "scene/material_lobes.glsl", "orient_lobes",
-        "correct(lobes, shading_normal, coat_normal, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
+        "scene/base_material.glsl", "orient_anisotropy",
+        "correct(base, frame, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
 })  # fmt: skip
 
 

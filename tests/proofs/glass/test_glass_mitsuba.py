@@ -20,7 +20,7 @@ MANY_REFLECTIONS = Bug(*FRESNEL, "float once = correct(eta, cosine); return 2.0 
 SINGLE_SCATTERING = Bug(
     "scene/lobes/glass.glsl",
     "prepare_glass",
-    "Glass glass = correct(material, cosine); glass.compensation = vec3(1.0); return glass;",
+    "Glass glass = correct(parameters, base, cosine); glass.compensation = vec3(1.0); return glass;",
 )
 INDEPENDENT_SHADOWS = Bug(
     "scene/lobes/glass.glsl",

@@ -309,7 +309,7 @@ def describing(change):
 test_a_seeded_bug_is_noticed = bug_tests({
     "diffuse albedo of metals": (
         lambda device: test_surfaces_are_the_path_tracers(device, "sphere_grid"),
-        describing("diffuse_albedo = material.base_color")),
+        describing("diffuse_albedo = material.base.color")),
     "diffuse albedo": (
         lambda device: test_surfaces_are_the_path_tracers(device, "cornell_box"), describing("diffuse_albedo *= 0.9")),
     "specular albedo": (test_specular_albedo_is_the_directional_albedo, describing("specular_albedo *= 0.9")),
@@ -325,5 +325,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
         MIRRORS_FILE, "previous_hit_position", "return world_position + 0.1;")),
     "clear walls": (measure_wall, NO_WALLS),
     LAMP: (measure_wall, Bug(
-        WRITE, "replace_primary_surface", "Guides found = correct(seen, pixel); found.lit = true; return found;")),
+        WRITE, "replace_primary_surface", "Guides found = correct(seen, pixel); found.is_noisy = true; return found;")),
 })  # fmt: skip

@@ -185,7 +185,7 @@ def test_samples_are_packed_as_they_resolve(device, tiles, samples):
     sun, directional = scene.lights[0], named["light_index"] == len(emissive)
     solid_angle = 2 * np.pi * (1 - np.cos(sun.angular_diameter / 2))
     position, normal = packed["world_position"].astype(np.float64), -packed["world_position"].astype(np.float64)
-    inverse_pdf = np.full(len(named), solid_angle / probabilities[-1])
+    inverse_area_pdf = np.full(len(named), solid_angle / probabilities[-1])
     u, v = (numbers[:, None] for numbers in random_numbers(named["seed"]))
     for light, instance in enumerate(emissive):
         mine = named["light_index"] == light
@@ -197,9 +197,9 @@ def test_samples_are_packed_as_they_resolve(device, tiles, samples):
         cross = np.cross(b - a, c - a) * np.sign(np.linalg.det(m[:3, :3]))
         length = np.linalg.norm(cross, axis=1)
         normal[mine] = cross / length[:, None]
-        inverse_pdf[mine] = length / 2 / (probabilities[light] * shares[part])
+        inverse_area_pdf[mine] = length / 2 / (probabilities[light] * shares[part])
     np.testing.assert_allclose(packed["world_position"], position, atol=2e-5)
-    np.testing.assert_allclose(packed["inverse_pdf"], inverse_pdf, rtol=1e-5)
+    np.testing.assert_allclose(packed["inverse_area_pdf"], inverse_area_pdf, rtol=1e-5)
     assert np.linalg.norm(decode_octahedral(packed["world_normal"]) - normal, axis=1).max() < 1e-4
     np.testing.assert_array_equal(packed["kind"], directional)  # 0 and 1 are rows of LIGHT_KINDS
     np.testing.assert_array_equal(packed["data"], named["light_index"] == emissive.index(two_sided))

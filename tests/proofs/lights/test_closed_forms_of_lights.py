@@ -196,20 +196,21 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 4.0 * correct(hit, ray_direction, ray_t);")),
     "a textured lamp": (over_floor("a lamp with a bright spot"), Bug(
         CHOICE, "choose_part", "return rand_range_u(light.part_count, rng);")),
-    "a sun": (over_floor("a wide sun"), Bug(SAMPLING, "light_hit_radiance", "return correct(met, 0.5, bounce_pdf);")),
-    "points have no density": (over_floor("a point light"), Bug(SAMPLING, "is_met_by_rays", "return true;")),
+    "a sun": (over_floor("a wide sun"), Bug(
+        SAMPLING, "mis_weighted_radiance", "return correct(light_hit, 0.5, bounce_pdf);")),
+    "points have no density": (over_floor("a point light"), Bug(SAMPLING, "can_be_hit_by_rays", "return true;")),
     "a range": (over_floor("a point light with a range"), Bug(
         *FALLOFF, "light.inverse_range = 0.0; return correct(light, direction, distance);")),
     "a cone": (over_floor("a spotlight"), Bug(*FALLOFF, "return sqrt(correct(light, direction, distance));")),
     "the density of a cone": (over_floor("a sphere light", "nee"), Bug(
         SPHERE, "sphere_cone", "SphereCone cone = correct(light, receiver); cone.one_minus_cos *= 0.9; return cone;")),
-    "hits of spheres": (over_floor("a sphere light"), meeting_spheres("met.inverse_pdf *= 20.0")),
+    "hits of spheres": (over_floor("a sphere light"), meeting_spheres("met.inverse_solid_angle_pdf *= 20.0")),
     "a spotlight's rays": (over_floor("a spotlight with a radius", "brdf"), meeting_spheres(
         "met.radiance = sphere_lights.at[index].strength")),
     "several lamps": (over_floor("six lights"), Bug(
         "scene/lights/point.glsl", "emission_cosine_point", "return 0.9;")),
     "invariance": (measure_invariance, Bug(
-        CHOICE, "choice_probability", "return part_probability(light, part);")),
+        CHOICE, "choice_probability_by_power", "return part_probability(light, part);")),
     SEEN: (measure_seen, meeting_spheres("met.radiance *= 0.25")),
     CIRCLE: (measure_seen, Bug(SPHERE, "sphere_cone", "light.radius *= 1.1; return correct(light, receiver);")),
 }, quick=("a lamp", "a cone"))  # fmt: skip

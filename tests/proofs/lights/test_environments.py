@@ -115,7 +115,7 @@ def measure_texels(device):
     points = np.stack([column - part % width, row - part // width])
     apart = np.abs(points - 0.5).max()
     solid_angle = 2 * np.pi**2 / (width * height) * np.hypot(x, z_axis)
-    error = np.abs(packed["inverse_pdf"] * _chances(fine)[part] / solid_angle - 1).max()
+    error = np.abs(packed["inverse_area_pdf"] * _chances(fine)[part] / solid_angle - 1).max()
     yield Measurement(DIRECTIONS, float(max(apart - 0.5, error)), 1e-4, "texels, or relative error")
     cells = np.floor(points * 8).clip(0, 7).astype(int)
     counts = np.bincount(cells[0] * 8 + cells[1], minlength=64)
@@ -232,5 +232,6 @@ test_a_seeded_bug_is_noticed = bug_tests({
     NOISE: (lambda device: measure_sun(device, 128), Bug(
         "scene/lights/choice.glsl", "has_equal_parts", "return true;")),
     MEANS: (lambda device: measure_means(device, FAST), Bug(
-        "scene/sampling.glsl", "light_hit_radiance", "return 0.5 * correct(met, choice_probability, bounce_pdf);")),
+        "scene/sampling.glsl", "mis_weighted_radiance",
+        "return 0.5 * correct(light_hit, light_probability, bounce_pdf);")),
 }, quick=(EVEN,))  # fmt: skip

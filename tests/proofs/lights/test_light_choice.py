@@ -165,10 +165,11 @@ CHOICE = "scene/lights/choice.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "aliases": (with_shaders(check_choice), Bug(CHOICE, "choose", "return row;")),
     "probabilities": (with_shaders(check_choice), Bug(
-        CHOICE, "choice_probability", "return part_probability(light, part);")),
+        CHOICE, "choice_probability_by_power", "return part_probability(light, part);")),
     "equal parts": (with_shaders(check_choice), Bug(CHOICE, "has_equal_parts", "return true;")),
-    "densities at hits": (with_shaders(check_densities), Bug("scene/surface.glsl", "resolve_hit_full", """
-        ResolvedRayHitFull surface = correct(hit, mesh, ray_direction, cone_width);
-        surface.light_area_pdf *= 1.01;
+    "densities at hits": (with_shaders(check_densities), Bug(
+        "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh", """
+        SurfaceInteraction surface = correct(hit, mesh, ray_direction, cone_width);
+        surface.area_pdf_by_power *= 1.01;
         return surface;""")),
 }, quick=("aliases",))  # fmt: skip

@@ -76,7 +76,7 @@ ResolvedLightSample resolve_bulb(uint index, uint part, vec2 u, float inverse_pr
     );
 }
 float emission_cosine_bulb(uint data, float cosine) { return 1.0; }
-uint shown_id_bulb(uint index) { return 1000u + index; }
+uint debug_color_id_bulb(uint index) { return 1000u + index; }
 #endif
 """, "sky": """
 #ifndef SKY_GLSL
@@ -91,7 +91,7 @@ ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_pro
     return ResolvedLightSample(LIGHT_SKY, 0u, direction, -direction, 0.0, radiance, inverse_probability * 4.0 * PI);
 }
 float emission_cosine_sky(uint data, float cosine) { return 1.0; }
-uint shown_id_sky(uint index) { return 2000u + index; }
+uint debug_color_id_sky(uint index) { return 2000u + index; }
 LightHit evaluate_sky(uint index, vec3 direction) {
     return LightHit(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0), INFINITY);
 }

@@ -200,8 +200,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
     SEVERAL_TILES: (several, Bug(
         VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, min(light_samples, 1.0));")),
     # the diffuse lobe is in the cache and followed
-    CACHED: (cached, Bug(PATH, "ask_world_cache", "bool goes_on = correct(path, surface); path.specular_only = false; "
-                         "return goes_on;")),
+    CACHED: (cached, Bug(PATH, "look_up_world_cache", "bool goes_on = correct(path, surface); "
+                         "path.specular_only = false; return goes_on;")),
     SEQUENCE: (measure_sequence, Bug("passes/paths/first_ray.comp", "start_path", "Path path = correct(pixel, surface, "
                                      "sample_index); path.u = rand_vec2f(path.rng); return path;")),
     # no specular lobe is followed

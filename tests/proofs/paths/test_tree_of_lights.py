@@ -40,7 +40,7 @@ def measure_tree(shaders):
     normals = random.normal(size=(POINTS, 3)) - receivers["position"]
     receivers["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     with bound(shaders.device, scene) as binder:
-        shares = binder.lights.sources.records["choice"]["probability"][:LAMPS].astype(np.float64)
+        shares = binder.lights.sources.records["by_power"]["probability"][:LAMPS].astype(np.float64)
         powers, positions = binder.lights.powers[:LAMPS], binder.lights.positions[:LAMPS]
         found = shaders.run("test/light_tree", POINTS * DRAWS, {**binder.resources, "receivers": receivers},
                             {"drawn": POINTS * DRAWS, "probabilities": POINTS * (LAMPS + 1)})  # fmt: skip

@@ -151,5 +151,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "offsets": (with_shaders(test_offsets, 1e-3), Bug(
         SURFACE, "world_ray_offset", "return 0.1 * correct(reach, world_from_object, cofactors, object_normal);")),
     "offsets of lights": (with_shaders(test_offsets, 1.0), Bug(
-        "scene/light_visibility.glsl", "light_segment", "return light_sample.world_position - ray_origin;")),
+        "scene/light_visibility.glsl", "shadow_ray_segment", "return light_sample.world_position - ray_origin;")),
 })  # fmt: skip

@@ -28,7 +28,7 @@ class CacheFrame(SceneFrame):
         self.settings, self.scene, self.seed = settings, scene, seed
         self.has_history = False
         self._table, tables = brdf_table.compute(device)
-        constants = {"brdf_lambert": settings.lambert, "first_ray": first_ray}
+        constants = {"lambertian_surfaces": settings.lambert, "first_ray": first_ray}
         stages = [
             light_tiles(settings),
             world_cache.paths_stage((8, 8), settings) if settings.lighting == "paths" else cache(settings),

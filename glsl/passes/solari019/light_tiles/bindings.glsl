@@ -10,7 +10,7 @@ struct PackedLightSample {
     vec3 world_position;
     uint world_normal;   // octahedral 2x16
     uint radiance;       // rgb9e5 of log2(1 + radiance * exposure)
-    float inverse_pdf;
+    float inverse_area_pdf;
     uint kind;
     uint data;
 };

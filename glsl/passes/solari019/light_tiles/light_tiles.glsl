@@ -19,7 +19,7 @@ PackedLightSample pack_light_sample(ResolvedLightSample resolved) {
         resolved.world_position,
         pack_octahedral_2x16(resolved.world_normal),
         pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure),
-        resolved.inverse_pdf,
+        resolved.inverse_area_pdf,
         resolved.kind,
         resolved.data
     );
@@ -33,7 +33,7 @@ ResolvedLightSample unpack_light_sample(PackedLightSample packed) {
         unpack_octahedral_2x16(packed.world_normal),
         0.0,
         unpack_radiance_log2_rgb9e5(packed.radiance, this_frame.exposure),
-        packed.inverse_pdf
+        packed.inverse_area_pdf
     );
 }
 

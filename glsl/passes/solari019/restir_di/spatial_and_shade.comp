@@ -58,8 +58,8 @@ void main() {
         mat3 frame = orthonormalize(surface.world_normal);
         vec3 wo = surface.wo * frame, wi = light.wi * frame;
         Brdf brdf = prepare_brdf(surface.material, wo);
-        float inverse_point_pdf = light.inverse_pdf * light_sample_probability(reservoir.light_sample);
-        vec3 received = light.radiance_times_geometry * (inverse_point_pdf * reservoir.unbiased_contribution_weight);
+        float inverse_point_pdf = light.inverse_area_pdf * light_sample_probability(reservoir.light_sample);
+        vec3 received = light.radiance_in_area_measure * (inverse_point_pdf * reservoir.unbiased_contribution_weight);
         diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
         if (di_shades_specular(surface.material, resolved.kind)) {
             specular = received * evaluate_specular_brdf(brdf, wo, wi);

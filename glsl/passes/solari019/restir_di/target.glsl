@@ -9,22 +9,22 @@
 
 // Whether DI shades the specular lobe. On smooth surfaces rays of that lobe find the lights that rays can meet.
 bool di_shades_specular(ResolvedMaterial material, uint light_kind) {
-    return material.roughness > specular_gi_settings.di_roughness || !is_met_by_rays(light_kind);
+    return material.base.roughness > specular_gi_settings.di_roughness || !can_be_hit_by_rays(light_kind);
 }
 
 // The specular lobe, if DI shades it. Color and multiple scattering are left out, because they would cost time and
 // change little.
 float specular_target(GBufferSurface surface, uint light_kind, vec3 dielectric_f0, vec3 world_wi) {
-    ResolvedMaterial material = surface.material;
-    if (brdf_lambert || restir_di_settings.target == DI_TARGET_MATTE) { return 0.0; }
-    if (material.roughness <= MIRROR_ROUGHNESS || !di_shades_specular(material, light_kind)) { return 0.0; }
+    BaseMaterial base = surface.material.base;
+    if (lambertian_surfaces || restir_di_settings.target == DI_TARGET_MATTE) { return 0.0; }
+    if (base.roughness <= MIRROR_ROUGHNESS || !di_shades_specular(surface.material, light_kind)) { return 0.0; }
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame, wi = world_wi * frame;
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }
     vec3 half_vector = normalize(wo + wi);
-    float f0 = luminance(mix(dielectric_f0, material.base_color, material.metallic));
-    return fresnel(vec3(f0), dot(wi, half_vector)).x * D_GGX(material.roughness, half_vector)
-        * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
+    float f0 = luminance(mix(dielectric_f0, base.color, base.metallic));
+    return fresnel(vec3(f0), dot(wi, half_vector)).x * D_GGX(base.roughness, half_vector)
+        * V_SmithGGXCorrelated(base.roughness, wo.z, wi.z);
 }
 
 const float MIN_DI_TARGET = 1e-30;  // so that neither a target nor 1 / target is infinite
@@ -36,11 +36,13 @@ const float MIN_DI_TARGET = 1e-30;  // so that neither a target nor 1 / target i
 float di_weight(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }
-    vec3 dielectric_f0 = reflectance_f0(surface.material.reflectance);
-    vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
+    vec3 dielectric_f0 = reflectance_f0(surface.material.base.reflectance);
+    vec3 color = max(surface.material.base.color + (1.0 - surface.material.base.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
     vec3 brdf = INVERSE_PI * color + specular_target(surface, resolved.kind, dielectric_f0, light.wi);
-    return min(luminance(brdf * light.radiance_times_geometry) * (cosine * light.inverse_pdf), 1.0 / MIN_DI_TARGET);
+    return min(
+        luminance(brdf * light.radiance_in_area_measure) * (cosine * light.inverse_area_pdf), 1.0 / MIN_DI_TARGET
+    );
 }
 
 // The target of a sample with this weight.

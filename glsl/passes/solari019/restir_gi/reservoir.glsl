@@ -28,8 +28,8 @@ vec3 gi_radiance(GiReservoir reservoir) {
 // Whether the pixel needs no reservoir: its surface has no diffuse lobe, and is too smooth to reuse the reservoir for
 // its specular lobe.
 bool takes_no_gi(GBufferSurface surface) {
-    bool smooth_metal = surface.material.metallic > frame_settings.pure_metal
-        && surface.material.roughness <= specular_gi_settings.reuse_roughness;
+    bool smooth_metal = surface.material.base.metallic > frame_settings.pure_metal
+        && surface.material.base.roughness <= specular_gi_settings.reuse_roughness;
     return !surface.exists || solari019_settings.gi == 0u
         || (restir_gi_settings.skip_smooth_metals != 0u && smooth_metal);
 }

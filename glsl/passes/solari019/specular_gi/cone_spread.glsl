@@ -7,10 +7,12 @@
 #include "scene/microfacet.glsl"
 
 BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
-    if (HAS_LOBES) { return sample_brdf(without_diffuse_lobe(brdf), wo, rng); }
-    if (brdf.mirror) { return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf, wo.z), INFINITY, false); }
-    vec3 wi = sample_specular_lobe(brdf, wo, rand_vec2f(rng));
-    float pdf = specular_pdf(brdf, wo, wi);
+    if (SCENE_LOBES) { return sample_brdf(without_diffuse_lobe(brdf), wo, rng); }
+    if (brdf.specular.mirror) {
+        return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf.specular, wo.z), INFINITY, false);
+    }
+    vec3 wi = sample_specular(brdf.specular, wo, rand_vec2f(rng));
+    float pdf = specular_pdf(brdf.specular, wo, wi);
     return BrdfSample(wi, pdf > 0.0 ? evaluate_specular_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, false);
 }
 

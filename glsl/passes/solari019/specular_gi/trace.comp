@@ -37,7 +37,7 @@ float widen_as_solari(float spread_width, float ray_t, float roughness) {
 
 // Whether a path may end in the world cache: its cone is wider and its last ray longer than a cell, so that cells
 // don't show.
-bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout uint rng) {
+bool may_end(SurfaceInteraction surface, float spread_width, float ray_t, inout uint rng) {
     float cell_size = get_cell_size(surface.world_position, rng);
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;
@@ -54,11 +54,11 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
-        ResolvedRayHitFull surface = resolve_surface(walk, segment.hit);
+        SurfaceInteraction surface = resolve_surface(walk, segment.hit);
         remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
         radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, ray_t));
 
-        bool mirror = always_reflects(surface.material);
+        bool mirror = continues_specular_chain(surface.material);
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = NO_CELL;
@@ -83,14 +83,14 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         Medium below = medium_below(segment.hit.instance, surface.material);
         NextEvent event;
         event.radiance = vec3(0.0);
-        if (!brdf.mirror || brdf.specular_probability < 1.0) {
+        if (!brdf.specular.mirror || brdf.specular_probability < 1.0) {
             event = sample_light(walk, surface, brdf, frame, wo, below, true, rng);
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
-        spread(cone, next, brdf.roughness);
+        spread(cone, next, brdf.specular.roughness);
         bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
         walk.origin = ray_origin(surface, walk.direction);
-        if (as_solari) { cone.width = widen_as_solari(cone.width, ray_t, surface.material.roughness); }
+        if (as_solari) { cone.width = widen_as_solari(cone.width, ray_t, surface.material.base.roughness); }
         // last, when the surface isn't needed any more
         if (max_component(event.radiance) > 0.0) {
             count_ray();
@@ -108,7 +108,8 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
 // Whether the pixel reuses the sample of ReSTIR GI. That sample contains no direct light, so DI must shade the specular
 // lobe too.
 bool reuses_gi(GBufferSurface surface) {
-    return surface.material.roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
+    float roughness = surface.material.base.roughness;
+    return roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
         && !takes_no_gi(surface);
 }
 
@@ -145,11 +146,11 @@ void main() {
     Medium below = medium_below(surface.instance, surface.material);
     bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
     if (!(possible && max_component(walk.throughput) > 0.0)) { return; }
-    walk.bounce_pdf = surface.material.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
+    walk.bounce_pdf = surface.material.base.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     Cone cone = Cone(0.0, 0.0);
-    spread(cone, next, brdf.roughness);
+    spread(cone, next, brdf.specular.roughness);
     if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {
-        cone.width = widen_as_solari(0.0, distance, surface.material.roughness);
+        cone.width = widen_as_solari(0.0, distance, surface.material.base.roughness);
     }
     specular_gi.at[index] = trace_path(walk, cone, rng);
 }

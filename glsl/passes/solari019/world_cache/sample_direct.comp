@@ -21,9 +21,9 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     for (uint i = 0u; i < world_cache_settings.candidates; i++) {
         LightCandidate candidate = sample_light_candidate(tile, rng);
         LightContribution light = calculate_resolved_light_contribution(candidate.resolved, surface.world_position);
-        float target = luminance(light.radiance_times_geometry) * max(dot(light.wi, surface.geometric_world_normal),
+        float target = luminance(light.radiance_in_area_measure) * max(dot(light.wi, surface.geometric_world_normal),
             0.0);
-        if (choose_weighted(weight_sum, target * light.inverse_pdf, rng)) {
+        if (choose_weighted(weight_sum, target * light.inverse_area_pdf, rng)) {
             chosen = candidate.light_sample;
             chosen_target = target;
         }
@@ -37,7 +37,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     vec3 transmittance = trace_light_transmittance(origin, light_sample);
     float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
     float inverse_pdf = weight_sum / (float(world_cache_settings.candidates) * chosen_target);
-    return light.radiance_times_geometry * (cosine * inverse_pdf) * transmittance;
+    return light.radiance_in_area_measure * (cosine * inverse_pdf) * transmittance;
 }
 
 void main() {

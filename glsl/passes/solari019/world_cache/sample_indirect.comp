@@ -23,5 +23,5 @@ void main() {
     uint lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;
     GatheredLight light = gather_light(walk, false, lifetime, rng);
     world_cache_samples.at[thread].irradiance +=
-        PI * gathered_radiance(light) * light.through.tint;  // PI is the cosine over the pdf
+        PI * gathered_radiance(light) * light.through.weight;  // PI is the cosine over the pdf
 }

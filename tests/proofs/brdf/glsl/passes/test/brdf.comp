@@ -1,6 +1,8 @@
 // The surface model for tests: samples, values at given directions, or the albedo, as MODE says. The albedo is
 // integrated over each lobe, or, for surfaces with all kinds of lobes, over samples.
 #version 460
+#include "scene/textures.glsl"
+#define sample_texture(texture_index, point) vec4(1.0)  // materials here have none
 #include "scene/brdf.glsl"
 
 layout(local_size_x = 64) in;
@@ -11,21 +13,9 @@ const uint MODE_DRAW = 0u, MODE_EVALUATE = 1u, MODE_ALBEDO = 2u, MODE_SAMPLED_AL
 layout(constant_id = MODE_id) const uint MODE = MODE_DRAW;
 
 struct TestMaterial {
-    vec3 base_color;
-    vec3 reflectance;
-    float metallic;
-    float perceptual_roughness;
-    float transmission;
-    float ior;
-    uint solid;
+    Material material;
     uint inside;
-    float specular_weight;
-    float coat;
-    float coat_roughness;
     vec3 coat_normal;
-    vec3 sheen_color;
-    float sheen_roughness;
-    float anisotropy;
     vec2 anisotropy_direction;
 };
 
@@ -36,13 +26,11 @@ layout(set = 1, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
 layout(set = 1, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
 
 ResolvedMaterial resolve(TestMaterial m) {
-    return ResolvedMaterial(
-        m.base_color, vec3(0.0), m.reflectance, m.perceptual_roughness, square(m.perceptual_roughness), m.metallic,
-        MaterialLobes(
-            m.transmission, m.ior, m.solid != 0u, m.inside != 0u, false, m.specular_weight, m.coat,
-            m.coat_roughness, m.coat_normal, m.sheen_color, m.sheen_roughness, m.anisotropy, m.anisotropy_direction
-        )
-    );
+    TexturePoint nowhere = TexturePoint(vec2(0.0), vec2(0.0), 0.0, 0.0);
+    ResolvedMaterial material = resolve_material(m.material, vec3(1.0), nowhere, m.inside == 0u);
+    material.coat.normal = m.coat_normal;
+    material.base.anisotropy_direction = m.anisotropy_direction;
+    return material;
 }
 
 // Integrates each lobe over the points that its sampling maps to, where the integrand is smooth.
@@ -53,15 +41,16 @@ vec3 integrate_albedo(Brdf brdf, vec3 wo) {
         vec2 u = vec2(fract(float(i) * 0.618033988749895), (float(i) + 0.5) / float(point_count));
         vec3 wi = sample_cosine_hemisphere(u.yx);
         sum += evaluate_diffuse_brdf(brdf, wo, wi) * PI / wi.z;
-        if (brdf.mirror || brdf_lambert) { continue; }
+        if (brdf.specular.mirror || lambertian_surfaces) { continue; }
         float from_end = 1.0 - u.y;
-        wi = sample_specular_lobe(brdf, wo, vec2(u.x, 1.0 - from_end * from_end));
+        wi = sample_specular(brdf.specular, wo, vec2(u.x, 1.0 - from_end * from_end));
         if (wi.z > 0.0) {
-            float pdf = specular_pdf(brdf, wo, wi);
+            float pdf = specular_pdf(brdf.specular, wo, wi);
             sum += 2.0 * from_end * evaluate_specular_brdf(brdf, wo, wi) / pdf;
         }
     }
-    return sum / float(point_count) + (brdf.mirror && !brdf_lambert ? specular_fresnel(brdf, wo.z) : vec3(0.0));
+    bool mirror = brdf.specular.mirror && !lambertian_surfaces;
+    return sum / float(point_count) + (mirror ? specular_fresnel(brdf.specular, wo.z) : vec3(0.0));
 }
 
 // The mean weight of samples over a lattice (Roberts's R3 sequence).

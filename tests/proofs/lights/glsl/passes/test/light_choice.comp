@@ -30,7 +30,7 @@ void main() {
         Hit hit = trace_closest_hit(receiver, 0.0, light.wi, INFINITY, TRACE_BOTH_FACES);
         bool same = hit.instance != NO_INDEX && hit.triangle == light_sample.part
             && instances.at[hit.instance].light_index == light_sample.light_index;
-        if (same) { hit_pdf = emissive_hit_pdf(resolve_ray_hit_full(hit, light.wi, 0.0), light.wi, hit.t); }
+        if (same) { hit_pdf = emissive_hit_pdf(resolve_surface_interaction(hit, light.wi, 0.0), light.wi, hit.t); }
     }
     drawn.at[i] = Drawn(
         light_sample.light_index, light_sample.part, light_sample_probability(light_sample), light.solid_angle_pdf,

@@ -21,7 +21,7 @@ void main() {
     if (i < drawn.at.length()) {
         uint rng = seed_rng(uvec2(i, 5u), 0u, 17u);
         ChosenLight chosen = choose_light(receivers.at[i / (drawn.at.length() / receivers.at.length())], rng);
-        drawn.at[i] = RisLightSample(chosen.index, chosen.probability);
+        drawn.at[i] = RisLightSample(chosen.light_index, chosen.probability);
     }
     if (i < probabilities.at.length()) {
         uint light_count = scene_info.light_count;

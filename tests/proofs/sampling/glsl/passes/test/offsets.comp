@@ -41,7 +41,7 @@ void main() {
     ResolvedLightSample light = ResolvedLightSample(
         LIGHT_EMISSIVE_MESH, 1u, end.world_position, end.geometric_world_normal, end.ray_offset, vec3(1.0), 1.0
     );
-    vec3 segment = light_segment(origin, light);
+    vec3 segment = shadow_ray_segment(origin, light);
     bool same = index == other_index && triangle == other_triangle;
     bool above = dot(segment, normal) > 0.0;
     // the far end by itself: what stands between must not hide it

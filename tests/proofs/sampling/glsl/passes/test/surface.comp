@@ -25,10 +25,10 @@ void main() {
     result[0] = bend_shading_normal(a, b, c);
 #else
     Hit hit = Hit(1.0, uint(a.x), uint(a.y), b.xy, true);
-    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, c, a.z);
+    SurfaceInteraction surface = resolve_surface_interaction(hit, c, a.z);
     result = mat3(
         surface.world_normal, surface.geometric_world_normal,
-        vec3(surface.ray_offset, triangle_area(hit), dot(surface.material.base_color, vec3(1.0)))
+        vec3(surface.ray_offset, triangle_area(hit), dot(surface.material.base.color, vec3(1.0)))
     );
 #endif
     for (uint k = 0u; k < 3u; k++) { results.at[3u * i + k] = result[k]; }

@@ -18,8 +18,8 @@ void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index >= cases.at.length()) { return; }
     Case c = cases.at[index];
-    ResolvedMaterial material = ResolvedMaterial(c.base_color, vec3(0.0), vec3(c.reflectance), c.perceptual_roughness,
-        square(c.perceptual_roughness), c.metallic, NO_LOBES);
+    BaseMaterial base = make_base(c.base_color, vec3(c.reflectance), c.perceptual_roughness, c.metallic);
+    ResolvedMaterial material = without_lobes(base, vec3(0.0));
     vec3 wo = vec3(sqrt(1.0 - square(c.cosine)), 0.0, c.cosine);
     Brdf brdf = prepare_brdf(material, wo);
     const uint COUNT = 256u;

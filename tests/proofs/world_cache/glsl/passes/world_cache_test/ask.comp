@@ -21,7 +21,7 @@ void main() {
     if (first_ray == 0u) {
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
         if (hit.instance == NO_INDEX) { return; }
-        ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, 0.0);
+        SurfaceInteraction surface = resolve_surface_interaction(hit, direction, 0.0);
         origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
         direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     }
