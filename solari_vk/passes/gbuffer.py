@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from solari_vk.gpu.frame.stages import Draw, DrawList, History, IfUsed, Pass, Stage
 from solari_vk.settings import Settings
 
