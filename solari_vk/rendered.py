@@ -167,8 +167,6 @@ class PictureRenderer(SceneUser, ABC):
     view: str = "picture"
     tonemap: str = "agx"
     """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
-    shows_proxies: bool = True
-    """Whether the picture shows an instance's ray_mesh where it has one."""
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
@@ -189,6 +187,11 @@ class PictureRenderer(SceneUser, ABC):
     @abstractmethod
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order."""
+
+    @property
+    def shows_proxies(self) -> bool:
+        """Whether the picture shows an instance's ray_mesh where it has one."""
+        return True
 
     @property
     def outputs(self) -> tuple[str, ...]:

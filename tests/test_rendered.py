@@ -79,8 +79,8 @@ def test_first_hits_are_the_same_from_both(device):
 
 
 def test_first_hits_show_what_the_picture_shows(device):
-    """Rays hit a ball where the picture shows a cube: raster is chosen, and first hits follow it. With a traced G-buffer
-    both show the ball."""
+    """Rays hit a ball where the picture shows a cube: raster is chosen, and first hits follow it. Where rays find the
+    first hits, both show the ball."""
     scene = sv.builtin("cornell_box")
     cube = scene.add(shapes.box(), sv.Material(base_color=(0.2, 0.4, 0.6)), place(0.6, (1, 1, 1)))
     expected = {}
