@@ -12,15 +12,17 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.passes import pathtracer
+from solari_vk.passes import gbuffer, pathtracer
 
 AVERAGED = 16  # rays of a pixel in a mean
 
 
 class FirstHits:
-    """Traces one ray through each pixel, on demand.
+    """Finds the surface at each pixel's center, on demand: by a ray, or by raster where the picture shows meshes that
+    rays don't hit.
 
-    The results show the scene as the binder holds it when they are computed.
+    The results show the scene as the binder holds it when they are computed. `proxies` says whether instances show
+    their ray_mesh where they have one.
     """
 
     def __init__(self, device: Device, binder: SceneBinder, tables: Mapping[str, Any]) -> None:
@@ -28,32 +30,36 @@ class FirstHits:
         self._binder = binder
         self._tables = tables
         self._frame: Frame | None = None
-        self._built: tuple[Any, ...] = ()  # the binder's version and the size for which the frame was built
+        self._built: tuple[Any, ...] = ()  # what the frame was built for
         self._shown: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
 
-    def read(self, name: str, projection: Projection, size: tuple[int, int]) -> NDArray[Any]:
+    def read(self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True) -> NDArray[Any]:
         """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
-        return pathtracer.read_aov(self._traced(projection, size, (0.0, 0.0)), name, size)
+        return pathtracer.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
 
     def read_means(self, names: Sequence[str], projection: Projection, size: tuple[int, int]) -> list[NDArray[Any]]:
-        """Means over the area of each pixel, (height, width[, channels]) each."""
+        """Means over the area of each pixel, (height, width[, channels]) each, with proxies."""
         means: list[Any] = [0.0] * len(names)
         for offset in JITTERS[:AVERAGED]:
-            frame = self._traced(projection, size, offset)
+            frame = self._found(projection, size, offset, True)
             for index, name in enumerate(names):
                 means[index] = means[index] + pathtracer.read_aov(frame, name, size) / np.float32(AVERAGED)
         return means
 
-    def _traced(self, projection: Projection, size: tuple[int, int], offset: tuple[float, float]) -> Frame:
+    def _found(
+        self, projection: Projection, size: tuple[int, int], offset: tuple[float, float], proxies: bool
+    ) -> Frame:
         """A frame whose buffers have the results at an offset from the pixels' centers, in pixels."""
         rows = pathtracer.max_rows(size)
-        built = self._binder.version, size
+        rasters = not proxies and gbuffer.PROXIES in self._binder.features
+        built = self._binder.version, self._binder.instance_capacity, size, rasters
         if self._frame is None or built != self._built:
             self.close()
             external = {**self._binder.resources, **self._tables}
-            self._frame = Frame(
-                self._device, [pathtracer.aov_stage(size, rows)], external=external, features=self._binder.features
-            )
+            stages = [pathtracer.aov_stage(size, rows, "raster_aov" if rasters else "aov")]
+            if rasters:
+                stages.insert(0, gbuffer.raster_stage(size, self._binder.instance_capacity))
+            self._frame = Frame(self._device, stages, external=external, features=self._binder.features)
             self._built = built
         shown = self._binder.revision, projection[1:], offset
         if shown != self._shown:

@@ -57,7 +57,7 @@ class RenderedFrame:
         renderer = self._renderer
         renderer.check_latest(self, name)
         if name in pathtracer.FIRST_HIT_AOVS:
-            return renderer.first_hits.read(name, self._projection, self.size)
+            return renderer.first_hits.read(name, self._projection, self.size, renderer.shows_proxies)
         return renderer.read(name)
 
     def keys(self) -> list[str]:
@@ -187,6 +187,11 @@ class PictureRenderer(SceneUser, ABC):
     @abstractmethod
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order."""
+
+    @property
+    def shows_proxies(self) -> bool:
+        """Whether the picture shows an instance's ray_mesh where it has one."""
+        return True
 
     @property
     def outputs(self) -> tuple[str, ...]:

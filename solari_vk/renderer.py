@@ -98,8 +98,14 @@ class Renderer(PictureRenderer):
 
     @property
     def gbuffer(self) -> str:
-        """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device."""
-        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer)
+        """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
+        the scene."""
+        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features)
+
+    @property
+    def shows_proxies(self) -> bool:
+        """Whether the picture shows an instance's ray_mesh where it has one."""
+        return self.gbuffer == "traced"
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
@@ -154,7 +160,7 @@ class Renderer(PictureRenderer):
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
         has_lobes = bool(LOBES & self.binder.features)
-        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes
+        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
 
     def _note_build(self) -> None:
         self._built = self._build_key()

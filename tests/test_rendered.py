@@ -9,7 +9,10 @@ import pytest
 from PIL import Image
 
 import solari_vk as sv
+from solari_vk import shapes
+from solari_vk.passes import gbuffer
 from solari_vk.passes.pathtracer import FIRST_HIT_AOVS
+from solari_vk.scene.builtin import place
 
 KINDS = [sv.Renderer, sv.PathTracer]
 SIZE = (16, 12)
@@ -73,6 +76,44 @@ def test_first_hits_are_the_same_from_both(device):
         scene.camera.look_at((1, 1, -2), (1, 1, 0))
         np.testing.assert_array_equal(first["depth"], second["depth"], err_msg="the camera that was rendered with")
         assert (realtime.render()["depth"] != second["depth"]).any()
+
+
+def test_first_hits_show_what_the_picture_shows(device):
+    """Rays hit a ball where the picture shows a cube: raster is chosen, and first hits follow it. Where rays find the
+    first hits, both show the ball."""
+    scene = sv.builtin("cornell_box")
+    cube = scene.add(shapes.box(), sv.Material(base_color=(0.2, 0.4, 0.6)), place(0.6, (1, 1, 1)))
+    expected = {}
+    for shown, mesh in (("cube", shapes.box()), ("ball", shapes.sphere(0.5))):
+        cube.mesh = mesh
+        with sv.Renderer(device, scene, (64, 48)) as renderer:
+            frame = renderer.render()
+            expected[shown] = {name: frame[name] for name in FIRST_HIT_AOVS}
+    cube.update(mesh=shapes.box(), ray_mesh=shapes.sphere(0.5))
+    for shown, way in (("cube", "auto"), ("cube", "raster"), ("ball", "traced")):
+        with sv.Renderer(device, scene, (64, 48), sv.Settings(gbuffer=way)) as renderer:
+            frame = renderer.render()
+            assert renderer.gbuffer == ("raster" if shown == "cube" else "traced")
+            same = frame["instance_id"] == expected[shown]["instance_id"]
+            assert same.mean() > 0.995
+            for name, values in expected[shown].items():
+                close = np.isclose(frame[name], values, rtol=1e-4, atol=1e-4).reshape(*same.shape, -1).all(-1)
+                assert close[same].mean() > 0.99, name
+            seen = renderer["gbuffer_surface"][..., 1] == max(frame.instances)
+            assert (seen == frame.mask(cube)).mean() > 0.97, "the picture, whose samples are jittered, shows the same"
+    assert (expected["cube"]["depth"] != expected["ball"]["depth"]).mean() > 0.05
+
+
+def test_a_ray_mesh_that_comes_later_makes_the_picture_raster(device):
+    assert gbuffer.way_on("discrete_gpu") == "traced"
+    assert gbuffer.way_on("discrete_gpu", "auto", {gbuffer.PROXIES}) == "raster"
+    scene = sv.builtin("cornell_box")
+    with sv.Renderer(device, scene, SIZE, sv.Settings(gbuffer="auto")) as renderer:
+        renderer.render()
+        scene.instances["tall block"].ray_mesh = shapes.sphere(0.01)
+        frame = renderer.render()
+        assert renderer.gbuffer == "raster"
+        assert frame.mask("tall block").any()
 
 
 def test_masks_show_instances(renderer):

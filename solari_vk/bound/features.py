@@ -42,6 +42,7 @@ FEATURES = (
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
     Feature("POSES", Instance, lambda instance: instance.posed),
+    Feature("PROXIES", Instance, lambda instance: instance.ray_mesh is not None),
     Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),
     Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from solari_vk.gpu.frame.stages import Draw, DrawList, History, IfUsed, Pass, Stage
 from solari_vk.settings import Settings
 
@@ -10,14 +12,16 @@ COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
 because those don't hide them, outside the frustum, and occluded. Their sum is the number of visible instances."""
 
 _DRAW_COUNT_BYTES = 4
+PROXIES = "SCENE_PROXIES"  # the feature of instances with a ray_mesh
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
-def way_on(device_kind: str, way: str = "auto") -> str:
-    """ "raster" or "traced": for "auto", what is faster on a device of this kind (`DeviceProperties.kind`)."""
+def way_on(device_kind: str, way: str = "auto", features: Collection[str] = ()) -> str:
+    """ "raster" or "traced". For "auto", what is faster on a device of this kind (`DeviceProperties.kind`), and raster
+    where a scene with these features has meshes for rays alone, so that pictures show the others."""
     if way != "auto":
         return way
-    return "raster" if device_kind == "cpu" else "traced"
+    return "raster" if device_kind == "cpu" or PROXIES in features else "traced"
 
 
 def stage(
@@ -39,18 +43,22 @@ def stage(
     }
     passes: list[Pass | Draw] = [Pass("gbuffer/trace", threads=size)]
     if way == "raster":
-        levels = _pyramid_sizes(size)
-        buffers |= {
-            "gbuffer_counters": 1,
-            "draw_counts": 1,
-            "single_sided_draws": instance_capacity,
-            "double_sided_draws": instance_capacity,
-            "visible_instances": instance_capacity,
-            "depth_pyramid": sum(width * height for width, height in levels),
-        }
+        levels = _pyramid_sizes(size) if settings.occlusion_culling else []
+        buffers |= _raster_buffers(instance_capacity, levels)
         images |= {"raster_triangles": size, "raster_depth": size}
-        passes = _raster_passes(size, settings, instance_capacity, levels)
+        passes = _raster_passes(settings, instance_capacity, levels)
+        passes.append(Pass("gbuffer/resolve", threads=size))
     return Stage("gbuffer", buffers=buffers, images=images, passes=passes)
+
+
+def raster_stage(size: tuple[int, int], instance_capacity: int) -> Stage:
+    """The nearest triangle of each pixel alone. Outputs: `raster_triangles`, `depth`."""
+    return Stage(
+        "raster",
+        buffers=_raster_buffers(instance_capacity, []),
+        images={"raster_triangles": size, "raster_depth": size, "depth": size},
+        passes=_raster_passes(Settings(occlusion_culling=False), instance_capacity, []),
+    )
 
 
 def last_stage(instance_capacity: int) -> Stage:
@@ -62,11 +70,20 @@ def last_stage(instance_capacity: int) -> Stage:
     return Stage("remember", passes=[Pass("gbuffer/remember_instances", threads=instance_capacity)])
 
 
-def _raster_passes(
-    size: tuple[int, int], settings: Settings, rows: int, levels: list[tuple[int, int]]
-) -> list[Pass | Draw]:
-    """Draws the instances that were visible in the previous frame, then those that the first ones don't hide, and
-    resolves the surface of each pixel once."""
+def _raster_buffers(instance_capacity: int, levels: list[tuple[int, int]]) -> dict[str, int]:
+    return {
+        "gbuffer_counters": 1,
+        "draw_counts": 1,
+        "single_sided_draws": instance_capacity,
+        "double_sided_draws": instance_capacity,
+        "visible_instances": instance_capacity,
+        "depth_pyramid": max(sum(width * height for width, height in levels), 1),
+    }
+
+
+def _raster_passes(settings: Settings, rows: int, levels: list[tuple[int, int]]) -> list[Pass | Draw]:
+    """Draws the instances that were visible in the previous frame, then those that the first ones don't hide; without
+    levels of the depth pyramid, all that are in view."""
 
     def draw(number: int) -> list[Pass | Draw]:
         constants = {
@@ -85,13 +102,9 @@ def _raster_passes(
         ]
 
     passes = [Pass("gbuffer/begin", threads=1), *draw(0)]
-    if settings.occlusion_culling:
-        passes += [
-            Pass("gbuffer/depth_pyramid", threads=level, constants={"level": number})
-            for number, level in enumerate(levels, 1)
-        ]
-        passes += draw(1)
-    return [*passes, Pass("gbuffer/resolve", threads=size)]
+    for number, level in enumerate(levels, 1):
+        passes.append(Pass("gbuffer/depth_pyramid", threads=level, constants={"level": number}))
+    return [*passes, *draw(1)] if levels else passes
 
 
 def _pyramid_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:

@@ -65,13 +65,17 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
     )
 
 
-def aov_stage(size: tuple[int, int], rows: int) -> Stage:
-    """The surface at the center of every pixel. Outputs: `aov_*`."""
+def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov") -> Stage:
+    """The surface at the center of every pixel, by a ray or, with the shader "raster_aov", of the triangle that raster
+    has found.
+
+    Outputs: `aov_*`.
+    """
     pixels = size[0] * size[1]
     return Stage(
         "aov",
         buffers={f"aov_{name}": pixels for name in FIRST_HIT_AOVS},
-        passes=[Pass("pathtracer/aov", threads=(size[0], rows))],
+        passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows))],
     )
 
 

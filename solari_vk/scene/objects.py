@@ -124,10 +124,11 @@ class Instance(Checked):
 
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
     invertible. A vector (3,) stands for a position in meters. It is read-only: to move an instance, assign a new one,
-    such as `move @ instance.transform`. ray_mesh: a simpler mesh that rays hit instead of `mesh`. An instance
-    that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4) and morph_weights (T,) are
-    its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to `transform`, and how much of each
-    morph target is added. Raises SolariError for a singular transform, and for poses that don't fit the mesh.
+    such as `move @ instance.transform`. ray_mesh: a simpler mesh that rays hit instead of `mesh`, which realtime frames
+    show by raster. An instance that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4)
+    and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
+    `transform`, and how much of each morph target is added. Raises SolariError for a singular transform, and for poses
+    that don't fit the mesh.
     """
 
     mesh: Mesh

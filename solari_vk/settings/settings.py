@@ -37,7 +37,7 @@ class Settings(SeparatePasses):
     jitter: bool = _frame(True, "Move samples within the pixel from frame to frame, for antialiasing.")
     gbuffer: str = _frame(
         "auto", "How the surface of a pixel is found: by rasterization or by rays. auto: by what is faster, which is "
-        "rays on GPUs and rasterization on software devices.",
+        "rays on GPUs and rasterization on software devices; by rasterization where instances have a ray_mesh.",
         choices=("auto", "raster", "traced"), rebuilds=True)  # fmt: skip
     frustum_culling: bool = _frame(True, "Skip instances outside the view when rasterizing.", rebuilds=True)
     occlusion_culling: bool = _frame(True, "Skip instances that others hide when rasterizing.", rebuilds=True)

@@ -83,7 +83,8 @@ vec3 mesh_reach(Mesh mesh) {
 float gbuffer_ray_offset(GBufferSurface surface) {
     Instance instance = instances.at[surface.instance];
     mat4x3 m = instance.world_from_object;
-    vec3 reach = max(mesh_reach(meshes.at[instance.mesh]), mesh_reach(meshes.at[instance.ray_mesh]));
+    vec3 reach = mesh_reach(meshes.at[instance.ray_mesh]);
+    if (SCENE_PROXIES) { reach = max(reach, mesh_reach(meshes.at[instance.mesh])); }
     vec3 object_normal = normalize(surface.geometric_world_normal * mat3(m));
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
     float rounding = 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);

@@ -1,0 +1,33 @@
+// The values of the AOVs of a pixel.
+#ifndef PASSES_PATHTRACER_AOV_GLSL
+#define PASSES_PATHTRACER_AOV_GLSL
+
+#include "passes/pathtracer/bindings.glsl"
+#include "scene/surface.glsl"
+
+void store_empty_aovs(uint index) {
+    aov_instance_id.at[index] = NO_INDEX;
+    aov_depth.at[index] = INFINITY;
+    aov_position.at[index] = vec3(0.0);
+    aov_geometric_normal.at[index] = vec3(0.0);
+    aov_shading_normal.at[index] = vec3(0.0);
+    aov_albedo.at[index] = vec3(0.0);
+    aov_roughness_metallic.at[index] = vec2(0.0);
+    aov_emissive.at[index] = vec3(0.0);
+}
+
+// `mesh` is the instance's mesh or its ray mesh, of whichever the ray hit a triangle.
+void store_aovs(uint index, CameraRay ray, Hit hit, Mesh mesh) {
+    SurfaceInteraction surface =
+        resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
+    aov_instance_id.at[index] = hit.instance;
+    aov_depth.at[index] = hit.t * ray.depth_per_t;
+    aov_position.at[index] = surface.world_position;
+    aov_geometric_normal.at[index] = surface.geometric_world_normal;
+    aov_shading_normal.at[index] = surface.world_normal;
+    aov_albedo.at[index] = surface.material.base.color;
+    aov_roughness_metallic.at[index] = vec2(surface.material.base.perceptual_roughness, surface.material.base.metallic);
+    aov_emissive.at[index] = shown_emission(surface);
+}
+
+#endif
