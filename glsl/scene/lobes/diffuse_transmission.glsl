@@ -59,6 +59,4 @@ vec3 evaluate_diffuse_transmission(DiffuseTransmission lobe, Specular specular, 
 // What it adds to the pdf of the diffuse lobe.
 float diffuse_transmission_pdf(DiffuseTransmission lobe, vec3 wi) { return -lobe.probability * diffuse_pdf(wi); }
 
-vec3 sample_diffuse_transmission(vec2 u) { return sample_diffuse(u) * vec3(1.0, 1.0, -1.0); }
-
 #endif
