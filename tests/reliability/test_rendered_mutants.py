@@ -15,8 +15,10 @@ COUNT = 250  # mutants of each kind that load
 
 
 @pytest.mark.slow
-def test_mutants_are_rendered(any_device, tmp_path):
+def test_mutants_are_rendered(device, tmp_path):
     """A thousand, among them all kinds of glTF files."""
+    if "(LLVM 15" in device.name:
+        pytest.skip("LLVM 15 takes more than five minutes to compile a shader with all features")
     program = Path(__file__).with_name("render_mutants.py")
     done = subprocess.run(
         [sys.executable, program, tmp_path, str(COUNT), "0", *GLTF], capture_output=True, text=True, timeout=7200,
