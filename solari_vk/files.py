@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import secrets
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from solari_vk.budget import charge
 from solari_vk.errors import SolariError
 
 LARGEST_JSON = 2**26
+_UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{16}(\.[^.]*)")  # the names of `_beside`
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 
 
@@ -73,6 +75,14 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
     """Write a file; text as UTF-8. Raises SolariError when that fails, and leaves the file at `path` as it was."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def remove_unfinished(folder: Path, names: Collection[str]) -> None:
+    """Remove from a folder what a killed process had begun to write of files with these names."""
+    for path in folder.iterdir():
+        found = _UNFINISHED.fullmatch(path.name)
+        if found and "".join(found.groups()) in names:
+            _remove(path)
 
 
 def check_writable(path: Path) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solari_vk.cluster.tasks import Style, View
 from solari_vk.errors import SolariError
-from solari_vk.files import read_json, write_whole
+from solari_vk.files import read_json, remove_unfinished, write_whole
 from solari_vk.output.animation import MAX_CAMERAS, orbit
 from solari_vk.scene.framing import ROOM_FOV, extent, find_room, fit, trace
 from solari_vk.scene.model import Camera, Scene
@@ -126,6 +126,7 @@ def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
 
 def write_transforms(folder: Path, style: Style, views: Sequence[View]) -> None:
     """Write `transforms.json` for views in a folder; `layer_paths` of a frame names the files of its layers."""
+    remove_unfinished(folder, [NAME])
     write_whole(folder / NAME, json.dumps(_transforms(style, views), indent=1))
 
 

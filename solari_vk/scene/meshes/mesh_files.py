@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.budget import charge
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
@@ -45,7 +45,7 @@ def load_mesh_file(
     if not 1e-12 <= unit_length <= 1e12:
         raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit_length}")
     if up is not None and up not in UP_AXES.values() and up != "x":
-        raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {up!r}")
+        raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit_length
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
