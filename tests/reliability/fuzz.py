@@ -56,9 +56,10 @@ def load(subject: Subject, outside: list[str]) -> str:
     outside.clear()
     said, began, refusal = io.StringIO(), time.monotonic(), ""
     before = forget_peak()
+    printing = contextlib.redirect_stdout(said), contextlib.redirect_stderr(said)
     signal.alarm(subject.seconds)
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), load_budget(BUDGET):
+        with printing[0], printing[1], load_budget(BUDGET, subject.seconds / 2):
             subject.load()
     except SolariError as error:
         refusal = str(error)

@@ -21,6 +21,7 @@ from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.libraries import library
 from solari_vk.scene.matrices import rotation, unit
 from solari_vk.scene.meshes.mtl import MtlFiles
+from solari_vk.scene.meshes.ply_header import check_ply
 from solari_vk.scene.meshes.smoothing import smooth_normals
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
@@ -29,6 +30,8 @@ UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 
 
 _BYTES_PER_BYTE = 12  # of a file, while it is read
+_BYTES_PER_PART = 2**15
+_PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid")}
 _BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
 
 
@@ -54,6 +57,11 @@ def load_mesh_file(
     log = library("trimesh.util", str(path)).log
     data = read_regular(path, str(path))
     charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
+    if kind == "ply":
+        check_ply(data, str(path))
+    else:
+        parts = sum(1 for _ in _PARTS[path.suffix.lower()].finditer(data))
+        charge(_BYTES_PER_PART * parts, str(path), f"its {parts:,} parts")
 
     def silence(_: object) -> bool:
         return False
