@@ -77,6 +77,22 @@ def images(folder, n):
     return made
 
 
+def decoded(folder, n, *format, **options):
+    """Pictures that take more memory while they are decoded than after it."""
+    made = gltf(folder)
+    texture = {"index": made.image(np.zeros((256 * n, 256 * n, 3)), *format, **options)}
+    made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture))
+    return made
+
+
+def webp(folder, n):
+    return decoded(folder, n, "WEBP", lossless=True, method=0)
+
+
+def progressive(folder, n):
+    return decoded(folder, n, "JPEG", progressive=True)
+
+
 def animations(folder, n):
     """Channels that all have the same keys."""
     made = gltf(folder)
@@ -139,6 +155,13 @@ def mesh_text(folder, n):
     return path
 
 
+def solids(folder, n):
+    path = folder / "bomb.stl"
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    path.write_text(f"solid a\n{facet}endsolid\n" * (64 * n))
+    return path
+
+
 def radiance(folder, n):
     """Runs of one color."""
     path, width, height = folder / "bomb.hdr", 512 * n, 256
@@ -160,7 +183,8 @@ def exr(folder, n):
     return path
 
 
-BOMBS = morphs, images, animations, primitives, skins, instances, text, materials, mesh_text, radiance, exr
+BOMBS = (morphs, images, webp, progressive, animations, primitives, skins, instances, text, materials, mesh_text,
+         solids, radiance, exr)
 
 
 def file_of(bomb, folder, n):
