@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import resource
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -142,16 +144,26 @@ def test_five_hundred_resizes(device, kind):
     assert late[-1] - early[-1] < 16e6
 
 
+FORTY = """
+import sys
+sys.path[:0] = sys.argv[1:]
+import solari_vk as sv
+from test_endurance import in_use, resident_bytes
+for _ in range(40):
+    with sv.Device() as device, sv.PathTracer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
+        renderer.render(samples=1)
+    del device, renderer
+    print(*in_use(), resident_bytes())
+"""
+
+
 @pytest.mark.slow
 def test_forty_devices(any_device):
-    """Opened and closed one after the other, each with a picture."""
-    states = []
-    for _ in range(40):
-        with sv.Device() as opened, sv.PathTracer(opened, sv.builtin("cornell_box"), (8, 8)) as renderer:
-            renderer.render(samples=1)
-            del renderer
-        states.append((*in_use(), resident_bytes()))
+    """Opened and closed one after the other, each with a picture; in a process of its own, whose heap has no holes."""
+    run = subprocess.run([sys.executable, "-c", FORTY, *sys.path], capture_output=True, text=True, check=True)
+    states = [tuple(map(int, line.split())) for line in run.stdout.splitlines()]
     print(f"40 devices: {states[9][-1] / 1e6:.0f} MB after 10, {states[-1][-1] / 1e6:.0f} after 40; open files and "
           f"threads {states[-1][:2]}")
+    assert len(states) == 40
     assert states[-1][:-1] == states[9][:-1]
     assert states[-1][-1] - states[9][-1] < 30e6

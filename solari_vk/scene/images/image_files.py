@@ -17,7 +17,7 @@ Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
 LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
 _BYTES_PER_PIXEL = 8  # RGBA, and what it is decoded to
-_WORKING_BYTES = {"": 8, "16 bits": 24, "WEBP": 32, "progressive": 24}  # of a pixel, while it is decoded
+_WORKING_BYTES, _WORKING_BYTES_OF_WEBP = 12, 20  # of a pixel, while it is decoded
 _BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 
 
@@ -28,17 +28,14 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
         raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
     count = image.width * image.height
     text = f"the image of {image.width} x {image.height} pixels"
-    charge(_BYTES_PER_PIXEL * count, who, text, working=_WORKING_BYTES[_effort(image)] * count)
+    charge(_BYTES_PER_PIXEL * count, who, text, working=working_bytes(image))
     return image
 
 
-def _effort(image: Any) -> str:
-    """What makes it take more memory to decode an image."""
-    if isinstance(image, ktx2.Ktx2Image):
-        return ""
-    if image.format == "WEBP":
-        return "WEBP"
-    return "16 bits" if image.mode[0] == "I" else "progressive" if image.info.get("progressive") else ""
+def working_bytes(image: Any) -> int:
+    """The bytes that decoding an opened image takes beside the pixels."""
+    of_webp = getattr(image, "format", "") == "WEBP"
+    return int((_WORKING_BYTES_OF_WEBP if of_webp else _WORKING_BYTES) * image.width * image.height)
 
 
 def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
