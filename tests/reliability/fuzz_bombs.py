@@ -229,10 +229,10 @@ def obj(draw: Draw, folder: Path) -> Path:
 def ply(draw: Draw, folder: Path) -> Path:
     """A header that declares more than there is, or much of it."""
     path, kind = folder / "bomb.ply", draw(st.sampled_from(["ascii", "binary_little_endian"]))
-    properties = ["float x", "float y", "float z"] + [f"{draw(st.sampled_from(['double', 'uchar']))} p{n}"
-                                                      for n in range(draw(st.sampled_from([0, 0, 16, 4000])))]
-    vertices, faces = draw(st.sampled_from([3, 30_000, draw(HUGE)])), draw(st.sampled_from([1, 30_000, draw(HUGE)]))
-    lists = draw(st.sampled_from(["list uchar int vertex_indices", "list uint int vertex_indices", "uchar a"]))
+    more, count = draw(st.sampled_from(["double", "uchar"])), draw(st.sampled_from([0, 0, 16, 4000]))
+    properties = ["float x", "float y", "float z", *(f"{more} p{number}" for number in range(count))]
+    vertices, faces = (draw(st.sampled_from([few, few, 30_000, draw(HUGE)])) for few in (3, 1))
+    lists = draw(st.sampled_from([*["list uchar int vertex_indices"] * 4, "list uint int vertex_indices", "uchar a"]))
     header = [f"element vertex {vertices}", *(f"property {text}" for text in properties)]
     header += [f"element face {faces}", f"property {lists}"]
     for number in range(draw(st.sampled_from([0, 0, 0, 4, 1000]))):
@@ -244,7 +244,8 @@ def ply(draw: Draw, folder: Path) -> Path:
         sizes = [{"float": "f", "double": "d", "uchar": "B"}[text.split()[0]] for text in properties]
         rows = [struct.pack("<" + "".join(sizes), *corner) for corner in corners.tolist()]
     row = b"".join(rows)
-    triangle = b"3 0 1 2\n" if kind == "ascii" else draw(st.sampled_from([b"\3" + bytes(12), b"\xff\xff\xff\x7f"]))
+    packed = struct.pack("<B3i", 3, 0, 1, 2)
+    triangle = b"3 0 1 2\n" if kind == "ascii" else draw(st.sampled_from([packed, packed, b"\xff" * 4]))
     body = row * min(vertices // 3, 10_000, 2**24 // len(row)) + triangle * min(faces, 30_000)
     path.write_bytes(start.encode() + body)
     return path
@@ -264,7 +265,7 @@ def stl(draw: Draw, folder: Path) -> Path:
 
 def poses(draw: Draw, folder: Path) -> Path:
     """Lists of poses, frames of transforms.json, and JSON that is large without saying anything."""
-    path, count = folder / "bomb.json", draw(st.sampled_from([2, 1000, 100_000, 1_000_000]))
+    path, count = folder / "bomb.json", draw(st.sampled_from([2, 1000, 20_000, 400_000]))
     item = draw(st.sampled_from([
         "[]", "{}", "0", "[[[[[]]]]]", *['{"position":[1,1,1],"target":[0,0,0]}'] * 4,
         '{"transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}',

@@ -13,7 +13,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from solari_vk.cli import main
+from solari_vk.cli import info, main
 from solari_vk.cli.commands import COMMANDS
 from solari_vk.cli.options import make_parser
 from solari_vk.cluster import worker_pool
@@ -48,6 +48,7 @@ def prepare(folder: Path) -> None:
     os.environ.update(SOLARI_VK_VALIDATION="0", SOLARI_VK_CACHE=str(folder / "cache"))
     os.environ.pop("DISPLAY", None)
     worker_pool.CONNECT_SECONDS = 0.2
+    info._why_not = lambda trial: ""  # imports all optional packages, each in a process of its own
     os.chdir(folder)
     for name in ("pipe", "pipe.json", "pipe.glb", "pipe.obj", "pipe.hdr"):
         os.mkfifo(name)

