@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 
 MEMORY, SECONDS = 2 * 2**30, 600.0
 """The default of bytes and of seconds."""
@@ -49,7 +49,8 @@ def load_budget(memory: int | None = None, seconds: float | None = None) -> Iter
     if seconds is None:
         seconds = _parse_seconds(os.environ.get("SOLARI_VK_LOAD_SECONDS", str(SECONDS)))
     if not (isinstance(memory, int) and isinstance(seconds, int | float) and memory > 0 and seconds > 0):
-        raise SolariError(f"load: give memory in bytes and seconds, both above 0, not {memory!r} and {seconds!r}")
+        given = f"{quoted(memory)} and {quoted(seconds)}"
+        raise SolariError(f"load: give memory in bytes and seconds, both above 0, not {given}")
     budget = Budget(memory, time.monotonic() + seconds)
     token = _current.set(budget)
     try:

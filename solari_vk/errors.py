@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import re
 import warnings
 from collections.abc import Callable, Iterable
 from typing import ParamSpec
@@ -12,6 +13,29 @@ from typing import ParamSpec
 Parameters = ParamSpec("Parameters")
 
 MAX_NAMES = 40  # that a message lists
+MAX_VALUE = 80  # characters of a value that a message quotes
+MAX_LINE = 2000
+_LONG_WORD = re.compile(r"[^\s/\\]{300,}")  # no file has so long a name
+_LONG_LINE = re.compile(rf"[^\n]{{{MAX_LINE + 1},}}")
+
+
+def shortened(text: str, most: int = MAX_VALUE) -> str:
+    """A text of at most `most` characters: of a longer one the middle is left out."""
+    return text if len(text) <= most else f"{text[: most - 20]}...{text[-17:]}"
+
+
+def quoted(value: object) -> str:
+    """A value as Python writes it, shortened, for messages."""
+    try:
+        return shortened(repr(value))
+    except Exception:  # of an integer with thousands of digits, or by a class of the user
+        return f"a value of the type {type(value).__name__}"
+
+
+def brief(text: str) -> str:
+    """A message whose words and lines aren't longer than somebody reads, whatever it quotes."""
+    text = _LONG_WORD.sub(lambda word: shortened(word[0]), text)
+    return _LONG_LINE.sub(lambda line: shortened(line[0], MAX_LINE), text)
 
 
 class SolariError(Exception):
@@ -19,6 +43,9 @@ class SolariError(Exception):
 
     The message says what was wrong, where (file, node, index, object) and what to do about it.
     """
+
+    def __str__(self) -> str:
+        return brief(super().__str__())
 
 
 class DeviceError(SolariError):
@@ -43,12 +70,12 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     what: the start of the message, such as "Material has no field".
     """
     names = list(filter(None, known))
-    text = str(name).lower()
+    text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
     close = difflib.get_close_matches(text, names, 1) or [known for known in names if len(text) > 2 and text in known]
     hint = f"did you mean '{close[0]}'? " if close else ""
     rest = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     there = f"there are {', '.join(names[:MAX_NAMES])}{rest}" if names else "there are none"
-    return SolariError(f"{what} {name!r}; {hint}{there}")
+    return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 
 def checked_keywords(hint: str = "") -> Callable[[Callable[Parameters, None]], Callable[Parameters, None]]:

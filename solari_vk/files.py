@@ -5,18 +5,21 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import secrets
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from solari_vk.budget import charge
+from solari_vk.budget import charge, load_budget
 from solari_vk.errors import SolariError
 
 LARGEST_JSON = 2**26
+_BYTES_PER_VALUE = 150
+_UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{16}(\.[^.]*)")  # the names of `_beside`
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 
 
@@ -42,13 +45,21 @@ def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
 
 def read_json(path: Path, who: str) -> Any:
     """The values of a JSON file of at most 64 MiB. Raises SolariError for what isn't one."""
-    data = read_regular(path, who, LARGEST_JSON + 1)
-    if len(data) > LARGEST_JSON:
-        raise SolariError(f"{who}: has more than {LARGEST_JSON >> 20} MiB: split it")
+    with load_budget():
+        data = read_regular(path, who, LARGEST_JSON + 1)
+        if len(data) > LARGEST_JSON:
+            raise SolariError(f"{who}: has more than {LARGEST_JSON >> 20} MiB: split it")
+        charge_json(data, who)
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
         raise SolariError(f"{who}: not JSON: {error}") from None
+
+
+def charge_json(text: bytes, who: str) -> None:
+    """Charge the values of a JSON text as Python objects."""
+    values = sum(map(text.count, (b",", b"{", b"[")))
+    charge(_BYTES_PER_VALUE * values, who, "its JSON", working=4 * len(text))
 
 
 @contextmanager
@@ -73,6 +84,14 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
     """Write a file; text as UTF-8. Raises SolariError when that fails, and leaves the file at `path` as it was."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def remove_unfinished(folder: Path, names: Collection[str]) -> None:
+    """Remove from a folder what a killed process had begun to write of files with these names."""
+    for path in folder.iterdir():
+        found = _UNFINISHED.fullmatch(path.name)
+        if found and "".join(found.groups()) in names:
+            _remove(path)
 
 
 def check_writable(path: Path) -> None:

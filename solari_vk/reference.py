@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import CameraUniforms, Projection
-from solari_vk.errors import SolariError, checked_keywords, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -138,9 +138,9 @@ class PathTracer(PictureRenderer):
         """
         camera = self._camera_or_default(camera)
         if not isinstance(samples, int) or samples < 1:
-            raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {samples!r}")
+            raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
         if target_error is not None and not (isinstance(target_error, (int, float)) and target_error >= 0):
-            raise SolariError(f"PathTracer.render: target_error must be at least 0, not {target_error!r}")
+            raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
         if denoise:
             oidn.check_installed()
         if denoise != self._denoises:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
 from solari_vk.gpu.device.device import Device
@@ -130,7 +130,7 @@ class RenderedFrame:
         if exposure == "auto":
             exposure = Camera(ev100=renderer.auto_exposure(radiance)).exposure
         elif isinstance(exposure, str):
-            raise SolariError(f"{path}: exposure is a factor or 'auto', not {exposure!r}")
+            raise SolariError(f"{path}: exposure is a factor or 'auto', not {quoted(exposure)}")
         exposure = self.camera.exposure if exposure is None else exposure
         if is_png:
             _warn_of_exposure(radiance * exposure)
@@ -276,7 +276,7 @@ class PictureRenderer(SceneUser, ABC):
         if camera is None:
             return self.binder.scene.camera_for(self.size[0] / self.size[1])
         if not isinstance(camera, Camera):
-            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {camera!r}")
+            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}")
         return camera
 
     def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
@@ -284,7 +284,7 @@ class PictureRenderer(SceneUser, ABC):
         try:
             width, height = (operator.index(n) for n in size)
         except (TypeError, ValueError):
-            raise SolariError(f"{what}: size must be two whole numbers (width, height), not {size!r}") from None
+            raise SolariError(f"{what}: size must be two whole numbers (width, height), not {quoted(size)}") from None
         limits = self.device.properties.limits
         max_pixels = limits.maxStorageBufferRange // self.LARGEST_PIXEL_BYTES
         max_side = limits.maxImageDimension2D if self.IN_IMAGES else max_pixels

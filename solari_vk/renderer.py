@@ -14,7 +14,7 @@ from solari_vk.bound.features import LOBES
 from solari_vk.bound.lights.index_translation import IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
 from solari_vk.bound.projection import CameraUniforms, Projection, jitters
-from solari_vk.errors import SolariError, checked_keywords, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -68,7 +68,7 @@ class Renderer(PictureRenderer):
         count_rays: bool = False,
     ) -> None:
         if not isinstance(settings, Settings | None):
-            raise SolariError(f"Renderer: settings must be a Settings, not {settings!r}; {_GIVE_SETTINGS}")
+            raise SolariError(f"Renderer: settings must be a Settings, not {quoted(settings)}; {_GIVE_SETTINGS}")
         self.settings = Settings() if settings is None else settings
         self.seed = seed
         self.count_rays = count_rays
@@ -227,7 +227,7 @@ class Renderer(PictureRenderer):
         except TypeError:
             self._seed = -1
         if not 0 <= self._seed < 2**32:
-            raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {seed!r}")
+            raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {quoted(seed)}")
 
     @property
     def view(self) -> str:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import resource
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 
@@ -71,3 +75,95 @@ def test_renderers_that_come_and_go_leave_nothing(device):
         counts.append((device.live_objects, device.memory.bytes_used))
     # The pool of staging chunks, kept for later uploads, fills up first.
     assert counts[-1] == counts[3]
+
+
+# ---- many times: run with -rP to see the figures -----------------------------------------------------
+
+
+def in_use() -> tuple[int, int]:
+    """Open files and threads of this process."""
+    return len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task"))
+
+
+def picture(renderer):
+    """The next frame, or one sample a pixel."""
+    frame = renderer.render(samples=1) if isinstance(renderer, sv.PathTracer) else renderer.render()
+    return np.asarray(frame["radiance"])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's /proc")
+def test_a_thousand_cycles_of_load_render_close(device, tmp_path):
+    """Once caches are filled, the process has the same size, and the device has nothing of a closed renderer."""
+    file = GltfWriter()
+    texture = {"index": file.image(np.ones((64, 64, 3)))}
+    material = file.add("materials", pbrMetallicRoughness={"baseColorTexture": texture})
+    mesh = file.mesh({"TEXCOORD_0": [[0, 0], [1, 0], [0, 1]]}, material=material)
+    file.animate(file.node(mesh=mesh), "translation", [[0], [1]], np.zeros((2, 3)))
+    path = file.save(tmp_path / "scene.glb")
+
+    def cycle(number: int) -> tuple[int, tuple[int, int]]:
+        renderer = (sv.Renderer, sv.PathTracer)[number % 2](device, sv.load(path), (16, 9))
+        picture(renderer)
+        renderer.close()
+        del renderer
+        gc.collect()
+        device.wait_idle()
+        return resident_bytes(), (device.objects_in_use, *in_use())
+
+    device.wait_idle()
+    sizes, counts = zip(*(cycle(number) for number in range(1000)), strict=True)
+    early, late = max(sizes[200:400]), max(sizes[800:])
+    print(f"1,000 cycles: {sizes[0] / 1e6:.0f} MB after the first, at most {early / 1e6:.0f} in cycles 201 to 400 and "
+          f"{late / 1e6:.0f} in the last 200; {device.memory.bytes_used} bytes used on the device")
+    assert late - early < 8e6
+    assert counts[-1] == counts[20]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [sv.Renderer, sv.PathTracer])
+def test_five_hundred_resizes(device, kind):
+    """The last picture has the bits of a new renderer's, and nothing has grown."""
+    rng, scene = np.random.default_rng(1), sv.builtin("cornell_box")
+    states = []
+    with kind(device, scene, (16, 9)) as renderer, kind(device, renderer.binder, (16, 9)) as fresh:
+        for number in range(501):
+            renderer.resize((16, 9) if number % 100 == 0 else tuple(map(int, rng.integers(1, 65, 2))))
+            picture(renderer)
+            if number % 100 == 0:
+                device.wait_idle()
+                states.append((device.memory.bytes_used, device.memory.allocation_count, *in_use(), resident_bytes()))
+        if isinstance(renderer, sv.Renderer):
+            renderer.reset()
+            renderer.frame_count = 0  # on which the noise depends
+        found, expected = picture(renderer), picture(fresh)
+    early, late = states[1], states[-1]
+    print(f"500 resizes of a {kind.__name__}: {early[-1] / 1e6:.0f} MB after 100, {late[-1] / 1e6:.0f} after 500")
+    np.testing.assert_array_equal(found, expected)
+    assert late[:-1] == early[:-1]
+    assert late[-1] - early[-1] < 16e6
+
+
+FORTY = """
+import sys
+sys.path[:0] = sys.argv[1:]
+import solari_vk as sv
+from test_endurance import in_use, resident_bytes
+for _ in range(40):
+    with sv.Device() as device, sv.PathTracer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
+        renderer.render(samples=1)
+    del device, renderer
+    print(*in_use(), resident_bytes())
+"""
+
+
+@pytest.mark.slow
+def test_forty_devices(any_device):
+    """Opened and closed one after the other, each with a picture; in a process of its own, whose heap has no holes."""
+    run = subprocess.run([sys.executable, "-c", FORTY, *sys.path], capture_output=True, text=True, check=True)
+    states = [tuple(map(int, line.split())) for line in run.stdout.splitlines()]
+    print(f"40 devices: {states[9][-1] / 1e6:.0f} MB after 10, {states[-1][-1] / 1e6:.0f} after 40; open files and "
+          f"threads {states[-1][:2]}")
+    assert len(states) == 40
+    assert states[-1][:-1] == states[9][:-1]
+    assert states[-1][-1] - states[9][-1] < 30e6

@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
-from typing import Any
+from typing import Any, NoReturn
 
-from solari_vk.errors import unknown_name
+from solari_vk.errors import brief, quoted, unknown_name
 
 ON_OR_OFF = argparse.BooleanOptionalAction
 
@@ -50,9 +50,16 @@ class Command:
         return getattr(import_module(f"solari_vk.cli.{module}"), name)(job) or 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser, also of the commands below, whose errors don't repeat endless words."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(brief(message))
+
+
 def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
     """The parser of all commands. Its result holds only what is given: jobs have the defaults."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays."
     )
     _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, "PART")
@@ -104,7 +111,7 @@ def size(text: str) -> tuple[int, int]:
     try:
         width, height = (int(part) for part in text.lower().split("x"))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size: give one such as 640x360") from None
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: give one such as 640x360") from None
     if not (1 <= width <= 16384 and 1 <= height <= 16384):
         raise argparse.ArgumentTypeError("a size must be from 1x1 to 16384x16384 pixels")
     return width, height
@@ -149,7 +156,7 @@ def _integer(text: str, minimum: int) -> int:
     try:
         number = int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a whole number") from None
     if number < minimum:
         raise argparse.ArgumentTypeError(f"must be at least {minimum}, not {number}")
     return number
@@ -162,7 +169,7 @@ def number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number")
     return value
 
 

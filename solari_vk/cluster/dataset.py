@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solari_vk.cluster.tasks import Style, View
 from solari_vk.errors import SolariError
-from solari_vk.files import read_json, write_whole
+from solari_vk.files import read_json, remove_unfinished, write_whole
 from solari_vk.output.animation import MAX_CAMERAS, orbit
 from solari_vk.scene.framing import ROOM_FOV, extent, find_room, fit, trace
 from solari_vk.scene.model import Camera, Scene
@@ -83,6 +83,9 @@ def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
     poses = _poses_of_nerf(given, path, aspect) if isinstance(given, dict) else given
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
+    if min(len(poses), count or len(poses)) > MAX_CAMERAS:
+        raise SolariError(f"--cameras {path}: it has {len(poses):,} poses, of which at most {MAX_CAMERAS:,} are read: "
+                          "give --views")
     if count is not None and count > len(poses):
         raise SolariError(f"--cameras {path}: it has {len(poses)} poses, --views asks for {count}")
     cameras = []
@@ -126,6 +129,7 @@ def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
 
 def write_transforms(folder: Path, style: Style, views: Sequence[View]) -> None:
     """Write `transforms.json` for views in a folder; `layer_paths` of a frame names the files of its layers."""
+    remove_unfinished(folder, [NAME])
     write_whole(folder / NAME, json.dumps(_transforms(style, views), indent=1))
 
 

@@ -18,7 +18,7 @@ from solari_vk.cluster.device_session import OneDevice, pack
 from solari_vk.cluster.tasks import RenderTask
 from solari_vk.cluster.worker_pool import TICK_SECONDS, WorkerPool
 from solari_vk.errors import SolariError
-from solari_vk.files import cannot_be, write_whole
+from solari_vk.files import cannot_be, remove_unfinished, write_whole
 from solari_vk.folder_lock import lock_folder
 from solari_vk.scene.model import Camera, Scene
 
@@ -128,6 +128,7 @@ def render_missing(
     progress: Callable[[int], object] | None,
 ) -> int:  # fmt: skip
     """`render_tasks` with an open journal."""
+    remove_unfinished(journal.folder, {name for task in tasks for name in task.files})
     missing = [task for task in tasks if not journal.has(task)]
     count = sum(len(task.views) for task in tasks) - sum(len(task.views) for task in missing)
     if progress is not None and progress(count):

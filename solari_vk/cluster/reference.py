@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from solari_vk.cluster.device_session import DeviceSession, OneDevice
 from solari_vk.cluster.worker_pool import WorkerPool
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate, luminance
 from solari_vk.reference import FIRST_DENOISED_LOOK
@@ -175,7 +175,7 @@ def render_reference(
     if samples is None and target_error is None:
         raise SolariError("render_reference: give a number of samples, or a target_error")
     if samples is not None and (not isinstance(samples, int) or samples < 1):
-        raise SolariError(f"render_reference: samples must be a whole number from 1 on, not {samples!r}")
+        raise SolariError(f"render_reference: samples must be a whole number from 1 on, not {quoted(samples)}")
     if denoise:
         oidn.check_installed()
     camera = scene.camera_for(size[0] / size[1]) if camera is None else camera

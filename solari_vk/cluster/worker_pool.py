@@ -7,6 +7,7 @@ may be endless, and each failure ends in one clear message.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections import deque
@@ -18,11 +19,12 @@ from typing import Any, Self
 
 from solari_vk.cluster.device_session import AnyJob, Opening, Results, pack
 from solari_vk.cluster.identity import Identity
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.errors import DeviceError, SolariError, quoted
 from solari_vk.scene.model import Scene
 
 AHEAD = 2  # jobs a worker: one in work, and the next
 TICK_SECONDS = 1.0
+WORKERS_PER_CORE = 16  # each is a process
 CONNECT_SECONDS = 10.0
 BUSY = 30.0  # seconds after which a pool doesn't wait any more for workers that don't answer
 PATIENCE = 120.0  # seconds without any worker of this machine after which a pool gives up
@@ -65,7 +67,8 @@ def _check_address(address: str) -> None:
         if scheme in ("tls", "wss") and Security().get_connection_args("client").get("ssl_context") is None:
             raise ValueError("dask's configuration has no certificates for TLS")
     except (ValueError, TypeError, ImportError) as error:
-        raise SolariError(f"{address!r} isn't the address of a scheduler, such as tcp://host:8786: {error}") from None
+        text = f"{quoted(address)} isn't the address of a scheduler, such as tcp://host:8786: {error}"
+        raise SolariError(text) from None
 
 
 def _say(text: str) -> None:
@@ -90,7 +93,9 @@ class WorkerPool:
         if (workers is None) == (address is None):
             raise SolariError("WorkerPool: give either a number of workers, or the address of a scheduler")
         if workers is not None and (not isinstance(workers, int) or workers < 1):
-            raise SolariError(f"WorkerPool: workers must be a whole number from 1 on, not {workers!r}")
+            raise SolariError(f"WorkerPool: workers must be a whole number from 1 on, not {quoted(workers)}")
+        if workers is not None and workers > (most := WORKERS_PER_CORE * (os.cpu_count() or 1)):
+            raise SolariError(f"WorkerPool: this machine has cores for at most {most} workers, not {quoted(workers)}")
         try:
             import distributed
         except ImportError:

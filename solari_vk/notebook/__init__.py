@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.renderer import Renderer
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def show(renderer: Renderer) -> LivePicture:
     Renderer.
     """
     if not isinstance(renderer, Renderer):
-        raise SolariError(f"notebook.show: the renderer must be a solari_vk.Renderer, not {renderer!r}")
+        raise SolariError(f"notebook.show: the renderer must be a solari_vk.Renderer, not {quoted(renderer)}")
     try:
         from solari_vk.notebook.widget import LivePicture
     except ImportError as error:

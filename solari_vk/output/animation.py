@@ -67,6 +67,8 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
     items = read_json(path, f"{path}: a camera path")
     if not isinstance(items, list) or len(items) < 2 or not all(isinstance(item, dict) for item in items):
         raise SolariError(f"{path}: a camera path is a JSON list of at least two poses")
+    if len(items) > MAX_CAMERAS:
+        raise SolariError(f"{path}: it has {len(items):,} poses; at most {MAX_CAMERAS:,} are read")
     timed = sum("time" in item for item in items)
     if timed not in (0, len(items)):
         raise SolariError(f"{path}: {timed} of {len(items)} poses have a 'time': give it to all or to none")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms
@@ -43,12 +43,12 @@ class Settings:
         choices = {"light_strategy": LIGHT_STRATEGIES, "layering": LAYERINGS, "pixel_filter": tuple(PIXEL_FILTERS)}
         for name, known in choices.items():
             if (value := getattr(self, name)) not in known:
-                raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {value!r}")
+                raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {quoted(value)}")
         for name in ("max_bounces", "seed"):
             if not isinstance(value := getattr(self, name), int):
-                raise SolariError(f"PathTracer: {name} must be a whole number, not {value!r}")
+                raise SolariError(f"PathTracer: {name} must be a whole number, not {quoted(value)}")
             if not 0 <= value < 2**32:
-                raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {value}")
+                raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {quoted(value)}")
 
 
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:

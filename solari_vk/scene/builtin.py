@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.scene import shapes
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.matrices import rotation
@@ -231,7 +231,7 @@ def shiny_floor(roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95) 
     """
     alphas = np.atleast_1d(np.asarray(roughness, np.float64))
     if not len(alphas) or alphas.min() < 0 or alphas.max() > 1:
-        raise SolariError(f"shiny_floor: roughness must be numbers from 0 to 1, not {roughness!r}")
+        raise SolariError(f"shiny_floor: roughness must be numbers from 0 to 1, not {quoted(roughness)}")
     scene = Scene(name="shiny_floor")
     ball, half = shapes.sphere(0.6, 48), 3.0 / len(alphas)
     paints = [matte(color, "paint") for color in ((0.7, 0.7, 0.7), (0.65, 0.2, 0.12), (0.15, 0.4, 0.6))]

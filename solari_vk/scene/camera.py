@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
@@ -138,7 +138,7 @@ class Camera(Checked):
         try:
             given = np.asarray(target, np.float64)
         except (TypeError, ValueError):
-            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not {target!r}") from None
+            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not {quoted(target)}") from None
         back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
         if given.shape not in ((), (3,)):
             raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {given.shape}")
@@ -158,7 +158,7 @@ class Camera(Checked):
         """
         known = {"position", "target", "up", "transform", "vertical_fov_degrees", *POSED}
         if not isinstance(pose, dict) or not known.issuperset(pose):
-            raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {pose!r}")
+            raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {quoted(pose)}")
         try:
             fields: dict[str, Any] = {name: float(pose[name]) for name in POSED if name in pose}
             if "vertical_fov_degrees" in pose:

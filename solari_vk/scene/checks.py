@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.errors import quoted, shortened
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.observed import Checked
 
@@ -72,10 +73,19 @@ def vertex_colors(value: Any) -> FloatArray | None:
     return colors
 
 
+def flag(value: Any) -> bool:
+    """True or False, also as numpy's, or as 1 or 0."""
+    return bool(_zero_or_one(value, "True or False"))
+
+
 def uv_set(value: Any) -> int:
     """0 or 1."""
-    if value not in (0, 1):
-        raise ValueError(f"must be 0 or 1, not {value!r}")
+    return _zero_or_one(value, "0 or 1")
+
+
+def _zero_or_one(value: Any, choices: str) -> int:
+    if not isinstance(value, (int, np.bool_, np.integer)) or value not in (0, 1):
+        raise ValueError(f"must be {choices}, not {quoted(value)}")
     return int(value)
 
 
@@ -125,7 +135,8 @@ def number(
             return None
         number = float(value)
         if not math.isfinite(number) or not low <= number <= high:
-            raise ValueError(f"must be a finite number between {low:g} and {high:g}{unit and f' {unit}'}, not {value}")
+            limits = f"between {low:g} and {high:g}{unit and f' {unit}'}"
+            raise ValueError(f"must be a finite number {limits}, not {shortened(str(value))}")
         return number
 
     return convert
@@ -211,8 +222,8 @@ def joint_matrices(value: Any) -> NDArray[np.float64] | None:
 
 def one_of(choices: tuple[str, ...]) -> Callable[[Any], str]:
     def convert(value: Any) -> str:
-        if value not in choices:
-            raise ValueError(f"must be one of {', '.join(choices)}, not {value!r}")
+        if not isinstance(value, str) or value not in choices:
+            raise ValueError(f"must be one of {', '.join(choices)}, not {quoted(value)}")
         return str(value)
 
     return convert

@@ -6,7 +6,7 @@ import operator
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, NoReturn, SupportsIndex, TypeVar, overload
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.scene.observed import Checked
 
 Item = TypeVar("Item", bound=Checked)
@@ -53,15 +53,14 @@ class Collection(Generic[Item]):
         try:
             return items[operator.index(key)]
         except TypeError:
-            raise SolariError(f"{self._what}: index by a whole number, a slice or a name, not {key!r}") from None
+            raise SolariError(f"{self._what}: index by a whole number, a slice or a name, not {quoted(key)}") from None
         except IndexError:
             count = len(items)
-            raise SolariError(
-                f"there is no {self._what} {key}: the scene has {count}" + (f", 0 to {count - 1}" if count else "")
-            ) from None
+            there = f"{count}, 0 to {count - 1}" if count else "0"
+            raise SolariError(f"there is no {self._what} {quoted(key)}: the scene has {there}") from None
 
     def __setitem__(self, key: object, item: object) -> NoReturn:
-        raise SolariError(f"a {self._what} can't be replaced by assigning to {key!r}: {self._REPLACE}")
+        raise SolariError(f"a {self._what} can't be replaced by assigning to {quoted(key)}: {self._REPLACE}")
 
     def __len__(self) -> int:
         return len(self._items)

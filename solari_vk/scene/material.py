@@ -65,7 +65,7 @@ class Texture(Checked):
         "wrap_v": checks.one_of(checks.WRAP_MODES),
         "magnification": checks.one_of(checks.FILTERS),
         "minification": checks.one_of(checks.FILTERS),
-        "mipmaps": bool,
+        "mipmaps": checks.flag,
         "uv_transform": checks.array(2, 3),
         "uv_set": checks.uv_set,
     }
@@ -189,9 +189,9 @@ class Material(Checked):
     _converters = {
         "name": checks.text,
         "alpha_mode": checks.one_of(checks.ALPHA_MODES),
-        "double_sided": bool,
-        "unlit": bool,
-        "solid": bool,
+        "double_sided": checks.flag,
+        "unlit": checks.flag,
+        "solid": checks.flag,
     }
 
     @property

@@ -147,7 +147,7 @@ class Instance(Checked):
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,
         "ray_mesh": checks.instance_of(lambda: Mesh, optional=True),
-        "visible": bool,
+        "visible": checks.flag,
         "joint_matrices": checks.joint_matrices,
         "morph_weights": checks.array(None, dtype=np.float64, optional=True, max_abs=1e6),
     }

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import SolariError, shortened, unknown_name
 
 
 class Watcher(Protocol):
@@ -47,7 +47,7 @@ class Observable:
     def describe(self) -> str:
         """The object's kind and name, for messages."""
         name = getattr(self, "name", "")
-        return f"{type(self).__name__} '{name}'" if name else type(self).__name__
+        return f"{type(self).__name__} '{shortened(name)}'" if name else type(self).__name__
 
 
 def _shown(value: Any) -> str:

@@ -7,7 +7,7 @@ import functools
 from functools import partial
 from typing import Any
 
-from solari_vk.errors import SolariError, unknown_name, warn_of_old_name
+from solari_vk.errors import SolariError, quoted, unknown_name, warn_of_old_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
@@ -185,7 +185,7 @@ class Settings(SeparatePasses):
     def preset(cls, quality: str) -> Settings:
         """The settings of one of QUALITIES. Raises SolariError for another name."""
         if quality not in QUALITIES:
-            raise SolariError(f"Settings: quality is one of {', '.join(QUALITIES)}, not {quality!r}")
+            raise SolariError(f"Settings: quality is one of {', '.join(QUALITIES)}, not {quoted(quality)}")
         return cls(**QUALITIES[quality])
 
     def reset(self, *names: str) -> None:
@@ -200,13 +200,13 @@ class Settings(SeparatePasses):
         name, equals, value = text.partition("=")
         name = _current(name.strip().replace("-", "_"))
         if not equals:
-            raise SolariError(f"Settings: {text!r} is not of the form name=value")
+            raise SolariError(f"Settings: {quoted(text)} is not of the form name=value")
         if name not in FIELDS:
             raise _unknown(name)
         text = value.strip()
         if isinstance(DEFAULTS[name], bool):
             if text.lower() not in _SWITCH:
-                raise SolariError(f"Settings: {name} must be on or off, not {text!r}")
+                raise SolariError(f"Settings: {name} must be on or off, not {quoted(text)}")
             setattr(self, name, _SWITCH[text.lower()])
         else:
             setattr(self, name, text)
@@ -269,5 +269,5 @@ def _check(name: str, value: Any) -> Any:
         raise _unknown(name)
     checked = FIELDS[name].checked(value, DEFAULTS[name])
     if checked is None or (name == "world_cache_cells" and checked & (checked - 1)):
-        raise SolariError(f"Settings: {name} must be {allowed(name)}, not {value!r}")
+        raise SolariError(f"Settings: {name} must be {allowed(name)}, not {quoted(value)}")
     return checked

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, ValidationError, checked_keywords
+from solari_vk.errors import SolariError, ValidationError, checked_keywords, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
@@ -74,7 +74,7 @@ class Viewer(Session):
         if fps is None:
             fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
         if not fps > 0:
-            raise SolariError(f"the viewer's fps must be more than 0, not {fps!r}")
+            raise SolariError(f"the viewer's fps must be more than 0, not {quoted(fps)}")
         scale_control = ScaleControl(scale, 1 / fps)
         sources = Sources(scene, Path(source) if source else None, load)
         with ExitStack() as undo:

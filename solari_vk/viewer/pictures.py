@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
@@ -71,7 +71,7 @@ class Pictures:
     @mode.setter
     def mode(self, mode: str) -> None:
         if mode not in MODES:
-            raise SolariError(f"the viewer's mode is one of {', '.join(MODES)}, not {mode!r}")
+            raise SolariError(f"the viewer's mode is one of {', '.join(MODES)}, not {quoted(mode)}")
         self._mode = mode
 
     @property
@@ -102,7 +102,7 @@ class Pictures:
         short, and otherwise as many as fill a dispatch.
         """
         if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
-            raise SolariError(f"the viewer has no view {self.view!r} or no tone mapping {self.tonemap!r}")
+            raise SolariError(f"the viewer has no view {quoted(self.view)} or no tone mapping {quoted(self.tonemap)}")
         self.binder.update()  # raises an error in the scene here, so that the size isn't taken for its cause
         moved = self.camera is None or (self.camera.transform != camera.transform).any()
         self.is_short = moved or self.mode != "reference"

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from statistics import median
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.settings import FIELDS
 
 Size = tuple[int, int]
@@ -31,7 +31,7 @@ class ScaleControl:
         except (TypeError, ValueError):
             self.scale = math.nan
         if not MIN_SCALE <= self.scale <= 1:
-            raise SolariError(f"the scale is auto or a number from {MIN_SCALE:g} to 1, not {scale!r}")
+            raise SolariError(f"the scale is auto or a number from {MIN_SCALE:g} to 1, not {quoted(scale)}")
         self._times: list[float] = []
         self._known: dict[float, float] = {}  # the latest measured time of each scale
         self._settling = SETTLE

@@ -8,7 +8,7 @@ from typing import Any
 
 import glfw
 
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.errors import DeviceError, SolariError, quoted
 from solari_vk.gpu.device import raw
 
 _NONE: Any = None  # for "no window" and "no monitor", which GLFW's type hints don't allow
@@ -205,7 +205,7 @@ def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
     except (TypeError, ValueError):
         width = height = 0
     if not (1 <= width < 2**15 and 1 <= height < 2**15):
-        raise SolariError(f"a window's size is two whole numbers from 1 to {2**15 - 1}, not {size!r}")
+        raise SolariError(f"a window's size is two whole numbers from 1 to {2**15 - 1}, not {quoted(size)}")
     return width, height
 
 

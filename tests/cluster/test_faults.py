@@ -102,6 +102,7 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
         ),
         ("--workers 2 --cluster tcp://127.0.0.1:9", "one of the two"),
         ("--shared-folder", "--shared-folder is for"),
+        ("--workers 99999999999", "this machine has cores for at most"),
         ("--mode realtime --workers 2", "a still picture in realtime mode"),
     ):
         assert main([*command, *options.split(), *([] if "realtime" in options else ["--no-denoise"])]) == 2

@@ -1,4 +1,4 @@
-"""The kinds of files that are mutated, each with how it is written and read."""
+"""The kinds of files that are mutated or made, and command lines, each with how it is written and read."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fuzz_bombs import BOMBS
+from fuzz_commands import command_line, prepare, run_command
 from fuzz_mutants import mutate_bytes, mutate_json, mutate_text
 from fuzz_seeds import GLTF, IMAGES, MESHES, MTL, RADIANCE, mesh_file
+from hypothesis import strategies as st
 from support.gltf_writer import GltfWriter, encoded, glb
 
 import solari_vk as sv
@@ -24,6 +27,7 @@ from solari_vk.cluster.journal import Journal
 from solari_vk.errors import SolariError
 from solari_vk.output.animation import load_path
 
+RANDOMS = st.randoms(use_true_random=False)
 Write = Callable[[random.Random], object]
 
 
@@ -31,12 +35,18 @@ Write = Callable[[random.Random], object]
 class Subject:
     """A file in a folder, written as it should be.
 
-    load: read it and check what was read. write: put a mutant of it in its place. named: how every error begins.
+    load: read it and check what was read. write: put a mutant of it in its place, by what hypothesis draws from
+    `changes`. named: how every error begins. seconds: that loading may take. grows: hypothesis looks for those that
+    take the most memory for their size. anywhere: files outside the folder may be opened.
     """
 
     load: Callable[[], object]
-    write: Write
-    named: str
+    write: Callable[[Any], object]
+    named: str | tuple[str, ...]
+    changes: st.SearchStrategy[Any] = RANDOMS
+    seconds: int = 5
+    grows: bool = False
+    anywhere: bool = False
 
 
 def open_subject(kind: str, folder: Path) -> Subject:
@@ -49,6 +59,10 @@ def open_subject(kind: str, folder: Path) -> Subject:
         return _image(IMAGES[kind](), folder / "mutant.glb")
     if kind in RADIANCE:
         return _environment(RADIANCE[kind](folder), folder / f"mutant.{kind}")
+    if kind in BOMBS:
+        return _bomb(kind, folder)
+    if kind == "commands":
+        return _commands(folder)
     others = {"external": _external, "camera": _camera, "path": _path, "transforms": _transforms, "ledger": _ledger}
     return others[kind](folder)
 
@@ -218,3 +232,42 @@ def _ledger(folder: Path) -> Subject:
         path.write_bytes(b"\n".join(texts) + b"\n")
 
     return Subject(load, write, str(folder))
+
+
+# ---- bombs and command lines --------------------------------------------------------------------------
+
+
+def _bomb(kind: str, folder: Path) -> Subject:
+    """Files whose loading takes as much as it can; at first an empty one, which is refused."""
+    scene = sv.builtin("cornell_box")
+    path = folder / "bomb.stl"
+    path.write_bytes(b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+                     b"endfacet\nendsolid\n")
+
+    def write(data: st.DataObject) -> None:
+        nonlocal path
+        path = BOMBS[kind](data.draw, folder)
+
+    def load() -> None:
+        if path.suffix == ".json":
+            if path.read_bytes()[-30:].count(b"time"):
+                load_path(path, scene.camera, fps=24)
+            else:
+                cameras_for(str(path), scene, scene.camera, None, 1.5, 0)
+        elif path.suffix in (".hdr", ".exr"):
+            sv.Environment(path)
+        else:
+            sv.load(path)
+
+    return Subject(load, write, (str(folder), f"--cameras {folder}"), st.data(), seconds=20, grows=True)
+
+
+def _commands(folder: Path) -> Subject:
+    """Command lines in a folder with a few files, on a machine without a device: rendering doesn't begin."""
+    prepare(folder)
+    words = ["views"]
+
+    def write(data: st.DataObject) -> None:
+        words[:] = command_line(data.draw)
+
+    return Subject(lambda: run_command(words), write, "", st.data(), seconds=20, anywhere=True)

@@ -19,12 +19,13 @@ from solari_vk.budget import parse_size
 MIB = 2**20
 SPARE = 48 * MIB  # libraries that are imported, and what the allocator keeps
 LOAD = """
-import resource, sys, warnings
+import sys, warnings
 import numpy, PIL.Image, OpenEXR, trimesh.exchange.load
 import solari_vk as sv
 from solari_vk.budget import load_budget
 path, limit = sys.argv[1], int(sys.argv[2])
-peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
+status = lambda: open("/proc/self/status").read()  # the maximum of getrusage may be that of the parent
+peak = lambda: int(status().partition("VmHWM:")[2].split()[0]) << 10
 warnings.simplefilter("ignore")
 before = peak()
 with load_budget(limit) as budget:
@@ -75,6 +76,22 @@ def images(folder, n):
         material = made.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": texture}})
         made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=material)
     return made
+
+
+def decoded(folder, n, *format, **options):
+    """Pictures that take more memory while they are decoded than after it."""
+    made = gltf(folder)
+    texture = {"index": made.image(np.zeros((256 * n, 256 * n, 3)), *format, **options)}
+    made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture))
+    return made
+
+
+def webp(folder, n):
+    return decoded(folder, n, "WEBP", lossless=True, method=0)
+
+
+def progressive(folder, n):
+    return decoded(folder, n, "JPEG", progressive=True)
 
 
 def animations(folder, n):
@@ -139,6 +156,13 @@ def mesh_text(folder, n):
     return path
 
 
+def solids(folder, n):
+    path = folder / "bomb.stl"
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    path.write_text(f"solid a\n{facet}endsolid\n" * (64 * n))
+    return path
+
+
 def radiance(folder, n):
     """Runs of one color."""
     path, width, height = folder / "bomb.hdr", 512 * n, 256
@@ -160,7 +184,8 @@ def exr(folder, n):
     return path
 
 
-BOMBS = morphs, images, animations, primitives, skins, instances, text, materials, mesh_text, radiance, exr
+BOMBS = (morphs, images, webp, progressive, animations, primitives, skins, instances, text, materials, mesh_text,
+         solids, radiance, exr)
 
 
 def file_of(bomb, folder, n):

@@ -57,11 +57,14 @@ OBJECTS = [mesh(), PIXEL, Texture(PIXEL), Material(), Instance(mesh()), SUN, Poi
 def test_no_field_takes_nonsense(item):
     for field in dataclasses.fields(item):
         value = getattr(item, field.name)
-        if not isinstance(value, bool):
-            for wrong in (object(), np.full(np.shape(value), math.nan), -1e60 if field.name != "rotation" else "x"):
-                with pytest.raises(SolariError, match=f"{field.name} |pixels "):
-                    item.update(**{field.name: wrong})
-                assert getattr(item, field.name) is value
+        wrongs = (object(), np.full(np.shape(value), math.nan), -1e60 if field.name != "rotation" else "x")
+        if isinstance(value, bool):
+            item.update(**{field.name: np.bool_(value)})
+            wrongs = (object(), "no", np.ones(2, bool), 2, 1.0, None)
+        for wrong in wrongs:
+            with pytest.raises(SolariError, match=f"{field.name} |pixels "):
+                item.update(**{field.name: wrong})
+            assert getattr(item, field.name) is value
 
 
 REFUSED = [
@@ -91,6 +94,10 @@ REFUSED = [
     (PointLight, {"position": [0, 1, 0], "range": 0}, "range"),
     (SpotLight, {**SPOT, "outer_cone_angle": 1.6}, "outer_cone_angle must be a finite number between 0 and 1.57"),
     (SpotLight, {**SPOT, "inner_cone_angle": 0.8}, "inner_cone_angle must be smaller than outer_cone_angle"),
+    (Texture, {"image": PIXEL, "mipmaps": "no"}, "Texture: mipmaps must be True or False, not 'no'"),
+    (Texture, {"image": PIXEL, "uv_set": np.ones(2)}, "uv_set must be 0 or 1, not array"),
+    (Texture, {"image": PIXEL, "wrap_u": "a " * 5000}, r"Texture: wrap_u .{,150}a a\.\.\.a a[ a]{,20}'$"),
+    (Texture, {"image": PIXEL, "uv_set": 10**5000}, "uv_set must be 0 or 1, not a value of the type int"),
     (Camera, {"near": 0}, r"near must be a finite number between 1e-09 and 1e\+18"),
     (Camera, {"orthographic_height": 1e-30}, "orthographic_height"),
     (Camera, {"fov": 1.0}, r"Camera has no field 'fov'; did you mean 'vertical_fov'"),

@@ -68,9 +68,10 @@ class GltfWriter:
         """A clip without channels yet."""
         return self.add("animations", channels=[], samplers=[], name=name)
 
-    def image(self, pixels, format="PNG"):
+    def image(self, pixels, format="PNG", **options):
         """A texture (image, no sampler) of pixels (h, w, c)."""
-        image = self.add("images", bufferView=self.view(encoded(pixels, format)), mimeType="image/" + format.lower())
+        file = encoded(pixels, format, **options)
+        image = self.add("images", bufferView=self.view(file), mimeType="image/" + format.lower())
         return self.add("textures", source=image)
 
     def scene(self, *nodes):

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from weakref import WeakSet
 
-from solari_vk.errors import DeviceError, SolariError, ValidationError
+from solari_vk.errors import DeviceError, SolariError, ValidationError, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (
@@ -40,7 +40,7 @@ class LogicalDevice:
         self.rays = (os.environ.get("SOLARI_VK_RAYS") or AUTO) if rays is None else rays
         if self.rays not in (AUTO, *RAYS):
             where = "SOLARI_VK_RAYS" if rays is None else "rays"
-            raise SolariError(f"{where} is {self.rays!r}: take one of {', '.join((AUTO, *RAYS))}")
+            raise SolariError(f"{where} is {quoted(self.rays)}: take one of {', '.join((AUTO, *RAYS))}")
         self.validation = validation
         self.lost = False
         self.closed = False

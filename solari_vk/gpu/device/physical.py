@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.errors import DeviceError
+from solari_vk.errors import DeviceError, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
 
@@ -255,9 +255,9 @@ def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = 
         return fitting[0]
     if not devices:
         raise DeviceError(f"there is no Vulkan device: install a driver that has {EXTENSIONS}")
-    wanted = "no Vulkan device fits" if select is None else f"no fitting Vulkan device is called {select!r}"
+    wanted = "no Vulkan device fits" if select is None else f"no fitting Vulkan device is called {quoted(select)}"
     if rays != AUTO:
-        wanted += f" with rays={rays!r}"
+        wanted += f" with rays={quoted(rays)}"
     raise DeviceError(
         f"{wanted} (SOLARI_VK_DEVICE or select= takes a name, index or UUID):\n" + _describe(devices, rays)
     )

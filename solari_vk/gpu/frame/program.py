@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
 from solari_vk.gpu.frame.graphics import Targets
@@ -195,7 +195,8 @@ class ProgramBuilder:
     def _counts(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
         threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads or ())
         if not 1 <= len(threads) <= 3 or min(threads) < 1:
-            raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {item.threads!r}")
+            found = quoted(item.threads)
+            raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {found}")
         x, y, z = (*threads, 1, 1)[:3]
         if module.main.stage == "rgen":
             check_launch(self._device, name, (x, y, z))

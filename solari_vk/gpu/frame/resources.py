@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
@@ -169,7 +169,7 @@ def _binding(stage: Stage, interface: Interface, *names: str) -> Binding:
 
 def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:
     if not (isinstance(size, tuple) and len(size) == 2 and min(size) >= 1):
-        raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {size!r}")
+        raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {quoted(size)}")
     return size
 
 
@@ -177,7 +177,8 @@ def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:
     if binding.kind != "storage_buffer":
         raise SolariError(f"stage {stage.name}: {binding.name} is a {binding.kind} in the shaders, not a buffer")
     if not isinstance(count, int) or count < 1:
-        raise SolariError(f"stage {stage.name}: {binding.name} needs a whole number of elements above 0, not {count!r}")
+        found = quoted(count)
+        raise SolariError(f"stage {stage.name}: {binding.name} needs a whole number of elements above 0, not {found}")
     if binding.element is None and count != 1:
         raise SolariError(f"stage {stage.name}: {binding.name} has no runtime array: its count is 1, not {count}")
     return binding.size_bytes(count)

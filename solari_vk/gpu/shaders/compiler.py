@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from solari_vk import disk_cache
-from solari_vk.errors import CompilationError, SolariError
+from solari_vk.errors import CompilationError, SolariError, quoted
 from solari_vk.gpu.shaders import dead_code, headers, ray_generation, shader_cache, shaderc
 from solari_vk.gpu.shaders.shader_cache import Sources
 
@@ -89,7 +89,7 @@ def compile_into_spirv(
         (optimization, shaderc.OPTIMIZATIONS, "optimization"),
     ):
         if value not in known:
-            raise SolariError(f"unknown {what} {value!r}: take one of {', '.join(known)}")
+            raise SolariError(f"unknown {what} {quoted(value)}: take one of {', '.join(known)}")
     source = raw.encode() if isinstance(raw, str) else bytes(raw)
     return _compile_text(
         source, stage, os.fspath(filepath), _include_paths, language=language, optimization=optimization,

@@ -13,15 +13,13 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk import budget
 from solari_vk.errors import SolariError
-from solari_vk.files import read_regular
+from solari_vk.files import charge_json, read_regular
 from solari_vk.scene.gltf import files, meshopt
 from solari_vk.scene.gltf.values import Entry, clean, shown
 
 Bytes = NDArray[np.uint8]
 LARGEST_JSON = 256 * 2**20
-_BYTES_PER_VALUE = 150  # of JSON, as Python objects
 _GLB_MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
@@ -92,8 +90,7 @@ class Document:
             raise self.error(
                 f"the JSON has {len(text)} bytes, but at most {LARGEST_JSON} are read: put data in a .bin file"
             )
-        values = sum(map(text.count, (b",", b"{", b"[")))
-        budget.charge(_BYTES_PER_VALUE * values, self.file, "its JSON", working=4 * len(text))
+        charge_json(text, self.file)
         try:
             return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
         except RecursionError:

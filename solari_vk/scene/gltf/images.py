@@ -61,7 +61,10 @@ class Images:
             except SolariError as error:
                 return error
 
-        with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
+        threads = min(8, os.cpu_count() or 1)
+        working = sorted(image_files.working_bytes(image) for image, *_ in opened.values())[-threads:]
+        self._document.root.charge(0, "decoding its images", working=sum(working))
+        with ThreadPoolExecutor(max_workers=threads) as pool:
             for source, made in zip(opened, pool.map(decoded, opened), strict=True):
                 self._made[source] = None if isinstance(made, SolariError) else made
                 if isinstance(made, SolariError):

@@ -16,7 +16,8 @@ from solari_vk.scene.images import ktx2
 Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
 LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
-_BYTES_PER_PIXEL = 8  # RGBA, and what decodes it
+_BYTES_PER_PIXEL = 8  # RGBA, and what it is decoded to
+_WORKING_BYTES, _WORKING_BYTES_OF_WEBP = 12, 20  # of a pixel, while it is decoded
 _BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 
 
@@ -25,8 +26,16 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
     image = ktx2.Ktx2Image(bytes(data), who) if data[:12] == ktx2.IDENTIFIER else _open_by_pillow(data, who)
     if max(image.width, image.height) > LARGEST_SIDE or image.width * image.height > LARGEST_PIXEL_COUNT:
         raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
-    charge(_BYTES_PER_PIXEL * image.width * image.height, who, f"the image of {image.width} x {image.height} pixels")
+    count = image.width * image.height
+    text = f"the image of {image.width} x {image.height} pixels"
+    charge(_BYTES_PER_PIXEL * count, who, text, working=working_bytes(image))
     return image
+
+
+def working_bytes(image: Any) -> int:
+    """The bytes that decoding an opened image takes beside the pixels."""
+    of_webp = getattr(image, "format", "") == "WEBP"
+    return int((_WORKING_BYTES_OF_WEBP if of_webp else _WORKING_BYTES) * image.width * image.height)
 
 
 def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:

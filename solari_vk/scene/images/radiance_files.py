@@ -26,6 +26,7 @@ CALLER = 7  # stack frames from `read_radiance` to the code that makes an Enviro
 SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
 _LONGEST_HEADER = 2**16
 _BYTES_PER_PIXEL = 48
+_COPIES_OF_CHUNKS = 3  # of an EXR picture: packed, unpacked, and by channels
 _LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
 
 
@@ -90,6 +91,7 @@ def _read_exr(source: Path) -> FloatArray:
     try:
         (left, top), (right, bottom) = OpenEXR.File(str(source), header_only=True).header()["dataWindow"]
         _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
+        charge(0, str(source), "the tiles or lines", working=_COPIES_OF_CHUNKS * exr.chunk_bytes(data))
         if not exr.is_whole(data):
             raise ValueError("it is cut off")
         picture = OpenEXR.InputFile(str(source))

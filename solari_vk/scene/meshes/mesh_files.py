@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.budget import charge
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.libraries import library
 from solari_vk.scene.matrices import rotation, unit
 from solari_vk.scene.meshes.mtl import MtlFiles
+from solari_vk.scene.meshes.ply_header import check_ply
 from solari_vk.scene.meshes.smoothing import smooth_normals
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
@@ -29,6 +30,8 @@ UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 
 
 _BYTES_PER_BYTE = 12  # of a file, while it is read
+_BYTES_PER_PART = 2**15
+_PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid")}
 _BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
 
 
@@ -45,7 +48,7 @@ def load_mesh_file(
     if not 1e-12 <= unit_length <= 1e12:
         raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit_length}")
     if up is not None and up not in UP_AXES.values() and up != "x":
-        raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {up!r}")
+        raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit_length
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
@@ -54,6 +57,11 @@ def load_mesh_file(
     log = library("trimesh.util", str(path)).log
     data = read_regular(path, str(path))
     charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
+    if kind == "ply":
+        check_ply(data, str(path))
+    else:
+        parts = sum(1 for _ in _PARTS[path.suffix.lower()].finditer(data))
+        charge(_BYTES_PER_PART * parts, str(path), f"its {parts:,} parts")
 
     def silence(_: object) -> bool:
         return False

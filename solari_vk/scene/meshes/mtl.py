@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.budget import BudgetError, charge
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_regular
 from solari_vk.scene.images import image_files
 from solari_vk.scene.model import Material, TextureImage
@@ -121,7 +121,7 @@ class MtlFiles:
         try:
             path = Path(os.path.realpath(folder / name))
         except (OSError, ValueError):
-            raise SolariError(f"no file can have the name {name!r}") from None
+            raise SolariError(f"no file can have the name {quoted(name)}") from None
         if not path.is_relative_to(folder):
             raise SolariError(f"the file '{name}' is outside the model's folder, where nothing is read: copy it there")
         data = read_regular(path, f"'{name}'", LARGEST_FILE + 1)
