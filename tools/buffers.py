@@ -52,13 +52,14 @@ class Traffic:
 
 
 def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
-    """The stages and the steps of all frames: each lighting, with and without reuse, either G-buffer, the path tracer.
-    The tables of the BRDF, which a frame of their own makes, come before each."""
+    """The stages and the steps of all frames: each lighting, with and without reuse, either G-buffer, the path tracer,
+    first hits by raster. The tables of the BRDF, which a frame of their own makes, come before each."""
     import solari_vk as sv
-    from solari_vk.passes import brdf_table, pathtracer
+    from solari_vk.passes import brdf_table, gbuffer, pathtracer
 
     scene = sv.builtin("cornell_box")
-    scene.instances[0].material.transmission = 0.5  # features of scenes: lobes
+    scene.instances[0].material.transmission = 0.5  # features of scenes: lobes, meshes for rays alone
+    scene.instances[0].ray_mesh = scene.instances[0].mesh
     choices = {"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"lighting": "split"}
     with sv.Frame(device, [brdf_table.stage()]) as tables:
         for choice in choices:
@@ -67,8 +68,10 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
         with sv.PathTracer(device, scene, SIZE) as tracer:
             stages = [*tracer.stages, pathtracer.aov_stage(SIZE, SIZE[1])]
         external = {name: tables.resource(name) for name in brdf_table.NAMES}
-        with sv.SceneFrame(device, scene, stages, external=external) as frame:
-            yield [*tables.stages, *stages], [*tables.describe(), *frame.describe()]
+        raster = gbuffer.raster_stage(SIZE, len(scene.instances))
+        for made in stages, [raster, pathtracer.aov_stage(SIZE, SIZE[1], "raster_aov")]:
+            with sv.SceneFrame(device, scene, made, external=external) as frame:
+                yield [*tables.stages, *made], [*tables.describe(), *frame.describe()]
 
 
 @functools.cache

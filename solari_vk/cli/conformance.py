@@ -21,7 +21,7 @@ class ConformanceJob(DeviceOptions):
     """What is measured, and which reports are written."""
 
     only: tuple[str, ...] = option("one group (all; repeatable)", "GROUP", action="append", default=())
-    full: bool = flag("ten times the rays and instances, many more frames and tighter bounds: takes much longer")
+    full: bool = flag("up to a hundred times as many rays, instances and structures: takes much longer")
     time_limit: float | None = option("end a check that takes longer, as hung (600; with --full 6000)", "SECONDS",
                                       type=float)
     in_process: bool = flag("measure in this process, without time limit, for a debugger: a crash ends the run")

@@ -39,7 +39,7 @@ _RENAMED = {"Crew": "WorkerPool", "Shot": "RenderTask", "render_shots": "render_
 
 
 def __getattr__(name: str) -> Any:
-    """What had another name before version 0.3."""
+    """What had another name, which warns until version 0.4."""
     if name not in _RENAMED:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     warn_of_old_name(__name__, name, _RENAMED[name])

@@ -163,7 +163,7 @@ class RenderTask:
 
 
 def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[RenderTask]:
-    """Shots of successive pictures, for the realtime renderer.
+    """Tasks of successive pictures, for the realtime renderer.
 
     The frames before the first picture show its view; those before a later block show the views before it.
     """

@@ -18,10 +18,7 @@ rule is measured in several cases (runs), the table shows the worst. The exit co
 faults (listed with evidence, and with a bound above which they fail too), rules that need a feature which the device
 lacks, and rules that only the full profile measures don't change it. Anything else that can't be measured is an error.
 A crash, a hang or a lost device ends one check, whose rules before that are in the table; the other checks are measured
-in a new process.
-
-Bars in standard errors or standard deviations are percentiles: a correct device exceeds them by chance in at most 1 %
-of runs. Relative errors of noisy means are the far end of the mean's 95 % interval."""
+in a new process."""
 _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 
 
@@ -89,8 +86,7 @@ class Report:
 
     def markdown(self) -> str:
         """The report as a Markdown page with a table for each group."""
-        legend = [" ".join(text.split()) for text in _LEGEND.split("\n\n")]
-        lines = head("Conformance report", legend, self.header)
+        lines = head("Conformance report", [" ".join(_LEGEND.split())], self.header)
         for group, members in self._groups().items():
             lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
         remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}

@@ -25,6 +25,7 @@ def test_check(worker_of: Callable[[str], Worker], check: Check) -> None:
     """Measure one check, unless it is known that the driver doesn't survive it."""
     worker = worker_of(check.group)
     if fault := find_end(worker.faults, check):
+        _measured[check] = [Outcome(check.group, check.rule, FAULT, check.case)]
         pytest.xfail(f"not run: ends by {fault.ends}. {fault.evidence}")
     outcomes = _measured.setdefault(check, [])
     worker.measure(check, outcomes.append)
@@ -37,8 +38,8 @@ def test_check(worker_of: Callable[[str], Worker], check: Check) -> None:
 
 
 def test_known_faults_are_of_rules(worker_of: Callable[[str], Worker]) -> None:
-    """Each entry of known_faults.toml for this driver is about a rule."""
-    if len(_measured) < len(CHECKS):
+    """Each entry of known_faults.toml for this driver is about a rule of the checks that aren't slow."""
+    if any(check not in _measured for check in CHECKS if check.case not in SLOW):
         pytest.skip("not all checks were run")
     assert not unexplained(worker_of("").faults, [outcome for found in _measured.values() for outcome in found])
 

@@ -21,7 +21,7 @@ def interval(values: ArrayLike) -> tuple[float, float]:
 @lru_cache
 def _student_quantile(degrees: int) -> float:
     """The t that bounds the two-sided 95 % interval, by bisection of the closed form of the probability within t for
-    whole degrees of freedom (Abramowitz and Stegun 1964, 26.7.3 and 26.7.4)."""
+    whole degrees of freedom (Abramowitz and Stegun 1964, 26.7.3 and 26.7.4): the package doesn't need scipy."""
     low, high, odd = 0.0, 1e4, degrees % 2
     for _ in range(60):
         middle = (low + high) / 2

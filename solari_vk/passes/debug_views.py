@@ -142,7 +142,7 @@ def glsl_header() -> str:
     return (
         "vec3 show_debug_view(uint view, uvec2 pixel) {\n"
         "ivec2 at = ivec2(pixel);\n"
-        "uint index = pixel.y * camera.size.x + pixel.x;\n"
+        "uint index = pixel_index(pixel, camera.size);\n"
         "GBufferSurface surface = load_gbuffer(pixel);\n"
         "switch (view) {\n" + "\n".join(groups) + "\n}\nreturn NOTHING;\n}"
     )

@@ -69,7 +69,7 @@ def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov") -> Stage:
     """The surface at the center of every pixel, by a ray or, with the shader "raster_aov", of the triangle that raster
     has found.
 
-    Outputs: `aov_*`.
+    Inputs: with "raster_aov" `raster_triangles`, `depth`. Outputs: `aov_*`.
     """
     pixels = size[0] * size[1]
     return Stage(

@@ -45,13 +45,13 @@ class Settings(SeparatePasses):
         "conserving", "How the specular layer dims the diffuse one below it: so that all energy is kept, or by a "
         "product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True)  # fmt: skip
     pure_metal: float = _frame(
-        0.9999, "Metallic above which a surface counts as having no diffuse lobe, in guides and with lighting=split. "
-        "Less: faster, less exact.", low=0, high=1)  # fmt: skip
+        0.9999, "Metallic above which a surface counts as having no diffuse lobe: guides show what it mirrors, and "
+        "paths don't end there in the world cache. Less: faster, less exact.", low=0, high=1)  # fmt: skip
     lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
     primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror or clear glass shows.")
 
     # ---- the picture, from jittered samples
-    antialiasing: bool = _taa(True, "Average samples at different positions in each pixel over frames.")
+    antialiasing: bool = _taa(True, "Average samples at different positions in each pixel over frames (Solari: off).")
     upscale: float = _taa(
         1.0, "Width of the picture over that of what is rendered. More: faster, less sharp.", low=1, high=3,
         rebuilds=True)  # fmt: skip
@@ -146,7 +146,7 @@ class Settings(SeparatePasses):
         low=1, high=1 << 26)  # fmt: skip
     world_cache_updates_per_pixel: float = _cache(
         0.25, "Cells that are updated for each pixel of the picture while lights don't change, at most as many as "
-        "world_cache_update_cap. Less: faster, more noise.", low=1e-6, high=1e9)  # fmt: skip
+        "world_cache_update_cap (Solari: no such bound). Less: faster, more noise.", low=1e-6, high=1e9)  # fmt: skip
     world_cache_updates: str = _cache(
         "asked", "Which cells are updated: those that the previous frame asked for, or all that live (Solari).",
         choices=("asked", "all"))  # fmt: skip
@@ -158,8 +158,8 @@ class Settings(SeparatePasses):
         "(Solari); with divided, cells that a wall divides aren't used either.",
         choices=("divided", "finest"))  # fmt: skip
     world_cache_surfaces: str = _cache(
-        "whole", "What a surface reflects of the light in the cache, with lighting=split: what its whole material "
-        "reflects, mirrors included; or its base color, as if everything were diffuse (Solari).",
+        "whole", "What surfaces are to the cache: their whole material, so that paths go on from mirrors and from what "
+        "transmits light; or all diffuse, so that paths end at any of them (Solari).",
         choices=("whole", "diffuse"))  # fmt: skip
 
     revision = 0
@@ -223,7 +223,7 @@ FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in _fi
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in _fields}
 
 RENAMED = {"paths_young_samples": "paths_short_history_samples", "denoise_frames": "denoise_max_history"}
-"""Names of version 0.2, which warn until version 0.4."""
+"""Former names, which warn until version 0.4."""
 
 
 def _current(name: str) -> str:

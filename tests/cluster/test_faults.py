@@ -135,7 +135,7 @@ def test_a_full_disk(pool, tmp_path, shared):
     """The message names the file; no file is left half written, and the next run renders what is missing."""
     scene, two = tasks(str(tmp_path) if shared else None, 2)
     _, four = tasks(str(tmp_path) if shared else None)
-    journal = tmp_path / "ledger.jsonl"
+    journal = tmp_path / "journal.jsonl"
     assert render_tasks(pool, scene, two, journal) == 2
     whole = {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")}
     if shared:

@@ -25,7 +25,7 @@ sys.stdin.read()
 @pytest.fixture
 def held(tmp_path):
     """A process that has the journal open."""
-    command = [sys.executable, "-c", HOLD, str(tmp_path / "ledger.jsonl")]
+    command = [sys.executable, "-c", HOLD, str(tmp_path / "journal.jsonl")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "held\n"
         yield process
@@ -33,22 +33,22 @@ def held(tmp_path):
 
 
 def test_a_full_disk_is_one_error_and_leaves_no_lock(tmp_path):
-    lock = tmp_path / "ledger.jsonl.lock"
+    lock = tmp_path / "journal.jsonl.lock"
     with room_for(0), pytest.raises(SolariError, match=rf"{lock}: can't be written: .*: make room there"):
-        Journal(tmp_path / "ledger.jsonl", {"scene": 1})
+        Journal(tmp_path / "journal.jsonl", {"scene": 1})
     assert not lock.exists()
-    Journal(tmp_path / "ledger.jsonl", {"scene": 1})
+    Journal(tmp_path / "journal.jsonl", {"scene": 1})
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, None])
 def test_a_folder_has_one_owner(tmp_path, held, end):
-    path = tmp_path / "ledger.jsonl"
+    path = tmp_path / "journal.jsonl"
     with pytest.raises(SolariError, match=rf"process {held.pid} on \S+ writes into it: wait for it"):
         Journal(path, {"scene": 1})
     held.stdin.close() if end is None else held.send_signal(end)
     held.wait()
     journal = Journal(path, {"scene": 1})
     again = Journal(path, {"scene": 1})  # of the same process
-    assert {file.name for file in tmp_path.iterdir()} == {"ledger.jsonl", "ledger.jsonl.lock"}
+    assert {file.name for file in tmp_path.iterdir()} == {"journal.jsonl", "journal.jsonl.lock"}
     del journal, again
-    assert {file.name for file in tmp_path.iterdir()} == {"ledger.jsonl"}
+    assert {file.name for file in tmp_path.iterdir()} == {"journal.jsonl"}

@@ -47,7 +47,7 @@ def test_the_program_runs(run_program, tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "reference.exr").stat().st_size > 0
     names = {path.name for path in (tmp_path / "views").iterdir()}
-    assert names == {"0.exr", "1.exr", "2.exr", "ledger.jsonl"}
+    assert names == {"0.exr", "1.exr", "2.exr", "journal.jsonl"}
 
 
 def test_views_are_the_same_in_processes_of_ones_own(run_program):

@@ -45,7 +45,7 @@ def paint(scene, tmp_path):
         cameras = [sv.Camera.look_at((x, 1.0, -2.4), (1, 1, 1), ev100=exposure) for x in places]
         tasks = [RenderTask(STYLE, n, (View(f"{n}.npy", camera),)) for n, camera in enumerate(cameras)]
         pool = Painter()
-        assert render_tasks(pool, scene, tasks, tmp_path / "ledger.jsonl") == len(places)
+        assert render_tasks(pool, scene, tasks, tmp_path / "journal.jsonl") == len(places)
         return pool.painted
 
     return run
@@ -67,20 +67,20 @@ def test_no_picture_replaces_another_one(paint, tmp_path):
 
 def test_damage(paint, tmp_path):
     """A journal of something else, and a line that is no task."""
-    journal = tmp_path / "ledger.jsonl"
+    journal = tmp_path / "journal.jsonl"
     paint([0])
     whole = journal.read_text()
     lines = ("1", "{}", '{"task": [], "files": {}}', '{"task": "a", "files": 1}')
     for text in ("[]", "{}", '{"made_of": 1}', "x", *(whole + line for line in lines)):
         journal.write_text(text + "\n")
-        with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
+        with pytest.raises(sv.SolariError, match=r"journal\.jsonl: is damaged"):
             paint([0])
 
 
 def test_a_line_with_other_files(paint, tmp_path):
     """Whatever files a line names, only the task's own are looked at, and one that is missing is made anew."""
     assert paint([0, 1]) == ["0.npy", "1.npy"]
-    journal = tmp_path / "ledger.jsonl"
+    journal = tmp_path / "journal.jsonl"
     lines = journal.read_text().splitlines()
     first = json.loads(lines[1])
     for files in ({}, {"\0": "a"}, {"../0.npy": first["files"]["0.npy"]}, {"0.npy": None}):
@@ -91,7 +91,7 @@ def test_a_line_with_other_files(paint, tmp_path):
 def test_a_line_that_was_cut_off(paint, tmp_path, monkeypatch):
     """The other lines stay, also when nothing can be written: to repair the journal takes no room."""
     assert paint([0, 1]) == ["0.npy", "1.npy"]
-    journal = tmp_path / "ledger.jsonl"
+    journal = tmp_path / "journal.jsonl"
     whole = journal.read_bytes()
     journal.write_bytes(whole[:-9])
 
@@ -113,14 +113,14 @@ def test_files_that_workers_wrote_elsewhere(scene, tmp_path, monkeypatch):
     monkeypatch.setattr("solari_vk.cluster.journal.TICK_SECONDS", 0.0)
     task = RenderTask(STYLE, 0, (View("0.npy", scene.camera),), folder=str(tmp_path))
     with pytest.raises(sv.SolariError, match=r"0\.npy: a worker wrote it, but it isn't here"):
-        render_tasks(Painter(comes_back=False), scene, [task], tmp_path / "ledger.jsonl")
-    lines = (tmp_path / "ledger.jsonl").read_text().splitlines()
+        render_tasks(Painter(comes_back=False), scene, [task], tmp_path / "journal.jsonl")
+    lines = (tmp_path / "journal.jsonl").read_text().splitlines()
     assert [list(json.loads(line)) for line in lines] == [["made_of"]]
 
 
 def test_wrong_tasks_are_refused(scene, tmp_path):
     with pytest.raises(sv.SolariError, match="at least one task"):
-        render_tasks(Painter(), scene, [], tmp_path / "ledger.jsonl")
+        render_tasks(Painter(), scene, [], tmp_path / "journal.jsonl")
     assert not list(tmp_path.iterdir())
     with pytest.raises(sv.SolariError, match="give all views of a task a time, or none"):
         RenderTask(STYLE, 0, (View("0.npy", scene.camera, 1.0), View("1.npy", scene.camera)))

@@ -206,4 +206,4 @@ def _exr(folder: Path) -> list[bytes]:
 RADIANCE: dict[str, Callable[[Path], list[bytes]]] = {"hdr": _hdr, "exr": _exr}
 """Environments; the functions may write into a folder."""
 
-OTHERS = ("external", "camera", "path", "transforms", "ledger")
+OTHERS = ("external", "camera", "path", "transforms", "journal")

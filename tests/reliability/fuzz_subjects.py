@@ -63,7 +63,7 @@ def open_subject(kind: str, folder: Path) -> Subject:
         return _bomb(kind, folder)
     if kind == "commands":
         return _commands(folder)
-    others = {"external": _external, "camera": _camera, "path": _path, "transforms": _transforms, "ledger": _ledger}
+    others = {"external": _external, "camera": _camera, "path": _path, "transforms": _transforms, "journal": _journal}
     return others[kind](folder)
 
 
@@ -203,7 +203,7 @@ def _transforms(folder: Path) -> Subject:
     )
 
 
-def _ledger(folder: Path) -> Subject:
+def _journal(folder: Path) -> Subject:
     path, camera, style = folder / "views.jsonl", sv.builtin("cornell_box").camera, Style((6, 4))
     tasks = [RenderTask(style, number, (View(f"{number}.npy", camera),)) for number in range(3)]
     made_of = {"scene": "abc", "style": style}

@@ -41,11 +41,6 @@ def standard_deviations(p_value: float) -> float:
     return float(stats.norm.isf(p_value))
 
 
-def student_quantile(degrees: int, confidence: float = 0.95) -> float:
-    """The t that bounds the two-sided interval of this confidence."""
-    return float(stats.t.ppf((1 + confidence) / 2, degrees))
-
-
 def sidak(alpha: float, count: int) -> float:
     """The level of each of `count` independent tests for a family-wise level alpha."""
     return float(1 - (1 - alpha) ** (1 / max(count, 1)))

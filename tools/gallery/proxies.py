@@ -23,6 +23,6 @@ def scene(assets: Path | None) -> sv.Scene:
     for x, color in ((-1.2, (0.6, 0.1, 0.05)), (0.0, (0.1, 0.4, 0.1)), (1.2, (0.1, 0.15, 0.5))):
         ball = sv.Instance(fine, matte(color), place(at=(x, 0.5, 0)), ray_mesh=coarse)
         made.add(ball)
-    made.add(shapes.facing_quad((2.0, 3.0, 2.5), 0.6, (0, 0.5, 0)), lamp(25.0), name="lamp")
+    made.add(shapes.facing_quad((2.0, 3.0, 2.5), 1.5, (0, 0.5, 0)), lamp(6.0), name="lamp")
     made.camera = sv.Camera.look_at((0.6, 1.7, 4.6), (0, 0.7, 0), vertical_fov=0.75)
     return made

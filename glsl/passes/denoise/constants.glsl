@@ -11,11 +11,18 @@ const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_RE
 const float MIN_NORMAL_COSINE = 0.9;
 const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.material
 const float BACKGROUND_DEPTH = 1e6;
+const float MAX_TAP_WEIGHT_ERROR = 0.02;  // of the taps' sum from 1; more: some of them showed another surface
+const float MIN_REPLACED_ALBEDO = 0.02;  // that the light of reflections is divided by
 
 // Reflections: Zhdan, "ReBLUR" (2021).
 // Perceptual roughness from which reflections move like their surface; and up to which like their virtual image.
 const float SURFACE_MOTION_ROUGHNESS = 0.8, VIRTUAL_MOTION_ROUGHNESS = 0.5;
 const float LOBE_NORMAL_TOLERANCE = 0.1;  // 1 - the cosine between normals, over alpha
+const float MIN_LOBE_ALPHA = 0.02;  // the least that counts as the width of a lobe
+// Change of the direction to the camera that surface motion tolerates: over alpha, and that of a mirror.
+const float VIEW_TOLERANCE = 0.05, MIRROR_VIEW_TOLERANCE = 0.002;
+// Squared differences of the normals of neighboring pixels between which a surface counts as curved.
+const float MIN_CURVED_NORMALS = 1e-5, MAX_CURVED_NORMALS = 0.1;
 const float VIRTUAL_POSITION_ERROR = 0.3;  // share of a pixel by which the virtual image's position may be off
 const float MIN_INVERSE_HIT_DISTANCE = 1e-9;  // 1 / distance of light from the environment
 

@@ -81,7 +81,7 @@ vec3 guide_albedo(ivec2 pixel) {
 
 // What the light of reflections is divided by, so that filters keep the texture of the surface seen in mirrors.
 vec3 replaced_albedo(ivec2 pixel, uint kind) {
-    return kind == REPLACED_SURFACE ? mix(vec3(0.02), vec3(1.0), guide_albedo(pixel)) : vec3(1.0);
+    return kind == REPLACED_SURFACE ? mix(vec3(MIN_REPLACED_ALBEDO), vec3(1.0), guide_albedo(pixel)) : vec3(1.0);
 }
 
 // The guide of this frame, from the guide images.

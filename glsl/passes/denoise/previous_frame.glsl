@@ -96,7 +96,7 @@ Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_di
         ivec2 step = ivec2(i & 3, i >> 2);
         add_tap(taps, corner + step - 1, across[step.x] * down[step.y], previous, guide, plane_distance);
     }
-    if (abs(taps.weight - 1.0) < 0.02) { return taps; }
+    if (abs(taps.weight - 1.0) < MAX_TAP_WEIGHT_ERROR) { return taps; }
     taps = no_taps();
     for (int i = 0; i < 4; i++) {
         ivec2 step = ivec2(i & 1, i >> 1);

@@ -30,8 +30,8 @@ float curvature(ivec2 pixel, Guide guide) {
         if (any(lessThan(other, ivec2(0)))) { continue; }
         Guide next = make_guide(other);
         vec3 offset = next.position - guide.position, normal_change = next.normal - guide.normal;
-        bool same = next.kind == guide.kind && dot(normal_change, normal_change) < 0.1
-            && dot(normal_change, normal_change) > 1e-5;
+        bool same = next.kind == guide.kind && dot(normal_change, normal_change) < MAX_CURVED_NORMALS
+            && dot(normal_change, normal_change) > MIN_CURVED_NORMALS;
         if (same) { sum += 0.5 * dot(normal_change, offset) / dot(offset, offset); }
     }
     return sum;
@@ -47,12 +47,12 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     float alpha = guide.material * guide.material;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
     float normal_divergence = surface_taps.normal_divergence / surface_taps.weight;
-    surface_history.frames /= 1.0 + square(normal_divergence / (LOBE_NORMAL_TOLERANCE * max(alpha, 0.02)));
+    surface_history.frames /= 1.0 + square(normal_divergence / (LOBE_NORMAL_TOLERANCE * max(alpha, MIN_LOBE_ALPHA)));
     float view_change = length(view_direction - previous_view_direction);
     if (view_change < 1e-6) { return surface_history; }
 
     // Light moved by surface motion stays valid for angles within the lobe.
-    surface_history.frames /= 1.0 + square(view_change / (0.05 * alpha + 0.002));
+    surface_history.frames /= 1.0 + square(view_change / (VIEW_TOLERANCE * alpha + MIRROR_VIEW_TOLERANCE));
     float share = 1.0 - smoothstep(VIRTUAL_MOTION_ROUGHNESS, SURFACE_MOTION_ROUGHNESS, guide.material);
     if (share == 0.0 || surface_history.inverse_hit_distance == 0.0) { return surface_history; }
     float cosine = max(-dot(view_direction, guide.normal), 0.1), twice_curvature = 2.0 * curvature(pixel, guide);
@@ -66,7 +66,7 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in
     // the previous picture is uncertain.
     virtual_history.frames /= 1.0 + square(VIRTUAL_POSITION_ERROR * twice_curvature * pixel_width(guide.depth)
-        / (alpha + 0.02));
+        / (alpha + MIN_LOBE_ALPHA));
     return blend(surface_history, virtual_history, share);
 }
 

@@ -35,7 +35,7 @@ void main() {
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
-            uint index = y * camera.size.x + x, kind = kind_of(denoise_guides.at[index]);
+            uint index = pixel_index(uvec2(x, y), camera.size), kind = kind_of(denoise_guides.at[index]);
             if (kind == NO_SURFACE) { continue; }
             add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
             vec4 specular_value = specular_sample(index, ivec2(x, y), kind);

@@ -122,8 +122,8 @@ float relative_difference(vec3 now, vec3 before) {
     return difference == 0.0 ? 0.0 : difference / (luminance(now) + luminance(before));
 }
 
-// By what share of the past the samples around differ from it in the same direction: 0 unless most of them do. What one
-// frame's samples miss of edges and lines differs along a line at most.
+// By what share of the previous frame's picture the samples around differ from it in the same direction: 0 unless most
+// of them do. What one frame's samples miss of edges and lines differs along a line at most.
 float common_difference(ivec2 center) {
     float sum = 0.0, squares = 0.0, count = 0.0;
     for (int i = 0; i < 9; i++) {

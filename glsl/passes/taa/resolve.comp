@@ -9,9 +9,9 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x510E527Fu;
 
-// Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
-// 2016). Where nothing moves, the past changes only if most samples around differ from it in the same direction, as
-// they do when the light changes, and by the share that they have in common.
+// Moves the previous frame's color into the range of what the samples around show: Salvi, "An Excursion in Temporal
+// Supersampling" (GDC 2016). Where nothing moves, that color changes only if most samples around differ from it in the
+// same direction, as they do when the light changes, and by the share that they have in common.
 HistorySample limited(HistorySample history, Neighborhood around) {
     vec3 color = to_ycocg(history.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;

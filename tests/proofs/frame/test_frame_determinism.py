@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from support.frames import denoised_first, differing, snapshot
 from support.realtime import make_renderer
-from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 
@@ -44,9 +43,3 @@ def test_another_seed_gives_other_noise(device):
             renderer.frame_count = 0
             pictures.append(renderer.render()["radiance"].tobytes())
     assert pictures[0] != pictures[1]
-
-
-test_a_seeded_bug_is_noticed = bug_tests({
-    "another seed: it has no effect": (test_another_seed_gives_other_noise, Bug(
-        "common/random.glsl", "seed_rng", "return correct(pixel, sample_index, 0u);")),
-})

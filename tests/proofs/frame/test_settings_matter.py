@@ -22,7 +22,7 @@ FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 <
 # Values that change a few small frames. All other numbers are halved, and choices and switches take another value.
 OTHER = {
     "world_cache_change_exponent": 0.01, "world_cache_change_smoothing": 1.0,
-    "denoise_max_history": 2, "pure_metal": 0.2, "similarity_normal_cosine": 0.99, "spatial_tries": 1,
+    "denoise_max_history": 2, "pure_metal": 1.0, "similarity_normal_cosine": 0.99, "spatial_tries": 1,
     "world_cache_lifetime": 1, "world_cache_search_steps": 1, "world_cache_max_samples": 2,
     "world_cache_ray_length": 0.3, "world_cache_update_cap": 100, "di_confidence_cap": 1.0, "gi_confidence_cap": 1.0,
     "restir_confidence_cap": 1.0, "paths_bounces": 1, "paths_candidates": 1, "paths_cache_roughness": 0.0,

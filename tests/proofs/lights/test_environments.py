@@ -228,9 +228,6 @@ test_a_seeded_bug_is_noticed = bug_tests({
         LIGHT, "resolve_environment", "return correct(index, part, 0.2 * u, inverse_probability);")),
     TEXELS: (measure_texels, Bug(
         "scene/lights/choice.glsl", "choose_part", "return rand_range_u(light.part_count, rng);")),
-    # Light samples take all texels alike: still unbiased, but noisy where the map has a sun.
-    NOISE: (lambda device: measure_sun(device, 128), Bug(
-        "scene/lights/choice.glsl", "has_equal_parts", "return true;")),
     MEANS: (lambda device: measure_means(device, FAST), Bug(
         "scene/sampling.glsl", "mis_weighted_radiance",
         "return 0.5 * correct(light_hit, light_probability, bounce_pdf);")),

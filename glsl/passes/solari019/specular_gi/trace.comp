@@ -25,8 +25,8 @@ struct Cone {
 };
 
 void spread(inout Cone cone, BrdfSample next, float roughness) {
-    cone.spread += next.diffuse ? cone_spread_of_lobe(1.0) : next.pdf == INFINITY ? 0.0 : cone_spread_of_lobe(roughness)
-        ;
+    cone.spread += next.diffuse ? cone_spread_of_lobe(1.0)
+        : next.pdf == INFINITY ? 0.0 : cone_spread_of_lobe(roughness);
 }
 
 // Solari's rule for the cone's width: over each ray, the square of the width grows by the spread of the lobe at the
