@@ -57,7 +57,7 @@ class RenderedFrame:
         renderer = self._renderer
         renderer.check_latest(self, name)
         if name in pathtracer.FIRST_HIT_AOVS:
-            return renderer.first_hits.read(name, self._projection, self.size, renderer.shows_proxies)
+            return renderer.first_hits.read(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.read(name)
 
     def keys(self) -> list[str]:
@@ -189,9 +189,9 @@ class PictureRenderer(SceneUser, ABC):
         """The stages of a frame, in order."""
 
     @property
-    def shows_proxies(self) -> bool:
-        """Whether the picture shows an instance's ray_mesh where it has one."""
-        return True
+    def gbuffer(self) -> str:
+        """How the surface of a pixel is found: "traced", or "raster", which shows meshes that rays don't hit."""
+        return "traced"
 
     @property
     def outputs(self) -> tuple[str, ...]:

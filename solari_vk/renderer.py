@@ -102,11 +102,6 @@ class Renderer(PictureRenderer):
         the scene."""
         return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features)
 
-    @property
-    def shows_proxies(self) -> bool:
-        """Whether the picture shows an instance's ray_mesh where it has one."""
-        return self.gbuffer == "traced"
-
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
         settings, instances = self.settings, self.binder.instance_capacity
