@@ -33,8 +33,8 @@ TEXTS = [
     '{"transform": 1}',
 ]
 ADDRESSES = [
-    "tcp://", "tcp://:1", "tcp://x:99999999", "tcp://[::1", "tcp://127.0.0.1:9", "ucx://a:1", "inproc://a/b/c", "ws://x",
-    "tls://a:1", "http://a", "://", "tcp://" + "9" * 5000, "tcp://a:" + "9" * 5000, "tcp://\u0663:1",
+    "tcp://", "tcp://:1", "tcp://x:99999999", "tcp://[::1", "tcp://127.0.0.1:9", "ucx://host:1", "inproc://a/b/c",
+    "ws://host", "tls://host:1", "http://localhost", "://", "tcp://" + "9" * 5000, "tcp://host:" + "9" * 5000, "tcp://\u0663:1",
 ]
 SOURCES = ["builtin:cornell_box", "builtin:", "builtin:x", "builtin:" + "9" * 5000, "builtin:many_lights"]
 FILES = ["pipe", "pipe.json", "pipe.glb", "pipe.obj", "pipe.hdr", "folder", "folder.glb", "missing.glb", "cameras.json",
