@@ -52,7 +52,10 @@ def stage(
 
 
 def raster_stage(size: tuple[int, int], instance_capacity: int) -> Stage:
-    """The nearest triangle of each pixel alone. Outputs: `raster_triangles`, `depth`."""
+    """The nearest triangle of each pixel alone.
+
+    Outputs: `raster_triangles`, `depth`; for the next frame `visible_instances`.
+    """
     return Stage(
         "raster",
         buffers=_raster_buffers(instance_capacity, []),

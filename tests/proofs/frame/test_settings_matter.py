@@ -32,11 +32,13 @@ OTHER = {
 
 
 def scene_of_everything():
-    """A Cornell box with a mirror, a glossy metal, a smooth dielectric and a thin wall."""
+    """A Cornell box with mirrors, a glossy metal, a smooth dielectric and a thin wall."""
     scene = cornell_box()
     for x, y, metallic, roughness in ((0.45, 1.2, 1.0, 0.0), (0.0, 1.2, 1.0, 0.35), (0.2, 1.6, 0.3, 0.3)):
         material = sv.Material(metallic=metallic, perceptual_roughness=roughness)
         scene.add(sv.Instance(mesh=shapes.sphere(0.2, 16), material=material, transform=place(at=(x, y, 0.7))))
+    mirror = sv.Material(metallic=1.0, perceptual_roughness=0.0)  # where diffuse rays meet it
+    scene.add(sv.Instance(mesh=shapes.sphere(0.3, 16), material=mirror, transform=place(at=(0.0, 0.4, 0.3))))
     wall = shapes.box((-0.01, 0, -0.3), (0.01, 0.8, 0.3))
     scene.add(sv.Instance(mesh=wall, material=sv.Material(), transform=place(at=(0.07, 0, 0.7)), name="wall"))
     return scene
