@@ -10,8 +10,8 @@
 
 const float MAX_DEPTH_DIFFERENCE = 0.1;  // relative, of what may be one surface in two frames
 
-// Of surfaces with lobes that few materials have, in scenes that have any. Of a surface of the previous frame they are
-// unknown: it has none, as only the weights of reused samples depend on it.
+// The glass, layers and diffuse transmission of each pixel's surface, in scenes that have any. The previous frame's are
+// not kept: its surfaces count as having none, which only the weights of reused samples depend on.
 layout(set = 1, scalar) buffer GBufferLobesBlock { PackedLobes at[]; } gbuffer_lobes;
 
 struct GBufferSurface {
