@@ -93,16 +93,19 @@ BaseMaterial resolve_base(Material material, vec3 vertex_color, TexturePoint poi
 
 // ---- packing of what the G-buffer has no other place for --------------------------------------------
 
-// specular weight 8, anisotropy 8, its direction 8, solid 1, inside 1. `frame` is that of the direction, `packed_frame`
-// that of the packed normal.
-uint pack_base(BaseMaterial base, mat3 frame, mat3 packed_frame) {
+// specular weight 8, anisotropy 8, its direction 8, solid 1, inside 1 | reflectance rgb9e5. `frame` is that of the
+// direction, `packed_frame` that of the packed normal.
+uvec2 pack_base(BaseMaterial base, mat3 frame, mat3 packed_frame) {
     vec2 along = (frame * vec3(base.anisotropy_direction, 0.0) * packed_frame).xy;
     float turn = fract(atan(along.y, along.x) / (2.0 * PI));
-    return pack_unorm(base.specular_weight, 8u) | pack_unorm(base.anisotropy, 8u) << 8u
+    uint bits = pack_unorm(base.specular_weight, 8u) | pack_unorm(base.anisotropy, 8u) << 8u
         | (uint(turn * 256.0 + 0.5) & 0xFFu) << 16u | uint(base.solid) << 24u | uint(base.inside) << 25u;
+    return uvec2(bits, pack_rgb9e5(base.reflectance));
 }
 
-BaseMaterial unpack_base(BaseMaterial base, uint bits) {
+BaseMaterial unpack_base(BaseMaterial base, uvec2 packed) {
+    uint bits = packed.x;
+    base.reflectance = unpack_rgb9e5(packed.y);
     base.specular_weight = unpack_unorm(bits, 8u);
     base.anisotropy = unpack_unorm(bits >> 8u, 8u);
     float angle = float(bits >> 16u & 0xFFu) * (2.0 * PI / 256.0);

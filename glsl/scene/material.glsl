@@ -65,14 +65,14 @@ bool transmits(ResolvedMaterial material) {
 // ---- packing, for the G-buffer ----------------------------------------------------------------------
 
 struct PackedLobes {
-    uint base;
+    uvec2 base;
     uint glass;
     uvec2 coat;
     uint sheen;
     uint diffuse_transmission;
 };
 
-const PackedLobes NO_PACKED_LOBES = PackedLobes(0u, 0u, uvec2(0u), 0u, 0u);
+const PackedLobes NO_PACKED_LOBES = PackedLobes(uvec2(0u), 0u, uvec2(0u), 0u, 0u);
 
 // `packed_normal` is the shading normal as the G-buffer has it, to whose frame directions are packed.
 PackedLobes pack_lobes(ResolvedMaterial material, vec3 world_normal, vec3 packed_normal) {

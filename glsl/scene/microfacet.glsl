@@ -29,7 +29,7 @@ vec3 fresnel(vec3 f0, float LdotH) {
 }
 
 // The Fresnel reflectance of a dielectric at normal incidence.
-vec3 reflectance_f0(vec3 reflectance) { return 0.16 * reflectance * reflectance; }
+vec3 reflectance_f0(vec3 reflectance) { return min(0.16 * reflectance * reflectance, 1.0); }
 
 // The exact reflectance of a dielectric with a relative index of refraction `eta`.
 float dielectric_fresnel(float eta, float cosine) {

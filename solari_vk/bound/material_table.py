@@ -93,8 +93,7 @@ class MaterialTable:
             textures = self._textures_of[material]
             for slot, srgb in TEXTURES.items():
                 record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
-            # In shaders F0 is 0.16 reflectance^2 whatever the index of refraction is; the factor is 1 for 1.5.
-            record["reflectance"] = material.reflectance * (5 * (material.ior - 1) / (material.ior + 1))
+            record["reflectance"] = material.relative_reflectance
             if material.unlit:
                 record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
             record["flags"] = (

@@ -75,6 +75,7 @@ MIRROR_ROUGHNESS = 0.001
 """The largest square of the perceptual roughness of a surface that shaders take as a perfect mirror."""
 UNLIT_RADIANCE = 1.2
 """Of an unlit color of 1, in cd/m^2: white in a picture with an EV100 of 0, as a white surface in the studio."""
+LARGEST_REFLECTANCE = 1e4  # more than any F0 asks for, since textures multiply it
 LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
 
 
@@ -100,11 +101,11 @@ def _texture(srgb: bool = False) -> Any:
 class Material(Checked):
     """A metallic-roughness surface, as in glTF.
 
-    Colors are linear, (3,); one number stands for gray. base_color, metallic, perceptual_roughness and reflectance
-    are in [0, 1]. `roughness` is another name of perceptual_roughness, as in glTF and modeling programs; the alpha of
-    the GGX distribution is its square. A dielectric's F0 is that of its index of refraction, `ior`, times
-    4 reflectance^2: with the ior of 1.5 it is 0.16 reflectance^2. `specular` in [0, 1] is the weight of a dielectric's
-    reflections at all angles. emissive is radiance in cd/m^2.
+    Colors are linear, (3,); one number stands for gray. base_color, metallic and perceptual_roughness are in [0, 1].
+    `roughness` is another name of perceptual_roughness, as in glTF and modeling programs; the alpha of the GGX
+    distribution is its square. A dielectric's F0 is that of its index of refraction, `ior`, times 4 reflectance^2, and
+    at most 1: with the ior of 1.5 it is 0.16 reflectance^2, which is 1 for a reflectance of 2.5. `specular` in [0, 1]
+    is the weight of a dielectric's reflections at all angles. emissive is radiance in cd/m^2.
 
     transmission in [0, 1] is the share of a dielectric that is glass, tinted by the base color. Light passes a thin
     wall without being bent; where `solid` is true, the surface bounds a volume, which bends light by its ior and colors
@@ -148,7 +149,7 @@ class Material(Checked):
     alpha_cutoff: float = _number(0.5, 0, checks.LARGEST_CUTOFF)
     if TYPE_CHECKING:
         roughness: float = 0.5  # the same as perceptual_roughness
-    reflectance: FloatArray = _color(0.5)
+    reflectance: FloatArray = _color(0.5, LARGEST_REFLECTANCE)
     emissive: FloatArray = _color(0.0, checks.LARGEST_RADIANCE)
     normal_scale: float = _number(1.0, -1e6, 1e6)
     base_color_texture: Texture | None = _texture(srgb=True)
@@ -206,6 +207,11 @@ class Material(Checked):
         return np.asarray(depth / self.attenuation_distance)
 
     @property
+    def relative_reflectance(self) -> NDArray[np.float64]:
+        """The reflectance, (3,), that gives the same F0 with an ior of 1.5: F0 is 0.16 times its square."""
+        return np.asarray(self.reflectance * (5 * (self.ior - 1) / (self.ior + 1)))
+
+    @property
     def transmits(self) -> bool:
         """Whether light passes below the surface."""
         return max(self.transmission, self.diffuse_transmission) > 0
@@ -220,7 +226,11 @@ class Material(Checked):
     def has_layers(self) -> bool:
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
-        return any(weight > 0 for weight in weights) or bool(self.specular_texture or self.specular_color_texture)
+        # The G-buffer has one number in [0, 1] for it otherwise.
+        colored = np.ptp(self.reflectance) > 0 or self.relative_reflectance.max() > 1
+        return colored or any(weight > 0 for weight in weights) or bool(
+            self.specular_texture or self.specular_color_texture
+        )
 
 
 TEXTURES: dict[str, bool] = {

@@ -12,8 +12,8 @@ import numpy as np
 
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.material import LARGEST_REFLECTANCE
 
-HIGHEST_F0 = 0.16  # of what the realtime renderer's G-buffer holds
 LARGEST_DISTANCE = 1e9  # meters; also stands for a volume that absorbs nothing
 _FULL_REFLECTION = 1e6  # the index of refraction for which glTF writes 0
 
@@ -69,18 +69,11 @@ def _reflections(extension: Entry, material: Entry, report: Report) -> dict[str,
         raise material.wrong("extensions", "without an 'ior' between 0 and 1")
     ior = min(ior, _FULL_REFLECTION) if ior > 0 else _FULL_REFLECTION
     specular = material.extension("KHR_materials_specular") or nothing
-    f0 = ((ior - 1) / (ior + 1)) ** 2
     color = np.array(specular.numbers("specularColorFactor", (1.0, 1.0, 1.0), low=0))
-    color = np.minimum(color, min(1 / f0, 4.0) if f0 > 0 else 4.0)  # a reflectance is at most 1
-    if f0 * color.max() > HIGHEST_F0 * (1 + 1e-6):
-        report.add(
-            f"the realtime renderer shows reflections of dielectrics of {HIGHEST_F0:.0%} at most when seen straight on",
-            material.place,
-        )
     return {
         "ior": ior,
         "specular": specular.number("specularFactor", 1.0, low=0, high=1),
-        "reflectance": (0.5 * np.sqrt(color)).astype(np.float32),
+        "reflectance": np.minimum(0.5 * np.sqrt(color), LARGEST_REFLECTANCE).astype(np.float32),
     }
 
 
@@ -121,11 +114,11 @@ EXTENSIONS = (
                "clearcoat_normal_texture": "clearcoatNormalTexture"}),
     Extension("KHR_materials_dispersion", "no", "all colors refract alike", neutral="dispersion"),
     Extension("KHR_materials_emissive_strength", "works", ""),
-    Extension("KHR_materials_ior", "works", "realtime: reflections seen straight on are at most 16 %", _reflections),
+    Extension("KHR_materials_ior", "works", "", _reflections),
     Extension("KHR_materials_iridescence", "no", "the material has no thin film", neutral="iridescenceFactor"),
     Extension("KHR_materials_sheen", "works", "", _sheen,
               {"sheen_color_texture": "sheenColorTexture", "sheen_roughness_texture": "sheenRoughnessTexture"}),
-    Extension("KHR_materials_specular", "works", "factors of the color above 4 count as 4", _reflections,
+    Extension("KHR_materials_specular", "works", "", _reflections,
               {"specular_texture": "specularTexture", "specular_color_texture": "specularColorTexture"}),
     Extension("KHR_materials_transmission", "works", "shadow rays pass thin smooth glass only", _transmission,
               {"transmission_texture": "transmissionTexture"}),

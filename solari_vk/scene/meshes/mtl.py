@@ -88,7 +88,7 @@ class MtlFiles:
         found["perceptual_roughness"] = _number(given.get("pr"), min(math.sqrt(alpha), 1.0), 1.0)
         found["metallic"] = _number(given.get("pm"), 0.0, 1.0)
         index = max(_number(given.get("ni"), 1.5, 10.0), 1.0)
-        found["reflectance"] = min(math.sqrt(((index - 1) / (index + 1)) ** 2 / 0.16), 1.0) if index > 1 else 0.5
+        found["reflectance"] = (index - 1) / (index + 1) / 0.4 if index > 1 else 0.5
         found["alpha"] = _number(given.get("d"), 1.0 - _number(given.get("tr"), 0.0, 1.0), 1.0)
         found["alpha_mode"] = "blend" if found["alpha"] < 1 else "opaque"
         return Material(**found)
