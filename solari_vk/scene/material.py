@@ -227,10 +227,9 @@ class Material(Checked):
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
         # The G-buffer has one number in [0, 1] for it otherwise.
-        colored = np.ptp(self.reflectance) > 0 or self.relative_reflectance.max() > 1
-        return colored or any(weight > 0 for weight in weights) or bool(
-            self.specular_texture or self.specular_color_texture
-        )
+        colored = bool(np.ptp(self.reflectance) > 0 or self.relative_reflectance.max() > 1)
+        textured = bool(self.specular_texture or self.specular_color_texture)
+        return colored or textured or any(weight > 0 for weight in weights)
 
 
 TEXTURES: dict[str, bool] = {

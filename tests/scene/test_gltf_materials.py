@@ -50,8 +50,8 @@ def test_factors_and_defaults(writer):
 
 
 @pytest.mark.parametrize(
-    ("fields", "f0", "remarks"),
-    [({"KHR_materials_ior": {"ior": 1.33}}, (0.33 / 2.33) ** 2, 0), ({"KHR_materials_ior": {}}, 0.04, 0),
+    ("fields", "f0"),
+    [({"KHR_materials_ior": {"ior": 1.33}}, (0.33 / 2.33) ** 2), ({"KHR_materials_ior": {}}, 0.04),
      ({"KHR_materials_ior": {"ior": 1.0}}, 0), ({"KHR_materials_ior": {"ior": 2.4}}, (1.4 / 3.4) ** 2),
      ({"KHR_materials_ior": {"ior": 0}}, 1),
      ({"KHR_materials_specular": {"specularColorFactor": [1, 0.5, 2]}}, (0.04, 0.02, 0.08)),
