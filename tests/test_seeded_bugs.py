@@ -15,7 +15,7 @@ from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.shaderc import STAGES
 
 TESTS = Path(__file__).parent
-SOURCE = """const float LIMIT = 2.0;
+SOURCE = """const float LIMIT = 2.0, LARGER = max(3.0, 4.0);
 #define SCALE 3.0
 float twice(float x) { return 2.0 * x; }
 float twice(vec2 v) { return 2.0 * v.x; }
@@ -64,7 +64,8 @@ def test_every_bug_compiles(bugs):
 
 
 @pytest.mark.parametrize(("name", "text", "parts"), [
-    ("LIMIT", "7.0", ["const float LIMIT = 7.0;"]),
+    ("LIMIT", "7.0", ["const float LIMIT = 7.0, LARGER = max(3.0, 4.0);"]),
+    ("LARGER", "7.0", ["const float LIMIT = 2.0, LARGER = 7.0;"]),
     ("SCALE", "7.0", ["#define SCALE 7.0\n"]),
     ("twice(vec2", "return correct(v.yx);",
      ["float twice_without_bug(vec2 v) { return 2.0 * v.x; }\nfloat twice(vec2 v) { return twice_without_bug(v.yx); }",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
@@ -32,12 +33,11 @@ def stage() -> Stage:
     return Stage(
         "brdf_table",
         buffers={
-            "brdf_table": size * size,
             "brdf_averages": size,
-            "sheen_table": size * size,
             "glass_table": glass * glass * slices,
             "anisotropy_table": anisotropy**4,
         },
+        images={"brdf_table": (size, size), "sheen_table": (size, size)},
         passes=[
             Pass("brdf_table/integrate", threads=(size, size)),
             Pass("brdf_table/average", threads=size),
@@ -48,8 +48,8 @@ def stage() -> Stage:
     )
 
 
-def compute(device: Device) -> tuple[Frame, dict[str, Buffer]]:
-    """Run the stage; returns its frame, which owns the buffers, and the buffers by name."""
+def compute(device: Device) -> tuple[Frame, dict[str, Buffer | Image]]:
+    """Run the stage; returns its frame, which owns the tables, and the tables by name."""
     with device.undone_on_error():
         frame = Frame(device, [stage()])
         frame.submit()

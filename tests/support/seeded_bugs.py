@@ -40,7 +40,8 @@ class Bug:
     def apply(self, source):
         """The shader with the bug. Raises ValueError unless exactly one function or constant has the name."""
         name, _, first = self.name.partition("(")
-        constant = rf"\bconst\s+\w+\s+{name}\s*=\s*([^;]+);|^[ \t]*#define[ \t]+{name}[ \t]+(.+)$"
+        value = r"((?:[^,;()]|\((?:[^()]|\([^()]*\))*\))+)"  # up to the next constant of the statement
+        constant = rf"\bconst\s+\w+\s[^;]*?\b{name}\s*=\s*{value}[,;]|^[ \t]*#define[ \t]+{name}[ \t]+(.+)$"
         constants = list(re.finditer(constant, source, re.M))
         functions = list(re.finditer(rf"^\w+ {name}(\(\s*{re.escape(first)}[^)]*\))\s*\{{", source, re.M))
         found = len(constants) + len(functions)

@@ -34,5 +34,5 @@ void main() {
         }
         albedo /= float(POINT_COUNT);
     }
-    brdf_table.at[cell.y * BRDF_TABLE_SIZE + cell.x] = albedo;
+    imageStore(brdf_table, ivec2(cell), vec4(albedo, 0.0, 0.0));
 }

@@ -23,5 +23,5 @@ void main() {
         vec3 wi = vec3(safe_sqrt(1.0 - height * height) * vec2(cos(turn), sin(turn)), height);
         albedo += evaluate_sheen(alpha, wo, wi) * (2.0 * u.x) * (2.0 * PI * u.y) * 2.0;
     }
-    sheen_table.at[cell.y * BRDF_TABLE_SIZE + cell.x] = albedo / float(COSINES * TURNS);
+    imageStore(sheen_table, ivec2(cell), vec4(albedo / float(COSINES * TURNS)));
 }
