@@ -19,6 +19,7 @@ from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.model import Material
 
 _UNLIT = "KHR_materials_unlit"
+_WRONG = "wrong materials are replaced by the default one"
 
 
 @dataclass
@@ -42,14 +43,20 @@ class Materials:
 
     def load(self, users: dict[int, Entry]) -> None:
         """Load these materials (index: the object that refers to it) and all their images."""
-        parsed = {index: self._parse(self._document.item("material", index, user)) for index, user in users.items()}
+        parsed = {}
+        for index, user in users.items():
+            with self._report.costs(_WRONG):
+                parsed[index] = self._parse(self._document.item("material", index, user))
         self._textures.decode([slot for _, slots in parsed.values() for slot in slots.values()])
         for index, (entry, slots) in parsed.items():
             readable = {name: slot for name, slot in slots.items() if slot in self._textures}
-            self._loaded[index] = self._make(entry, readable)
+            with self._report.costs(_WRONG):
+                self._loaded[index] = self._make(entry, readable)
 
     def __getitem__(self, index: int | None) -> LoadedMaterial:
-        if index is None and None not in self._loaded:
+        if index not in self._loaded:
+            if index is not None:
+                return self[None]
             # The default material of glTF is metallic and rough.
             self._loaded[None] = LoadedMaterial(
                 Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=1.0, name="default")

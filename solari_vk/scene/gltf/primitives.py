@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from solari_vk.scene.meshes.tangents import generate_tangents
 from solari_vk.scene.model import Mesh
 
 _MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
+WRONG_PRIMITIVES = "primitives with wrong data are left out"
 _WORKING_BYTES = 300  # a triangle, for its area and tangents
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
 
@@ -35,7 +37,7 @@ class Primitives:
     def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
         """The primitive as a mesh fit for a material, or None (reported) if it has no surface.
 
-        skinned: with joints.
+        skinned: with joints. Raises SolariError for wrong data.
         """
         attributes = primitive.entry("attributes")
         if attributes is None:
@@ -78,10 +80,11 @@ class Primitives:
         if vertices is None:
             return None
         triangles = self._triangles(primitive, mode, len(vertices["POSITION"]))
-        moved = read_targets(vertices, targets, self._accessors)
+        moved = read_targets(vertices, targets, self._accessors, self._report)
         positions = vertices["POSITION"]
         if skinned:
-            moved |= read_joints(len(positions), attributes, self._accessors)
+            with self._report.costs("primitives with wrong joints or weights rest in the pose of their vertices"):
+                moved |= read_joints(len(positions), attributes, self._accessors)
         vertices |= moved
         if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
             raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
@@ -125,15 +128,16 @@ class Primitives:
         }
         for name, uvs in zip(("TEXCOORD", "SECOND_TEXCOORD"), _uv_names(material), strict=False):
             wanted[name] = attributes.index(uvs), ("VEC2",)
-        if wanted["NORMAL"][0] is None:
-            del wanted["TANGENT"]  # as glTF demands: tangents need the normals that they were made for
         count = self._accessors.count(position, attributes)
         vertices = {}
         for name, (index, kinds) in wanted.items():
             if index is not None:
-                if (rows := self._accessors.count(index, attributes)) != count:
-                    raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
-                vertices[name] = self._accessors.floats(index, attributes, kinds)
+                with self._report.costs("wrong attributes are left out") if name != "POSITION" else nullcontext():
+                    if (rows := self._accessors.count(index, attributes)) != count:
+                        raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
+                    vertices[name] = self._accessors.floats(index, attributes, kinds)
+        if "NORMAL" not in vertices:
+            vertices.pop("TANGENT", None)  # as glTF demands: tangents need the normals that they were made for
         return self._with_colors(vertices, primitive)
 
     def _with_colors(self, vertices: Vertices, primitive: Entry) -> Vertices:
