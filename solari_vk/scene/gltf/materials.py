@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene import checks
+from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
 from solari_vk.scene.gltf.report import Report
@@ -39,6 +40,7 @@ class Materials:
         self._document = document
         self._report = report
         self._textures = Textures(document, report, strict)
+        self._baker = specular_glossiness.Baker(report)
         self._loaded: dict[int | None, LoadedMaterial] = {}
 
     def load(self, users: dict[int, Entry]) -> None:
@@ -97,22 +99,26 @@ class Materials:
         textures: dict[str, Any] = {
             name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()
         }
-        fields: dict[str, Any] = {"unlit": True} if _is_unlit(entry) else {}
-        for extension, said in _read_extensions(entry):
+        fields: dict[str, Any] = {
+            "base_color": np.array(base_color[:3], np.float32),
+            "metallic": pbr.number("metallicFactor", 1.0, low=0, high=1),
+            "perceptual_roughness": pbr.number("roughnessFactor", 1.0, low=0, high=1),
+            "alpha": base_color[3],
+            "unlit": _is_unlit(entry),
+        } | textures
+        extensions = _read_extensions(entry)
+        for extension, said in extensions:
             fields |= extension.read(said, entry, self._report)
+        if any(extension.name == specular_glossiness.EXTENSION for extension, _ in extensions):
+            fields |= self._baker.bake(fields, entry)
         material = Material(
-            base_color=np.array(base_color[:3], np.float32),
-            metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
-            perceptual_roughness=pbr.number("roughnessFactor", 1.0, low=0, high=1),
             emissive=emissive.astype(np.float32),
             normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
-            alpha=base_color[3],
             alpha_mode=entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
             alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
             **fields,
-            **textures,
         )
         return LoadedMaterial(material, uv_sets, normal)
 
