@@ -163,12 +163,13 @@ EXTENSIONS = (
     Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
     Extension("EXT_texture_webp", "works", ""),
     # Of one vendor, and withdrawn ones.
+    Extension("CESIUM_RTC", "works", "positions are left relative to the center, which a warning names"),
     Extension("CESIUM_primitive_outline", "no", "outlines are not drawn"),
     Extension("GODOT_single_root", "no", "a hint for game engines"),
     Extension("KHR_materials_pbrSpecularGlossiness", "works", "diffuse light is diffuse * (1 - max(specular)), as in "
               "three.js; the file's metallic-roughness values are ignored", specular_glossiness.read,
               specular_glossiness.TEXTURES),
-    Extension("MSFT_lod", "no", "the most detailed level is shown"),
+    Extension("MSFT_lod", "works", "the most detailed level is shown at all distances"),
     Extension("MSFT_texture_dds", "no", "the texture's other image is used, if it has one"),
     Extension("VRMC_vrm", "no", "avatars are shown as any other model"),
 )

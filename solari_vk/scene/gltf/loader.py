@@ -21,7 +21,7 @@ from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import PlacedNode, repeated, repetitions, roots, skin_of, walk
+from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
 from solari_vk.scene.gltf.poses import Pose
 from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
@@ -29,7 +29,9 @@ from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
-_NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
+_NODE_EXTENSIONS = (
+    "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld", LEVELS,
+)  # fmt: skip
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
 _BYTES_PER_INSTANCE = 4096
@@ -87,6 +89,10 @@ class _Loader:
         self._check_required()
         if self._document.version.rstrip(".0") != "2":
             self._report.add("versions of glTF after 2.0 are read as 2.0", shown(self._document.version)[1:-1])
+        with self._report.costs("wrong centers are left out"):
+            if (center := self._document.root.extension("CESIUM_RTC")) is not None:
+                place = ", ".join(f"{value:.10g}" for value in center.numbers("center", (0.0, 0.0, 0.0)))
+                self._report.add("positions are left relative to the center of CESIUM_RTC", place)
         first, owner = roots(self._document, which)
         self._scene.name = owner.name or self._document.path.stem
         if owner is not self._document.root:

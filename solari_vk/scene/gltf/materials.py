@@ -14,6 +14,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
+from solari_vk.scene.gltf.nodes import LEVELS
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
 from solari_vk.scene.gltf.values import Entry
@@ -126,7 +127,7 @@ class Materials:
         for name in entry.extensions():
             said = entry.extension(name)
             neutral = NEUTRAL.get(name)
-            if name in OF_MATERIALS or said is None:
+            if name in OF_MATERIALS or name == LEVELS or said is None:
                 continue
             if neutral and said.data.get(neutral, 0) in (0, [0, 0, 0]):
                 continue
