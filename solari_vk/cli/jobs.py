@@ -38,7 +38,7 @@ class SceneOptions:
     up: str | None = option("the axis of an .obj, .ply or .stl file that points up (y; z for .stl)",
                             choices=("x", "y", "z"))
     unit: float | None = option("the unit of such a file, in meters (1)", "M", type=float)
-    strict: bool = flag("stop at an image that is missing or damaged")
+    strict: bool = flag("stop at images that can't be read and at parts with wrong data")
     camera: str | None = option(
         "a camera of the scene by index or name, or a pose, as JSON or in a file: "
         "{'position': [x, y, z], 'target': [x, y, z]}", "N|NAME|JSON|FILE",

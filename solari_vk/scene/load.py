@@ -23,7 +23,8 @@ def load(
 
     scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
     "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
-    scene, y up. A missing or damaged image is left out and reported; with `strict` it is an error.
+    scene, y up. Images that can't be read, and parts of glTF files with wrong data, are left out and reported; with
+    `strict` they are errors.
 
     memory, seconds: what loading may take, in bytes and seconds, by default 2 GiB and ten minutes, or what the
     environment variables SOLARI_VK_LOAD_MEMORY ("8GiB") and SOLARI_VK_LOAD_SECONDS say. Raises SolariError beyond, for

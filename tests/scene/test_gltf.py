@@ -119,10 +119,6 @@ def test_triangle_modes(writer, mode, expected, indexed):
 @pytest.mark.parametrize(
     ("mesh", "triangle_count", "remark"),
     [
-        ({"mode": 0}, 0, "points have no surface and are left out"),
-        ({"mode": 1}, 0, "lines have no surface and are left out"),
-        ({"mode": 2}, 0, "line loops have no surface and are left out"),
-        ({"mode": 3}, 0, "line strips have no surface and are left out"),
         ({"attributes": {"POSITION": [[n] * 3 for n in range(3)]}}, 0, "primitives without any triangle of some area"),
         ({"attributes": {"POSITION": None}}, 0, "primitives without POSITION are left out"),
         ({"indices": [0, 1, 2, 0]}, 1, "the last corners make no whole triangle and are left out"),

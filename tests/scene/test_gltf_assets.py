@@ -14,9 +14,6 @@ from solari_vk.scene.gltf import load_gltf
 
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 WARNINGS = {
-    "Material_SpecularGlossiness_12": [
-        "the extension KHR_materials_pbrSpecularGlossiness is not supported and was ignored"
-    ],
     "TransmissionRoughnessTest": [
         "the realtime renderer shows reflections of dielectrics of 16% at most when seen straight on"
     ],

@@ -66,10 +66,10 @@ def test_a_truncated_glb_is_refused_at_every_length(basic):
 @pytest.mark.parametrize(
     ("content", "message"),
     [(b"", "neither a .glb"), (b"hello", "neither a .glb"), (b"\xff\xfe{}", "neither a .glb"),
-     (b"glTF" + b"\0" * 8, "ends inside its header"), (struct.pack("<4sIIII", b"glTF", 1, 20, 0, 0), "glTF 1 file"),
+     (b"glTF" + b"\0" * 8, "ends inside its header"), (struct.pack("<4sIIII", b"glTF", 1, 20, 0, 0), "gltf-pipeline"),
      (struct.pack("<4sIIII", b"glTF", 2, 20, 9, 0x4E4F534A), "says 9 bytes, but 0 are left"),
      (struct.pack("<4sIIII", b"glTF", 2, 20, 0, 0x004E4942), "first chunk of the .glb file is not JSON"),
-     (b"[1]", "a JSON object"), (b"{}", "no 'asset'"), (b'{"asset": {"version": "1.0"}}', "needs glTF '1.0'"),
+     (b"[1]", "a JSON object"), (b"{}", "no 'asset'"), (b'{"asset": {"version": "1.0"}}', "npx gltf-pipeline -i"),
      (b'{"asset": {"version": "2.0", "minVersion": "2.1"}}', "needs glTF '2.1'"), (b'{"asset": []}', "JSON object"),
      (b'{"asset": {"version": 2.0}}', "'version' is 2.0, but must be a text"),
      (b'{"asset": {"version": "2.0"}, "nodes": {}, "scenes": [{"nodes": [0]}]}', "'nodes' is an object of 0"),

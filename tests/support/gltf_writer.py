@@ -3,10 +3,13 @@
 import base64
 import io
 import json
+import re
 import struct
 
 import numpy as np
+import pytest
 
+from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
 
 COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -93,6 +96,14 @@ class GltfWriter:
 
     def load(self, **options):
         return load_gltf(self.save(self.path), **options)
+
+    def load_with_loss(self, message):
+        """The scene of a file of which a part is wrong, which is reported; with `strict` it is an error."""
+        with pytest.raises(SolariError, match=message):
+            self.load(strict=True)
+        scene = self.load()
+        assert re.search(message, "\n".join(scene.warnings)), scene.warnings
+        return scene
 
     def save(self, path, packing="glb"):
         """Write as "glb", "embedded" (a data URI) or "external" (a .bin beside it)."""

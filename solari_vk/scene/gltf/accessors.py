@@ -15,6 +15,7 @@ _SHAPES = {
     "SCALAR": (1, 1), "VEC2": (1, 2), "VEC3": (1, 3), "VEC4": (1, 4), "MAT2": (2, 2), "MAT3": (3, 3), "MAT4": (4, 4),
 }  # fmt: skip
 LARGEST_WITHOUT_DATA = 2**24
+_ROUNDING = 0.1  # of integers that Draco has quantized
 
 
 class _Layout(NamedTuple):
@@ -53,8 +54,8 @@ class Accessors:
             raise entry.error(f"has {width} components, but the data of {user.place} has the shape {array.shape}")
         if array.dtype.kind != "f" or (component.kind != "f" and not entry.flag("normalized", False)):
             with np.errstate(invalid="ignore"):
-                given, array = array, array.astype(component)
-            if (array != given).any():
+                given, array = array, np.rint(array).astype(component)
+            if not (np.abs(given - array.astype(np.float64)) <= _ROUNDING).all():
                 raise entry.error(f"has {component.name} values, which are too narrow for those of {user.place}")
         self._floats.pop(index, None)
         self._provided[index] = array
@@ -86,12 +87,16 @@ class Accessors:
         return array
 
     def integers(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[Any]:
-        """Unsigned integers (count, components) of the accessor's own type."""
+        """Unsigned integers (count, components); such values may be stored in a type that has others too."""
         entry = self._document.item("accessor", index, user)
         self._check_kind(entry, user, kinds)
         array = self._decode(index, entry)
         if array.dtype.kind != "u":
-            raise entry.error(f"(used by {user.place}) must hold unsigned integers, not {array.dtype.name}")
+            entry.charge(4 * array.size, "its data")
+            with np.errstate(invalid="ignore"):
+                given, array = array, array.astype(np.uint32)
+            if (array != given).any():
+                raise entry.error(f"(used by {user.place}) must hold unsigned integers, not {given.dtype.name}")
         return array
 
     def count(self, index: int, user: Entry) -> int:

@@ -20,6 +20,7 @@ from solari_vk.scene.gltf.values import Entry, shown
 _POINTER = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
 _BYTES_PER_CHANNEL = 4096
+_WRONG = "wrong channels of animations are left out"
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -31,39 +32,43 @@ class Animations:
         self._accessors = accessors
         self._placed = placed
         self._report = report
-        self._clips = [self._channels(number) for number in range(len(document.array("animation")))]
+        self._clips: list[tuple[Entry, list[tuple[Any, ...]]]] = []
+        for number in range(len(document.array("animation"))):
+            with report.costs(_WRONG):
+                self._clips.append(self._channels(number))
         targets = {node for _, channels in self._clips for node, *_ in channels}
         self._row: dict[int, int] = {}  # of the rig's nodes
         for number, node in placed.items():  # parents come first
             if number in targets or node.parent in self._row:
                 self._row[number] = len(self._row)
-        changes = [(node, path) for _, channels in self._clips for node, path, *_ in channels]
-        self.rig = self._make_rig({node for node, path in changes if path in _KINDS})
+        self.rig = self._make_rig()
 
     def row(self, node: int) -> int | None:
         """The rig's node for a node of the file, None for one that nothing moves."""
         return self._row.get(node)
 
     def weights_of(self, node: PlacedNode, count: int) -> bool:
-        """Whether the weights of a node's morph targets are animated. Raises SolariError unless there are `count`."""
+        """Whether the weights of a node's morph targets are animated. Channels of another number are left out."""
         found = False
         for entry, channels in self._clips:
-            for target, path, _, values, _ in channels:
-                if target == node.number and path == "weights":
+            for channel in list(channels):
+                target, path, _, values, _ = channel
+                if target != node.number or path != "weights":
+                    continue
+                if values.shape[-1] == count:
                     found = True
-                    if values.shape[-1] != count:
-                        raise entry.error(
-                            f"has {values.shape[-1]} weights for {node.entry.place}, whose mesh has {count} morph "
-                            "targets; export the file again"
-                        )
+                    continue
+                channels[:] = [one for one in channels if one is not channel]
+                error = entry.error(
+                    f"has {values.shape[-1]} weights for {node.entry.place}, whose mesh has {count} morph targets; "
+                    "export the file again"
+                )
+                self._report.lost(_WRONG, error)
         return found
 
-    def _make_rig(self, moved: set[int]) -> Rig:
+    def _make_rig(self) -> Rig:
         nodes = [self._placed[number] for number in self._row]
         entries = [node.entry for node in nodes]
-        for node in nodes:
-            if node.number in moved and "matrix" in node.entry:
-                raise node.entry.error("is animated, so it can't have a 'matrix'; export the file again")
         above = [self._placed.get(node.parent) for node in nodes]
         return Rig(
             [self._row.get(node.parent, -1) for node in nodes],
@@ -92,15 +97,16 @@ class Animations:
         samplers = entry.entries("samplers", "sampler")
         found = []
         for channel in entry.entries("channels", "channel"):
-            target = self._target(channel)
-            if target is None:
-                continue
-            which = channel.integer("sampler")
-            if which >= len(samplers):
-                raise channel.error(f"refers to sampler {shown(which)}, but there are only {len(samplers)} of them")
-            node, path = target
-            channel.charge(_BYTES_PER_CHANNEL, "its channels")
-            found.append((node, path, *self._keys(samplers[which], path)))
+            with self._report.costs(_WRONG):
+                target = self._target(channel)
+                if target is None:
+                    continue
+                which = channel.integer("sampler")
+                if which >= len(samplers):
+                    raise channel.error(f"refers to sampler {shown(which)}, but there are only {len(samplers)} of them")
+                node, path = target
+                channel.charge(_BYTES_PER_CHANNEL, "its channels")
+                found.append((node, path, *self._keys(samplers[which], path)))
         return entry, found
 
     def _target(self, channel: Entry) -> tuple[int, str] | None:
@@ -122,7 +128,9 @@ class Animations:
             raise target.wrong("path", "translation, rotation, scale or weights")
         if node is None:
             return None
-        self._document.item("node", node, target)
+        entry = self._document.item("node", node, target)
+        if path in _KINDS and "matrix" in entry:
+            raise entry.error("is animated, so it can't have a 'matrix'; export the file again")
         return (node, path) if node in self._placed else None
 
     def _keys(self, sampler: Entry, path: str) -> tuple[NDArray[Any], NDArray[Any], str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.scene import checks
 from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.gltf.accessors import Accessors
+from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 
 Vertices = dict[str, NDArray[Any]]  # by attribute: "POSITION", "NORMAL", "TANGENT", ...
@@ -18,8 +19,9 @@ TARGETS = {"POSITION": "targets", "NORMAL": "target_normals", "TANGENT": "target
 """What a morph target adds to, and the field of `Deformation` that has it."""
 
 
-def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Accessors) -> Vertices:
-    """What each target adds (N, T, 3), by the field of `Deformation`, for the attributes that the vertices have."""
+def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Accessors, report: Report) -> Vertices:
+    """What each target adds (N, T, 3), by the field of `Deformation`, for the attributes that the vertices have. What
+    is wrong adds nothing, and is reported."""
     found: Vertices = {}
     for name, field in TARGETS.items():
         if not any(name in target for target in targets) or name not in vertices:
@@ -28,15 +30,17 @@ def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Access
         _charge(targets, count)
         added = np.zeros((count, len(targets), 3), np.float32)
         for number, target in enumerate(targets):
-            index = target.index(name)
-            if index is None:
-                continue
-            values = accessors.floats(index, target, ("VEC3",))
-            if len(values) != count:
-                raise target.error(f"moves {len(values)} vertices, but there are {count}; export the file again")
-            if not np.abs(values).max(initial=0) <= checks.LARGEST_COORDINATE:
-                raise target.error(f"moves vertices by more than {checks.LARGEST_COORDINATE:g} meters; scale it down")
-            added[:, number] = values
+            with report.costs("morph targets with wrong values change nothing"):
+                index = target.index(name)
+                if index is None:
+                    continue
+                values = accessors.floats(index, target, ("VEC3",))
+                if len(values) != count:
+                    raise target.error(f"moves {len(values)} vertices, but there are {count}; export the file again")
+                if not np.abs(values).max(initial=0) <= checks.LARGEST_COORDINATE:
+                    limit = checks.LARGEST_COORDINATE
+                    raise target.error(f"moves vertices by more than {limit:g} meters; scale it down")
+                added[:, number] = values
         found[field] = added
     if found and "targets" not in found:
         _charge(targets, len(vertices["POSITION"]))

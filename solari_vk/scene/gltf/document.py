@@ -13,10 +13,11 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.budget import BudgetError
 from solari_vk.errors import SolariError
 from solari_vk.files import charge_json, read_regular
 from solari_vk.scene.gltf import files, meshopt
-from solari_vk.scene.gltf.values import Entry, clean, shown
+from solari_vk.scene.gltf.values import Entry, WholeFileError, clean, shown
 
 Bytes = NDArray[np.uint8]
 LARGEST_JSON = 256 * 2**20
@@ -45,7 +46,7 @@ class Document:
         self._unpacked: dict[int, Bytes] = {}
         self._decoded_bytes = 0
         self.held_bytes = 0
-        self._check_version()
+        self.version = self._checked_version()
 
     # ---- the JSON -----------------------------------------------------------------------------------
 
@@ -58,7 +59,7 @@ class Document:
             raise self.error("this .glb file ends inside its header; it is truncated: copy or download it again")
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
-            raise self.error(f"this is a glTF {version} file; only glTF 2.0 can be read: convert or export it again")
+            raise self.error(_other_version(version))
         if length > len(data):
             raise self.error(
                 f"the .glb header says {length} bytes, but the file has {len(data)}; it is truncated: "
@@ -101,14 +102,18 @@ class Document:
                 "give a complete glTF 2.0 file"
             ) from None
 
-    def _check_version(self) -> None:
+    def _checked_version(self) -> str:
+        """The version of the format. A later 2.x is read if the file doesn't say that 2.0 is too old for it."""
         asset = self.root.entry("asset")
         if asset is None:
             raise self.error("the JSON has no 'asset', so it is not a glTF 2.0 file")
-        for key in ("version", "minVersion"):
-            version = asset.text(key, "2.0" if key == "minVersion" else None)
-            if version.split(".")[0] != "2" or (key == "minVersion" and version != "2.0"):
-                raise self.error(f"the file needs glTF {shown(version)}; only 2.0 can be read: export it as glTF 2.0")
+        version = asset.text("version")
+        least = asset.text("minVersion", "2.0")
+        if version.split(".")[0] != "2":
+            raise self.error(_other_version(version))
+        if not re.fullmatch(r"[01](\.\d+)?|2(\.0+)?", least):
+            raise self.error(f"the file needs glTF {shown(least)}; only 2.0 can be read: export it as glTF 2.0")
+        return version
 
     def array(self, kind: str) -> list[Any]:
         """All objects of a kind ("node", "mesh", ...), as in the JSON."""
@@ -139,14 +144,26 @@ class Document:
         self._decoded_bytes += size
         self.held_bytes += min(size, 4 * compressed)
         if self._decoded_bytes > 32 * 2**20 + 16 * self.held_bytes:
-            raise user.error(
-                f"makes the geometry {self._decoded_bytes >> 20} MiB large although the file's buffers have only "
-                f"{self.held_bytes >> 20} MiB: its accessors overlap or have no data, so it is damaged or hostile"
+            raise WholeFileError(
+                f"{user.file}: {user.place} makes the geometry {self._decoded_bytes >> 20} MiB large although the "
+                f"file's buffers have only {self.held_bytes >> 20} MiB: its accessors overlap or have no data, so it "
+                "is damaged or hostile"
             )
         user.charge(size, "its data")
 
     def view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
-        """The bytes of a buffer view and its stride, None if its elements are packed."""
+        """The bytes of a buffer view and its stride, None if its elements are packed.
+
+        Raises WholeFileError for data that are missing or damaged.
+        """
+        try:
+            return self._view(index, user)
+        except BudgetError:
+            raise
+        except SolariError as error:
+            raise WholeFileError(str(error)) from None
+
+    def _view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
         view = self.item("bufferView", index, user)
         stride = view.integer("byteStride", low=4, high=252) if "byteStride" in view else None
         part = meshopt.packed_part(view)
@@ -233,6 +250,11 @@ class Document:
             f"has the 'uri' {shown(uri)}, which is not a relative path inside the glTF file's own folder; nothing else "
             "is read: copy the file there and name it by its relative path"
         )
+
+
+def _other_version(version: Any) -> str:
+    remedy = "convert it by gltf-pipeline (npx gltf-pipeline -i old.gltf -o new.glb)" if str(version)[:1] == "1" else ""
+    return f"is a glTF {shown(version)} file; only glTF 2.0 can be read: {remedy or 'export it as glTF 2.0'}"
 
 
 def _refuse_constant(name: str) -> None:

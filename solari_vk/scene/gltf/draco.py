@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.errors import SolariError
 from solari_vk.scene import libraries
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.document import Bytes, Document
-from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.gltf.values import Entry, WholeFileError
 
 EXTENSION = "KHR_draco_mesh_compression"
 _BYTES_PER_FACE = 24  # of indices and tables, at least, while Draco works
@@ -60,7 +61,10 @@ class DracoMeshes:
             except (IndexError, ValueError):
                 raise packed.error("has no Draco mesh of version 2.2; compress the file again") from None
             self._document.charge(faces * _BYTES_PER_FACE, packed, len(data))
-            draco = libraries.library("DracoPy", f"{packed.file}: {packed.place}")
+            try:
+                draco = libraries.library("DracoPy", f"{packed.file}: {packed.place}")
+            except SolariError as error:
+                raise WholeFileError(str(error)) from None
             try:
                 mesh = draco.decode(data.tobytes())
             except (draco.FileTypeException, ValueError) as error:

@@ -10,12 +10,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.specular_glossiness import FULL_REFLECTION
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.material import LARGEST_REFLECTANCE
 
 LARGEST_DISTANCE = 1e9  # meters; also stands for a volume that absorbs nothing
-_FULL_REFLECTION = 1e6  # the index of refraction for which glTF writes 0
 
 
 class Extension(NamedTuple):
@@ -67,7 +68,7 @@ def _reflections(extension: Entry, material: Entry, report: Report) -> dict[str,
     ior = (material.extension("KHR_materials_ior") or nothing).number("ior", 1.5, low=0)
     if 0 < ior < 1:
         raise material.wrong("extensions", "without an 'ior' between 0 and 1")
-    ior = min(ior, _FULL_REFLECTION) if ior > 0 else _FULL_REFLECTION
+    ior = min(ior, FULL_REFLECTION) if ior > 0 else FULL_REFLECTION
     specular = material.extension("KHR_materials_specular") or nothing
     color = np.array(specular.numbers("specularColorFactor", (1.0, 1.0, 1.0), low=0))
     return {
@@ -155,10 +156,13 @@ EXTENSIONS = (
     Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
     Extension("EXT_texture_webp", "works", ""),
     # Of one vendor, and withdrawn ones.
+    Extension("CESIUM_RTC", "works", "positions are left relative to the center, which a warning names"),
     Extension("CESIUM_primitive_outline", "no", "outlines are not drawn"),
     Extension("GODOT_single_root", "no", "a hint for game engines"),
-    Extension("KHR_materials_pbrSpecularGlossiness", "no", "withdrawn; its metallic-roughness values are used"),
-    Extension("MSFT_lod", "no", "the most detailed level is shown"),
+    Extension("KHR_materials_pbrSpecularGlossiness", "works", "diffuse light is diffuse * (1 - max(specular)), as in "
+              "three.js; the file's metallic-roughness values are ignored", specular_glossiness.read,
+              specular_glossiness.TEXTURES),
+    Extension("MSFT_lod", "works", "the most detailed level is shown at all distances"),
     Extension("MSFT_texture_dds", "no", "the texture's other image is used, if it has one"),
     Extension("VRMC_vrm", "no", "avatars are shown as any other model"),
 )

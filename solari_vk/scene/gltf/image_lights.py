@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.images import Images
 from solari_vk.scene.gltf.report import Report
-from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.gltf.values import Entry, shown, whole
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.lights.environment import Environment, directions
 from solari_vk.scene.matrices import nearest_rotation, quaternion_rotation
@@ -38,11 +38,12 @@ def read_environment(document: Document, scene: Entry, report: Report, strict: b
         raise scene.error(f"refers to light {shown(number)}, but the file has only {len(lights)} of them")
     light = lights[number]
     levels = light.values("specularImages", "a list of levels of six images", lambda level: isinstance(level, list))
-    if not levels or len(levels[0]) != _FACES or not all(type(face) is int and face >= 0 for face in levels[0]):
+    numbers = [face for value in (levels or [[]])[0] if (face := whole(value)) is not None and face >= 0]
+    if len(numbers) != _FACES or len(levels[0]) != _FACES:
         raise light.wrong("specularImages", "a list of levels of six images")
     images = Images(document, report, strict)
-    images.read({(face,): light for face in levels[0]})
-    found = [image.pixels for face in levels[0] if (image := images[(face,)]) is not None]
+    images.read({(face,): light for face in numbers})
+    found = [image.pixels for face in numbers if (image := images[(face,)]) is not None]
     if len(found) < _FACES or any(pixels.shape != (len(found[0]), len(found[0]), 4) for pixels in found):
         report.add("environments whose images can't be read or aren't equal squares are left out", light.place)
         return None

@@ -21,15 +21,17 @@ from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import PlacedNode, repeated, repetitions, roots, skin_of, walk
+from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
 from solari_vk.scene.gltf.poses import Pose
-from solari_vk.scene.gltf.primitives import Primitives
+from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
-_NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
+_NODE_EXTENSIONS = (
+    "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld", LEVELS,
+)  # fmt: skip
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
 _BYTES_PER_INSTANCE = 4096
@@ -43,8 +45,9 @@ def load_gltf(
     """Load a scene of a .gltf or .glb file, by index or name; by default the file's default scene.
 
     variant: the name of one of the file's variants of materials; `Scene.use_variant` changes to another.
-    An image that is missing or damaged, or in an unknown format, is left out of its materials and reported; with
-    `strict` it is an error.
+    An image that is missing or damaged, or in an unknown format, is left out of its materials and reported, and so is
+    an attribute, a primitive, a channel of an animation, a material, a light or a camera with wrong values; with
+    `strict` these are errors.
 
     `Scene.animations` has the clips; until one of them is played, the nodes are as the file has them. Suns get the
     angular size of the real one, because glTF has no field for it. `Scene.warnings` names what the file contains and
@@ -71,11 +74,11 @@ def _load(document: Document, scene: int | str | None, variant: str | None, stri
 class _Loader:
     def __init__(self, document: Document, strict: bool) -> None:
         self._document = document
-        self._report = Report()
+        self._report = Report(document.file, strict)
         self._accessors = Accessors(document)
         self._primitives = Primitives(self._accessors, DracoMeshes(document, self._accessors), self._report)
         self._materials = Materials(document, self._report, strict)
-        self._variants = Variants(document)
+        self._variants = Variants(document, self._report)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
         self._lights = Lights(document, self._report)
@@ -84,11 +87,18 @@ class _Loader:
 
     def load(self, which: int | str | None) -> Scene:
         self._check_required()
+        if self._document.version.rstrip(".0") != "2":
+            self._report.add("versions of glTF after 2.0 are read as 2.0", shown(self._document.version)[1:-1])
+        with self._report.costs("wrong centers are left out"):
+            if (center := self._document.root.extension("CESIUM_RTC")) is not None:
+                place = ", ".join(f"{value:.10g}" for value in center.numbers("center", (0.0, 0.0, 0.0)))
+                self._report.add("positions are left relative to the center of CESIUM_RTC", place)
         first, owner = roots(self._document, which)
         self._scene.name = owner.name or self._document.path.stem
         if owner is not self._document.root:
             self._report.add_extensions(owner, (ENVIRONMENT,))
-            self._scene.environment = read_environment(self._document, owner, self._report, strict=self._strict)
+            with self._report.costs("wrong environments are left out"):
+                self._scene.environment = read_environment(self._document, owner, self._report, strict=self._strict)
         placed = walk(self._document, first, owner)
         self._animations = Animations(self._document, self._accessors, placed, self._report)
         self._check_instance_count(placed)
@@ -96,11 +106,16 @@ class _Loader:
         for node in placed.values():
             self._report.add_extensions(node.entry, _NODE_EXTENSIONS)
             if "mesh" in node.entry:
-                self._add_meshes(node, placed)
+                with self._report.costs("nodes with wrong data have no surface"):
+                    self._add_meshes(node, placed)
             if "camera" in node.entry:
-                self._add(node, make_camera(self._document, node, self._report))
+                with self._report.costs("wrong cameras are left out"):
+                    self._add(node, make_camera(self._document, node, self._report))
             if node.entry.extension(LIGHTS):
-                self._add(node, self._lights.light(node))
+                with self._report.costs("wrong lights are left out"):
+                    self._add(node, self._lights.light(node))
+        if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
+            raise self._report.first_error
         for animation in self._animations.finish():
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
@@ -112,7 +127,8 @@ class _Loader:
         count = 0
         for node in placed.values():
             if "mesh" in node.entry:
-                count += repetitions(node, self._accessors)[0] * len(self._primitives_of(node))
+                with self._report.costs("nodes with wrong data have no surface"):
+                    count += repetitions(node, self._accessors)[0] * len(self._primitives_of(node))
                 # Each instance of EXT_mesh_gpu_instancing has at least twelve bytes in a buffer.
                 allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
                 if count > allowed:
@@ -162,14 +178,17 @@ class _Loader:
         users: dict[int, Entry] = {}
         for primitives in self._mesh_primitives.values():
             for primitive in primitives:
-                for material in (primitive.index("material"), *self._variants.materials(primitive).values()):
-                    if material is not None:
-                        users.setdefault(material, primitive)
+                with self._report.costs(WRONG_PRIMITIVES):
+                    for material in (primitive.index("material"), *self._variants.materials(primitive).values()):
+                        if material is not None:
+                            users.setdefault(material, primitive)
         self._materials.load(users)
 
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
         mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
-        skin = skin_of(self._document, self._accessors, node, placed, self._report)
+        skin = None
+        with self._report.costs("wrong skins are left out"):
+            skin = skin_of(self._document, self._accessors, node, placed, self._report)
         name = node.entry.name or mesh.name or mesh.place
         pose = Pose(self._animations, node, mesh, skin, placed)
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
@@ -193,9 +212,13 @@ class _Loader:
             for suffix, shape, material, others in parts:
                 shape = rig.inside_out(shape) if mirrored else shape
                 instance = Instance(shape, material, world, visible=visible, name=name + suffix)
+                try:
+                    pose.give(instance)
+                except SolariError as error:
+                    self._report.lost("meshes whose pose can't be shown are left out", error)
+                    continue
                 for variant in self._variants.names if others else ():
                     self._scene.variants.setdefault(variant, {})[instance] = others.get(variant, material)
-                pose.give(instance)
                 if skin is not None and row is not None:
                     rig.attach_side(instance, row, mirrored)
                 self._add(node, instance, local, moves=skin is None)
@@ -208,13 +231,14 @@ class _Loader:
             parts = self._parts_made[key] = []
             for number, primitive in enumerate(primitives):
                 suffix = f"/{number}" if len(primitives) > 1 else ""
-                material = self._materials[primitive.index("material")]
-                numbers = self._variants.materials(primitive)
-                others = {name: self._materials[number] for name, number in numbers.items()}
-                # One mesh serves all variants, so it has tangents if any of them has a normal map.
-                wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
-                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
-                if made is not None:
-                    materials = {name: other.material for name, other in others.items()}
-                    parts.append((suffix, made, material.material, materials))
+                with self._report.costs(WRONG_PRIMITIVES):
+                    material = self._materials[primitive.index("material")]
+                    numbers = self._variants.materials(primitive)
+                    others = {name: self._materials[number] for name, number in numbers.items()}
+                    # One mesh serves all variants, so it has tangents if any of them has a normal map.
+                    wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
+                    made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
+                    if made is not None:
+                        materials = {name: other.material for name, other in others.items()}
+                        parts.append((suffix, made, material.material, materials))
         return self._parts_made[key]

@@ -11,14 +11,17 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene import checks
+from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
+from solari_vk.scene.gltf.nodes import LEVELS
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.model import Material
 
 _UNLIT = "KHR_materials_unlit"
+_WRONG = "wrong materials are replaced by the default one"
 
 
 @dataclass
@@ -38,18 +41,25 @@ class Materials:
         self._document = document
         self._report = report
         self._textures = Textures(document, report, strict)
+        self._baker = specular_glossiness.Baker(report)
         self._loaded: dict[int | None, LoadedMaterial] = {}
 
     def load(self, users: dict[int, Entry]) -> None:
         """Load these materials (index: the object that refers to it) and all their images."""
-        parsed = {index: self._parse(self._document.item("material", index, user)) for index, user in users.items()}
+        parsed = {}
+        for index, user in users.items():
+            with self._report.costs(_WRONG):
+                parsed[index] = self._parse(self._document.item("material", index, user))
         self._textures.decode([slot for _, slots in parsed.values() for slot in slots.values()])
         for index, (entry, slots) in parsed.items():
             readable = {name: slot for name, slot in slots.items() if slot in self._textures}
-            self._loaded[index] = self._make(entry, readable)
+            with self._report.costs(_WRONG):
+                self._loaded[index] = self._make(entry, readable)
 
     def __getitem__(self, index: int | None) -> LoadedMaterial:
-        if index is None and None not in self._loaded:
+        if index not in self._loaded:
+            if index is not None:
+                return self[None]
             # The default material of glTF is metallic and rough.
             self._loaded[None] = LoadedMaterial(
                 Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=1.0, name="default")
@@ -90,22 +100,26 @@ class Materials:
         textures: dict[str, Any] = {
             name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()
         }
-        fields: dict[str, Any] = {"unlit": True} if _is_unlit(entry) else {}
-        for extension, said in _read_extensions(entry):
+        fields: dict[str, Any] = {
+            "base_color": np.array(base_color[:3], np.float32),
+            "metallic": pbr.number("metallicFactor", 1.0, low=0, high=1),
+            "perceptual_roughness": pbr.number("roughnessFactor", 1.0, low=0, high=1),
+            "alpha": base_color[3],
+            "unlit": _is_unlit(entry),
+        } | textures
+        extensions = _read_extensions(entry)
+        for extension, said in extensions:
             fields |= extension.read(said, entry, self._report)
+        if any(extension.name == specular_glossiness.EXTENSION for extension, _ in extensions):
+            fields |= self._baker.bake(fields, entry)
         material = Material(
-            base_color=np.array(base_color[:3], np.float32),
-            metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
-            perceptual_roughness=pbr.number("roughnessFactor", 1.0, low=0, high=1),
             emissive=emissive.astype(np.float32),
             normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
-            alpha=base_color[3],
             alpha_mode=entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
             alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
             **fields,
-            **textures,
         )
         return LoadedMaterial(material, uv_sets, normal)
 
@@ -113,7 +127,7 @@ class Materials:
         for name in entry.extensions():
             said = entry.extension(name)
             neutral = NEUTRAL.get(name)
-            if name in OF_MATERIALS or said is None:
+            if name in OF_MATERIALS or name == LEVELS or said is None:
                 continue
             if neutral and said.data.get(neutral, 0) in (0, [0, 0, 0]):
                 continue

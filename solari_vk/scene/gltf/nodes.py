@@ -16,6 +16,7 @@ from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.matrices import compose, quaternion_rotation
 
 Matrix = NDArray[np.float64]
+LEVELS = "MSFT_lod"
 _BYTES_PER_JOINT = 1024  # of a node with a skin
 _IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
 
@@ -64,12 +65,15 @@ def _orphans(document: Document) -> list[int]:
 
 @np.errstate(over="ignore", invalid="ignore")
 def walk(document: Document, first: list[int], owner: Entry) -> dict[int, PlacedNode]:
-    """All nodes below some roots by number, parents first, in the file's order."""
+    """All nodes below some roots by number, parents first, in the file's order; without coarser levels of detail."""
+    coarser = _coarser_levels(document)
     placed: dict[int, PlacedNode] = {}
     identity = np.eye(4)
     waiting: list[tuple[int, int, Matrix, bool, Entry]] = [(n, -1, identity, True, owner) for n in reversed(first)]
     while waiting:
         number, above, parent, visible, user = waiting.pop()
+        if number in coarser:
+            continue
         entry = document.item("node", number, user)
         if number in placed:
             raise entry.error(
@@ -81,6 +85,16 @@ def walk(document: Document, first: list[int], owner: Entry) -> dict[int, Placed
         placed[number] = PlacedNode(number, above, entry, world, visible)
         waiting.extend((child, number, world, visible, entry) for child in reversed(entry.integers("children")))
     return placed
+
+
+def _coarser_levels(document: Document) -> set[int]:
+    """The nodes that MSFT_lod shows in place of others that are far away. They need not be in the scene."""
+    found: set[int] = set()
+    if LEVELS in document.root.texts("extensionsUsed"):
+        for number in range(len(document.array("node"))):
+            levels = document.item("node", number, document.root).extension(LEVELS)
+            found.update(levels.integers("ids") if levels else ())
+    return found
 
 
 def own_visibility(entry: Entry) -> bool:

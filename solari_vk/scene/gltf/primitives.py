@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,18 @@ from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.deform import Vertices, deformation_of, read_joints, read_targets
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.materials import LoadedMaterial
+from solari_vk.scene.gltf.points_and_lines import LINE_RADIUS, POINT_RADIUS, with_surface
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.matrices import orthogonal, unit
 from solari_vk.scene.meshes.tangents import generate_tangents
 from solari_vk.scene.model import Mesh
 
-_MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
+_DRAWN = (
+    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size",
+    f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size",
+)
+WRONG_PRIMITIVES = "primitives with wrong data are left out"
 _WORKING_BYTES = 300  # a triangle, for its area and tangents
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
 
@@ -35,7 +41,7 @@ class Primitives:
     def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
         """The primitive as a mesh fit for a material, or None (reported) if it has no surface.
 
-        skinned: with joints.
+        skinned: with joints. Raises SolariError for wrong data.
         """
         attributes = primitive.entry("attributes")
         if attributes is None:
@@ -71,20 +77,23 @@ class Primitives:
         self, primitive: Entry, attributes: Entry, mode: int, name: str,
         material: LoadedMaterial, skinned: bool, targets: list[Entry],
     ) -> Mesh | None:  # fmt: skip
-        if mode < 4:
-            self._report.add(f"{_MODES[mode]} have no surface and are left out", primitive.place)
-            return None
         vertices = self._vertices(primitive, attributes, material)
         if vertices is None:
             return None
-        triangles = self._triangles(primitive, mode, len(vertices["POSITION"]))
-        moved = read_targets(vertices, targets, self._accessors)
+        corners = self._corners(primitive, len(vertices["POSITION"]))
+        moved = read_targets(vertices, targets, self._accessors, self._report)
         positions = vertices["POSITION"]
         if skinned:
-            moved |= read_joints(len(positions), attributes, self._accessors)
+            with self._report.costs("primitives with wrong joints or weights rest in the pose of their vertices"):
+                moved |= read_joints(len(positions), attributes, self._accessors)
         vertices |= moved
         if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
             raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
+        if mode < 4:
+            vertices, triangles = self._thin(primitive, mode, vertices, corners)
+            positions = vertices["POSITION"]
+        else:
+            triangles = self._triangles(primitive, mode, corners)
 
         size = sum(values.nbytes for values in vertices.values()) + triangles.nbytes
         primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * len(triangles))
@@ -99,7 +108,8 @@ class Primitives:
             return None
         if "NORMAL" in vertices:
             vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
-        vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
+        if mode >= 4:
+            vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
         return Mesh(
             positions=vertices["POSITION"],
             triangles=triangles,
@@ -125,15 +135,16 @@ class Primitives:
         }
         for name, uvs in zip(("TEXCOORD", "SECOND_TEXCOORD"), _uv_names(material), strict=False):
             wanted[name] = attributes.index(uvs), ("VEC2",)
-        if wanted["NORMAL"][0] is None:
-            del wanted["TANGENT"]  # as glTF demands: tangents need the normals that they were made for
         count = self._accessors.count(position, attributes)
         vertices = {}
         for name, (index, kinds) in wanted.items():
             if index is not None:
-                if (rows := self._accessors.count(index, attributes)) != count:
-                    raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
-                vertices[name] = self._accessors.floats(index, attributes, kinds)
+                with self._report.costs("wrong attributes are left out") if name != "POSITION" else nullcontext():
+                    if (rows := self._accessors.count(index, attributes)) != count:
+                        raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
+                    vertices[name] = self._accessors.floats(index, attributes, kinds)
+        if "NORMAL" not in vertices:
+            vertices.pop("TANGENT", None)  # as glTF demands: tangents need the normals that they were made for
         return self._with_colors(vertices, primitive)
 
     def _with_colors(self, vertices: Vertices, primitive: Entry) -> Vertices:
@@ -147,16 +158,28 @@ class Primitives:
                 vertices["COLOR"] = colors
         return vertices
 
-    def _triangles(self, primitive: Entry, mode: int, count: int) -> NDArray[np.uint32]:
+    def _corners(self, primitive: Entry, count: int) -> NDArray[np.uint32]:
         index = primitive.index("indices")
         if index is None:
-            corners = np.arange(count, dtype=np.uint32)
-        else:
-            corners = self._accessors.integers(index, primitive, ("SCALAR",))[:, 0].astype(np.uint32)
-            if len(corners) and int(corners.max()) >= count:
-                raise primitive.error(
-                    f"refers to vertex {corners.max()} (accessor {index}), but has only {count}; export the file again"
-                )
+            return np.arange(count, dtype=np.uint32)
+        corners = self._accessors.integers(index, primitive, ("SCALAR",))[:, 0].astype(np.uint32)
+        if len(corners) and int(corners.max()) >= count:
+            raise primitive.error(
+                f"refers to vertex {corners.max()} (accessor {index}), but has only {count}; export the file again"
+            )
+        return corners
+
+    def _thin(
+        self, primitive: Entry, mode: int, vertices: Vertices, corners: NDArray[np.uint32]
+    ) -> tuple[Vertices, NDArray[np.uint32]]:
+        """Vertices and triangles of points and lines."""
+        self._report.add(_DRAWN[mode > 0], primitive.place)
+        vertices, triangles, step = with_surface(vertices, corners, mode, primitive)
+        if step > 1:
+            self._report.add(f"only one of {step} points or lines is drawn", primitive.place)
+        return vertices, triangles
+
+    def _triangles(self, primitive: Entry, mode: int, corners: NDArray[np.uint32]) -> NDArray[np.uint32]:
         if mode == 4:
             whole = len(corners) // 3 * 3
             if whole != len(corners):

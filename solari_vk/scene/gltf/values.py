@@ -9,6 +9,11 @@ from typing import Any
 from solari_vk import budget
 from solari_vk.errors import SolariError
 
+
+class WholeFileError(SolariError):
+    """What is wrong with the data of the whole file, such as a buffer that is cut off, and not with one part of it."""
+
+
 LARGEST_INTEGER = 2**53  # the largest that JSON represents exactly in all programs
 
 
@@ -61,10 +66,8 @@ class Entry:
 
     def integer(self, key: str, default: int | None = None, *, low: int = 0, high: int = LARGEST_INTEGER) -> int:
         """A whole number in a range; without a default the field is required."""
-        value = self.data.get(key, default)
-        if isinstance(value, float) and value.is_integer():
-            value = int(value)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        value = whole(self.data.get(key, default))
+        if value is None or not low <= value <= high:
             bounds = f" from {low}" + (f" to {high}" if high != LARGEST_INTEGER else "")
             raise self.wrong(key, f"a whole number{bounds}")
         return value
@@ -104,7 +107,9 @@ class Entry:
 
     def integers(self, key: str) -> list[int]:
         """A list of whole numbers from 0, empty when the field is absent."""
-        return self.values(key, "whole numbers from 0", lambda value: type(value) is int and value >= 0)
+        wanted = "whole numbers from 0"
+        given = self.values(key, wanted, lambda value: (number := whole(value)) is not None and number >= 0)
+        return [int(value) for value in given]
 
     def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = ()) -> str:
         """A string; without a default the field is required."""
@@ -145,6 +150,13 @@ class Entry:
         extensions = self.entry("extensions")
         if extensions:
             yield from map(clean, extensions.data)
+
+
+def whole(value: Any) -> int | None:
+    """The whole number that a value of the JSON is, also when it is written as a float such as 3.0; else None."""
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
 def _bounds(low: float, high: float) -> str:

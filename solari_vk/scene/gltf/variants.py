@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 
 EXTENSION = "KHR_materials_variants"
@@ -11,8 +12,8 @@ EXTENSION = "KHR_materials_variants"
 class Variants:
     """The names of a file's variants, and what they change."""
 
-    def __init__(self, document: Document) -> None:
-        self._document = document
+    def __init__(self, document: Document, report: Report) -> None:
+        self._report = report
         self.names: list[str] = []
         extension = document.root.extension(EXTENSION)
         for number, variant in enumerate(extension.entries("variants", "variant") if extension else []):
@@ -24,9 +25,11 @@ class Variants:
         extension = primitive.extension(EXTENSION)
         found = {}
         for mapping in extension.entries("mappings", "mapping") if extension else []:
-            material = mapping.integer("material")
-            for number in mapping.integers("variants"):
-                if number >= len(self.names):
-                    raise mapping.error(f"refers to variant {shown(number)}, but the file has only {len(self.names)}")
-                found[self.names[number]] = material
+            with self._report.costs("wrong mappings of variants are left out"):
+                material = mapping.integer("material")
+                for number in mapping.integers("variants"):
+                    if number >= len(self.names):
+                        count = len(self.names)
+                        raise mapping.error(f"refers to variant {shown(number)}, but the file has only {count}")
+                    found[self.names[number]] = material
         return found

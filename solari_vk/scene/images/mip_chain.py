@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,12 @@ LINEAR_OF_SRGB = _srgb_to_linear()
 _STEPS = 2**16 - 1
 _MIDDLES = ((LINEAR_OF_SRGB[1:].astype(np.float64) + LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)
 _SRGB_OF_LINEAR = np.searchsorted(_MIDDLES, np.arange(_STEPS + 1)).astype(np.uint8)
+
+
+def srgb_of_linear(light: NDArray[np.floating[Any]]) -> Pixels:
+    """The sRGB codes of linear values in [0, 1]."""
+    codes: Pixels = _SRGB_OF_LINEAR[np.rint(light * _STEPS).astype(np.uint16)]
+    return codes
 
 
 def mip_chain(pixels: Pixels, srgb: bool) -> list[Pixels]:
