@@ -34,6 +34,7 @@ _HOMES = {
     "bound.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
     "scene.load": ("load",),
+    "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
     "scene.lights.sky": ("Sky",),
     "scene.studio": ("studio_lights",),
@@ -56,7 +57,7 @@ __all__ = [
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
     "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf",
-    "notebook", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+    "notebook", "open", "rt", "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ if TYPE_CHECKING:
         Texture,
         TextureImage,
     )
+    from solari_vk.scene.opening import open
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

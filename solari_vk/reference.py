@@ -147,6 +147,7 @@ class PathTracer(PictureRenderer):
             self._set_denoising(denoise)
         started = time.perf_counter()
         self._prepare(camera)
+        self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
         while self.samples < samples:
@@ -159,6 +160,7 @@ class PathTracer(PictureRenderer):
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
+        self.meter(camera)
         return self._latest
 
     def _estimate_error(self) -> float:

@@ -28,6 +28,7 @@ from solari_vk.scene.model import Camera, Instance, Scene
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 DARKEST, BRIGHTEST = 1e-4, 30.0
+METERING_FRAMES = 4  # realtime frames that choose the exposure of a camera with auto_exposure
 
 
 class RenderedFrame:
@@ -170,6 +171,8 @@ class PictureRenderer(SceneUser, ABC):
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
+    _looked_for_light = False
+    _metered = 0  # pictures that chose an exposure
 
     def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
         self.device = checked_device(device, type(self).__name__)
@@ -259,6 +262,25 @@ class PictureRenderer(SceneUser, ABC):
         radiance = self["radiance"] if radiance is None else radiance
         surfaces = None if self.binder.scene.environment is None else np.isfinite(self["depth"])
         return auto_exposure(radiance, surfaces)
+
+    def meter(self, camera: Camera, pictures: int = 1) -> None:
+        """Give a camera with auto_exposure the EV100 that suits the latest picture; `pictures` of them choose."""
+        if camera.auto_exposure:
+            self._metered += 1
+            camera.update(ev100=self.auto_exposure(), auto_exposure=self._metered % pictures != 0)
+
+    def _warn_of_darkness(self) -> None:
+        """Warn before the first picture of a scene in which nothing emits light. `binder` is up to date."""
+        if self._looked_for_light:
+            return
+        self._looked_for_light = True
+        scene = self.binder.scene
+        shown = [instance.material for instance in scene if instance.visible]
+        if shown and not len(self.binder.lights.ids) and not any(material.unlit for material in shown):
+            warnings.warn(
+                f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
+                "studio_lights(scene), set scene.environment = Sky(), or add a light", stacklevel=3,
+            )  # fmt: skip
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""

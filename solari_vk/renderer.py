@@ -22,7 +22,7 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
-from solari_vk.rendered import PictureRenderer, RenderedFrame
+from solari_vk.rendered import METERING_FRAMES, PictureRenderer, RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
 
@@ -130,6 +130,7 @@ class Renderer(PictureRenderer):
         if camera.aperture:
             raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
         self._frame.apply_edits()
+        self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
                 self._frame.uniforms.version)  # fmt: skip
         if seen != self._settings_seen:
@@ -150,6 +151,7 @@ class Renderer(PictureRenderer):
             raise
         self.frame_count += 1
         self._latest = RenderedFrame(self, camera, projection, submission)
+        self.meter(camera, METERING_FRAMES)
         return self._latest
 
     def _build_key(self) -> tuple[Any, ...]:

@@ -191,3 +191,31 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             tracer.render(samples=1).save(tmp_path / "right.png", exposure="auto")
+
+
+def test_the_first_picture_chooses_the_exposure(renderer):
+    """Where the camera asks for it; then the exposure stays."""
+    scene = renderer.binder.scene
+    camera = sv.Camera(transform=scene.camera.transform, auto_exposure=True)
+    for _ in range(4):
+        assert camera.auto_exposure or isinstance(renderer, sv.PathTracer)
+        frame = renderer.render(camera)
+    assert not camera.auto_exposure
+    assert camera.ev100 == pytest.approx(renderer.auto_exposure(), abs=0.5)
+    camera.ev100 = chosen = 7.0
+    frame = renderer.render(camera)
+    assert frame.camera.ev100 == chosen
+
+
+def test_a_scene_without_light_is_told_of_once(device, kind):
+    scene = sv.Scene(sv.Instance(sv.shapes.box(), sv.Material(base_color=0.5)))
+    with kind(device, scene, SIZE) as dark:
+        with pytest.warns(UserWarning, match="has no light, so pictures are black: load files with solari_vk.open"):
+            render(dark)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            render(dark)
+    scene.add(sv.PointLight((0, 2, 2)))
+    with warnings.catch_warnings(), kind(device, scene, SIZE) as lit:
+        warnings.simplefilter("error")
+        render(lit)

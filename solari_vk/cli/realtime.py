@@ -25,7 +25,6 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 
-METERING_FRAMES = 4
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 STILL_FRAMES = 48
 
@@ -103,9 +102,10 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
 
 def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
     """Choose a first exposure by what the first camera sees: passes pack radiance relative to the exposure."""
-    for _ in range(METERING_FRAMES):
+    cameras[0].auto_exposure = True
+    while cameras[0].auto_exposure:
         renderer.render(cameras[0])
-        expose(cameras, renderer.auto_exposure())
+    expose(cameras, cameras[0].ev100)
 
 
 class _Shooting:

@@ -71,7 +71,9 @@ class Camera(Checked):
     closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
     focused at focus_distance, in meters along the view axis; with 0 all is sharp. Only PathTracer renders depth of
-    field. `focus_on` sets both as photographers do.
+    field. `focus_on` sets both as photographers do. auto_exposure: the first picture that a renderer makes with the
+    camera chooses ev100, for which `render` waits (realtime: the first four frames); then it stays, as a number that is
+    assigned does.
     """
 
     _: KW_ONLY
@@ -82,6 +84,7 @@ class Camera(Checked):
     aperture: float = 0.0
     focus_distance: float = 1.0
     ev100: float = 0.0
+    auto_exposure: bool = False
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
     name: str = ""
 
@@ -94,6 +97,7 @@ class Camera(Checked):
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
         "ev100": checks.number(-100, 100),
+        "auto_exposure": checks.flag,
         "jitter": checks.array(2),
     }
 
@@ -181,6 +185,12 @@ class Camera(Checked):
         if 0 < self.orthographic_height < MIN_HEIGHT:
             raise SolariError(f"{self.describe()}: orthographic_height must be 0, which means perspective, or at least "
                               f"{MIN_HEIGHT:g} m, not {self.orthographic_height:g}")  # fmt: skip
+
+    def update(self, **fields: Any) -> None:
+        """Assign several fields at once; nothing is changed if one of them is refused."""
+        if "ev100" in fields and self._ready:
+            fields.setdefault("auto_exposure", False)
+        super().update(**fields)
 
     @property
     def exposure(self) -> float:

@@ -76,6 +76,7 @@ class Scene(Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
+        self._meters = False  # whether the camera that is made by default chooses its exposure
         self.backdrop: Instance | None = None
         """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
         self._own_materials: dict[Instance, Material] = {}
@@ -236,6 +237,7 @@ class Scene(Observable):
             if not visible:
                 return Camera()
             self._camera = default_camera(visible, np.concatenate(points), aspect)
+            self._camera.auto_exposure = self._meters
         return self._camera
 
     @property
