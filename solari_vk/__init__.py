@@ -46,7 +46,7 @@ _HOMES = {
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
     "tracer": ("RayTracer",),
-    "viewer": ("Viewer",),
+    "viewer.app": ("Viewer",),
 }
 _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -97,7 +97,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer
-    from solari_vk.viewer import Viewer
+    from solari_vk.viewer.app import Viewer
 
 
 def __getattr__(name: str) -> Any:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from solari_vk import __version__
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.physical import DeviceReport
 
 _DRIVER = (
     f"no device can be used: install a driver with {EXTENSIONS}: that of your graphics card, or Mesa's software device "
@@ -32,19 +36,20 @@ class Part(NamedTuple):
     works: Callable[[], bool] = lambda: False
     """Whether it works without the module."""
     trial: str = ""
-    """Python code beside the import that fails if the module can't be used."""
+    """Python code that fails if what is compiled of the module can't be used. Modules of Python alone have none."""
 
 
 PARTS = (
     Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn",
-         trial="pyoidn.Device.is_cpu_available()"),  # loads the libraries
-    Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu"),
-    Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression"))),
-    Part("meshes of meshopt", "formats", "meshopt"),
-    Part("meshes of Draco", "formats", "DracoPy"),
+         trial="import pyoidn; pyoidn.Device.is_cpu_available()"),  # loads the libraries
+    Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu", trial="import opengl_basisu"),
+    Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression")),
+         trial="import backports.zstd"),
+    Part("meshes of meshopt", "formats", "meshopt", trial="import meshopt"),
+    Part("meshes of Draco", "formats", "DracoPy", trial="import DracoPy"),
     Part("OBJ, PLY and STL files", "formats", "trimesh"),
     Part(".mp4 files", "video", "imageio_ffmpeg", lambda: bool(shutil.which("ffmpeg"))),
-    Part("panels in the viewer", "viewer", "imgui_bundle"),
+    Part("panels in the viewer", "viewer", "imgui_bundle", trial="import imgui_bundle"),
     Part("interactive pictures in notebooks", "notebook", "anywidget"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
@@ -53,38 +58,62 @@ PARTS = (
 
 def run(job: object) -> None:
     """Print the report. Raises DeviceError if no device can be used."""
-    from solari_vk import __version__
-    from solari_vk.gpu.device.device import list_devices
-    from solari_vk.gpu.shaders import shaderc
-    from solari_vk.viewer.window import why_none_opens
-
-    print(f"solari_vk {__version__}")
-    try:
-        print(f"compiler: {shaderc.version().split(' ')[0]}")
-    except SolariError as error:
-        print(f"compiler: {error}")
-    print(_cache())
+    trials = [part.trial for part in PARTS if part.trial and not part.works() and _is_there(part.module)]
+    with ThreadPoolExecutor() as pool:
+        tried = pool.submit(_reasons, trials)  # in another process, beside the imports and queries of this one
+        compiler, reason, reports = _compiler(), _why_no_window(), _devices()
+    reasons = tried.result()
+    print(f"solari_vk {__version__}\ncompiler: {compiler}\n{_cache()}")
     for part in PARTS:
-        print(f"{part.what}: {_state(part)}")
-    reason = why_none_opens()
+        print(f"{part.what}: {_state(part, reasons)}")
     print(f"windows: {reason + ' (without a display: xvfb-run solari-vk view ...)' if reason else 'yes'}")
-    reports = list_devices()
+    if isinstance(reports, SolariError):
+        raise reports
     for report in reports:
         _print_device(report)
     if all(report.missing for report in reports):
         raise DeviceError(_DRIVER)
 
 
-def _state(part: Part) -> str:
+def _compiler() -> str:
+    from solari_vk.gpu.shaders import shaderc
+
+    try:
+        return shaderc.version().split(" ")[0]
+    except SolariError as error:
+        return str(error)
+
+
+def _why_no_window() -> str:
+    from solari_vk.viewer.window import why_none_opens
+
+    return why_none_opens()
+
+
+def _devices() -> list[DeviceReport] | SolariError:
+    from solari_vk.gpu.device.device import list_devices
+
+    try:
+        return list_devices()
+    except SolariError as error:
+        return error
+
+
+def _state(part: Part, reasons: Mapping[str, str]) -> str:
     if part.works():
         return "yes"
     if not _is_there(part.module):
         return f"missing: pip install 'solari-vk[{part.extra}]'"
-    reason = _why_not(f"import {part.module}; {part.trial}")
-    return f"installed, but it doesn't work: {reason}" if reason else "yes"
+    return f"installed, but it doesn't work: {reason}" if (reason := reasons.get(part.trial)) else "yes"
 
 
-@functools.cache
+def _reasons(trials: Sequence[str]) -> dict[str, str]:
+    """Why trials fail, "" for those that don't: all in one process, and one by one only if that fails."""
+    if not _why_not("\n".join(trials)):
+        return dict.fromkeys(trials, "")
+    return {trial: _why_not(trial) for trial in trials}
+
+
 def _why_not(trial: str) -> str:
     """Why Python code fails, "" if it doesn't; in another process, because a damaged library may end its process."""
     try:
