@@ -12,7 +12,8 @@ from typing import ParamSpec
 
 Parameters = ParamSpec("Parameters")
 
-MAX_NAMES = 40  # that a message lists
+MAX_NAMES = 12  # that a message lists; of more it lists the NEAREST to what was given
+NEAREST = 5
 MAX_VALUE = 80  # characters of a value that a message quotes
 MAX_LINE = 2000
 _LONG_WORD = re.compile(r"[^\s/\\]{300,}")  # no file has so long a name
@@ -65,16 +66,20 @@ class CallbackError(ExceptionGroup[Exception], SolariError):
 
 
 def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
-    """The error for a name that isn't among the known ones: it suggests the closest name and lists all of them.
+    """The error for a name that isn't among the known ones: it suggests the closest name, and lists a few names, or of
+    many the nearest.
 
     what: the start of the message, such as "Material has no field".
     """
-    names = list(filter(None, known))
+    names = list(dict.fromkeys(filter(None, known)))
     text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
     close = difflib.get_close_matches(text, names, 1) or [known for known in names if len(text) > 2 and text in known]
     hint = f"did you mean '{close[0]}'? " if close else ""
-    rest = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    there = f"there are {', '.join(names[:MAX_NAMES])}{rest}" if names else "there are none"
+    if len(names) <= MAX_NAMES:
+        there = f"there are {', '.join(names)}" if names else "there are none"
+    else:
+        nearest = dict.fromkeys([*close, *difflib.get_close_matches(text, names, NEAREST, 0.0)])
+        there = f"the nearest of {len(names)} are {', '.join(list(nearest)[:NEAREST])}"
     return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 

@@ -136,6 +136,7 @@ class PathTracer(PictureRenderer):
         samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Raises
         SolariError for a sample count below 1, a negative target, and if OIDN isn't installed.
         """
+        self._frame.check_open()
         camera = self._camera_or_default(camera)
         if not isinstance(samples, int) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")

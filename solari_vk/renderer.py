@@ -183,8 +183,8 @@ class Renderer(PictureRenderer):
             self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
 
     def _write_settings(self) -> None:
-        self._frame.uniforms.update(uniform_values(self.settings))
-        self._frame.uniforms.update(
+        self._frame.uniforms.update_declared(uniform_values(self.settings))
+        self._frame.uniforms.update_declared(
             {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
         )
 
@@ -205,7 +205,7 @@ class Renderer(PictureRenderer):
             self.binder.blended_changes != self._blended_changes, *offset,
             x - previous_x, y - previous_y,
         )  # fmt: skip
-        self._frame.uniforms.update(self._changed_lights.uniforms)
+        self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
         self._has_history = True
         return projection

@@ -457,6 +457,28 @@ def test_numbers_that_are_no_lens(tmp_path, capsys, lens):
     assert re.fullmatch(r"solari-vk: --cameras .*json: it lacks a field .*\n", capsys.readouterr().err)
 
 
+@pytest.mark.parametrize(("words", "said"), [
+    (("render", "nothing.glb", "-o", "x.png"), "nothing.glb: there is no such file: check the path"),
+    (("view", "nothing.glb"), "nothing.glb: there is no such file: check the path"),
+    (("render", BOX, "-o", "x.foo"), "x.foo: pictures are written as .png, .exr, .npy, not '.foo'"),
+])  # fmt: skip
+def test_wrong_paths_are_answered_before_anything_large_is_imported(words, said):
+    program = (f"import sys; from solari_vk.cli import main; code = main({list(words)!r}); "
+               "sys.exit(code + 10 * ('vulkan' in sys.modules or 'solari_vk.scene.model' in sys.modules))")  # fmt: skip
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (2, f"solari-vk: {said}\n")
+
+
+def test_the_version_and_a_pose_in_the_help(capsys):
+    for words in (["--version"], ["render", "--help"]):
+        with pytest.raises(SystemExit, match="0"):
+            main(words)
+    said = capsys.readouterr().out
+    assert said.startswith(f"solari_vk {sv.__version__}\n")
+    pose = re.search(r'\{"position".*?\}', said, re.DOTALL)
+    assert sv.Camera.from_pose(json.loads(pose[0])).transform[2, 3] == 3
+
+
 def test_ctrl_c_during_imports(monkeypatch, capsys):
     class Interrupts:
         def find_spec(self, name, *_):

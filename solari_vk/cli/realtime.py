@@ -52,7 +52,6 @@ def targets_of(job: StillJob | MovieJob, count: int, folder: Path | None) -> lis
 
 def run(job: StillJob | MovieJob) -> int:
     """Render a picture or an animation and write it; returns the exit code."""
-    picture.check_output(job.output, movie.SUFFIXES if job.is_movie else picture.SUFFIXES)
     if job.is_movie:
         movie.check_encoder(job.output)
     settings = job.make_settings()

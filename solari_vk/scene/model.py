@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, checked_keywords, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.camera import Camera as Camera
@@ -215,14 +215,19 @@ class Scene(Observable):
                 self._own_materials.setdefault(instance, instance.material)
             instance.material = material
 
-    def camera_for(self, aspect: float, clip: Animation | None = None) -> Camera:
+    def camera_for(self, aspect: float, clip: Animation | int | str | None = None) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
         one that shows all of it from above at an angle, or a room from inside, which is created on the first call and
-        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip the scene is posed as at its
-        start, and a camera that is created shows all that the clip does.
+        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip, or its number or name in
+        `animations`, the scene is posed as at its start, and a camera that is created shows all that the clip does.
+        Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
+        if not (isinstance(aspect, (int, float, np.number)) and 0 < aspect < np.inf):
+            raise SolariError(f"Scene.camera_for: aspect is width / height of the picture, not {quoted(aspect)}")
+        if clip is not None and not isinstance(clip, Animation):
+            clip = self._animations[clip]
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]

@@ -86,10 +86,15 @@ class Mesh(Checked):
                 "trimesh.Scene.to_mesh() makes one of a trimesh.Scene"
             )
         uvs = getattr(mesh.visual, "uv", None)
+        try:
+            normals = mesh.vertex_normals if smooth else None
+        except ImportError as error:  # trimesh needs scipy for them
+            raise SolariError(f"Mesh.from_trimesh: smooth=True needs a library that isn't installed ({error}): install "
+                              "it by \"pip install scipy\", or leave smooth out") from None  # fmt: skip
         return cls(
             mesh.vertices,
             mesh.faces,
-            normals=mesh.vertex_normals if smooth else None,
+            normals=normals,
             uvs=None if uvs is None else np.array([0, 1], np.float32) + np.array([1, -1], np.float32) * uvs,
             name=str(mesh.metadata.get("name") or ""),
         )

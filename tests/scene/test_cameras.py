@@ -122,3 +122,13 @@ def test_damaged_orthographic_cameras(writer):
     scene = writer.load()
     assert not scene.cameras
     assert "without a height" in scene.warnings[0]
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((1.0, "Run"), "there is no animation 'Run'; there are none"),
+    (("wide",), "width / height of the picture, not 'wide'"),
+    ((0.0,), "not 0.0"),
+])  # fmt: skip
+def test_what_camera_for_refuses(arguments, message):
+    with pytest.raises(SolariError, match=message):
+        sv.builtin("cornell_box").camera_for(*arguments)
