@@ -33,6 +33,7 @@ _HOMES = {
     "scene.lights.punctual": ("PointLight", "SpotLight"),
     "bound.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
+    "scene.group": ("Group",),
     "scene.load": ("load",),
     "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
@@ -53,7 +54,7 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Animation", "CallbackError", "Camera", "Channel", "Deformation", "Device", "DeviceError", "DirectionalLight",
-    "Environment", "Frame", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
+    "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
     "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf",
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
+    from solari_vk.scene.group import Group
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky
     from solari_vk.scene.load import load

@@ -82,7 +82,7 @@ def test_scenes_hold_objects_in_order_and_notify_watchers():
         (lambda s: s.remove("flor"), r"there is no object 'flor'; did you mean 'floor'\? there are floor, wall"),
         (lambda s: s.lights.add(Camera()), "a light is needed, not Camera"),
         (lambda s: s.add(Material()), "holds instances, lights and cameras, not Material"),
-        (lambda s: s.add(Camera(), Material()), "given with a mesh only"),
+        (lambda s: s.add(Camera(), Material()), "material with a mesh only"),
         (lambda s: Scene().bounds, "no visible instance"),
         (lambda s: setattr(s, "instances", []), "Scene.instances can't be replaced: use scene.instances.add"),
         (lambda s: setattr(s, "weather", 1), "Scene has no field 'weather'; there are name, camera"),
