@@ -38,6 +38,7 @@ _HOMES = {
     "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
     "scene.lights.sky": ("Sky",),
+    "scene.lights.temperature": ("kelvin",),
     "scene.studio": ("studio_lights",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
@@ -57,7 +58,7 @@ __all__ = [
     "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf",
+    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "kelvin", "list_devices", "load", "load_gltf",
     "notebook", "open", "rt", "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.group import Group
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky
+    from solari_vk.scene.lights.temperature import kelvin
     from solari_vk.scene.load import load
     from solari_vk.scene.model import (
         Camera,

@@ -111,8 +111,8 @@ def plane(width: float = 1.0, depth: float | None = None) -> Mesh:
     x, z = _sizes("plane", width=width, depth=width if depth is None else depth) / 2
     corners = np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)])
     return Mesh(
-        positions=corners * (x, 0, z), normals=np.tile((0.0, 1.0, 0.0), (4, 1)), uvs=(corners[:, ::2] + 1) / 2,
-        triangles=np.array([(0, 1, 2), (0, 2, 3)]), name="plane",
+        positions=corners * (x, 0, z), triangles=np.array([(0, 1, 2), (0, 2, 3)]),
+        normals=np.tile((0.0, 1.0, 0.0), (4, 1)), uvs=((corners[:, ::2] + 1) / 2).astype(np.float32), name="plane",
     )  # fmt: skip
 
 
