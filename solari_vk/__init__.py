@@ -109,7 +109,11 @@ def __getattr__(name: str) -> Any:
         return import_module(f"solari_vk.{_MODULES[name]}")
     home = _HOME_OF.get(name)
     if home is None:
-        raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")
+        if name.startswith("_"):
+            raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")
+        from solari_vk.errors import unknown_name
+
+        raise AttributeError(str(unknown_name("solari_vk has no", name, __all__)))
     value = getattr(import_module(f"solari_vk.{home}"), name)
     globals()[name] = value
     return value

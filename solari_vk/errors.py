@@ -12,7 +12,7 @@ from typing import ParamSpec
 
 Parameters = ParamSpec("Parameters")
 
-MAX_NAMES = 12  # that a message lists; of more it lists the NEAREST to what was given
+MAX_NAMES = 16  # that a message lists; of more it lists the NEAREST to what was given
 NEAREST = 5
 MAX_VALUE = 80  # characters of a value that a message quotes
 MAX_LINE = 2000
@@ -73,13 +73,15 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     """
     names = list(dict.fromkeys(filter(None, known)))
     text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
-    close = difflib.get_close_matches(text, names, 1) or [known for known in names if len(text) > 2 and text in known]
+    lower = {known.lower(): known for known in reversed(names)}
+    part = [known for known in lower if len(text) > 2 and (text in known or (len(known) > 2 and known in text))]
+    close = [lower[known] for known in difflib.get_close_matches(text, lower, 1) or part]
     hint = f"did you mean '{close[0]}'? " if close else ""
     if len(names) <= MAX_NAMES:
         there = f"there are {', '.join(names)}" if names else "there are none"
     else:
-        nearest = dict.fromkeys([*close, *difflib.get_close_matches(text, names, NEAREST, 0.0)])
-        there = f"the nearest of {len(names)} are {', '.join(list(nearest)[:NEAREST])}"
+        near = [lower[known] for known in difflib.get_close_matches(text, lower, NEAREST, 0.0)]
+        there = f"the nearest of {len(names)} are {', '.join(list(dict.fromkeys([*close, *near]))[:NEAREST])}"
     return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 

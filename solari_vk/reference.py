@@ -20,7 +20,8 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
-from solari_vk.rendered import PictureRenderer, RenderedFrame
+from solari_vk.picture_renderer import PictureRenderer
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
@@ -161,8 +162,7 @@ class PathTracer(PictureRenderer):
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
-        self.meter(camera)
-        return self._latest
+        return self._finish(self._latest)
 
     def _estimate_error(self) -> float:
         estimate, samples = self._estimate, self.samples

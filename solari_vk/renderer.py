@@ -22,7 +22,8 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
-from solari_vk.rendered import METERING_FRAMES, PictureRenderer, RenderedFrame
+from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
 
@@ -150,9 +151,7 @@ class Renderer(PictureRenderer):
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
-        self._latest = RenderedFrame(self, camera, projection, submission)
-        self.meter(camera, METERING_FRAMES)
-        return self._latest
+        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""

@@ -130,7 +130,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
 
     given: frozenset[str] = frozenset()
     """The fields that the command line names."""
-    output: Path = option("the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures",
+    output: Path = option("the picture: .png, .jpg, .exr or .npy; an animation: .gif, .mp4, or numbered pictures",
                           names=("-o", "--output"), type=Path, required=True)
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(

@@ -162,7 +162,7 @@ class _Shooting:
             expose(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]
-            write_or_keep(target, lambda path: picture.write_png(path, codes))
+            write_or_keep(target, lambda path: picture.write_codes(path, codes))
         else:
             layers = {name: self._means[name] for name in job.aov}
             write_or_keep(target, lambda path: picture.save_image(

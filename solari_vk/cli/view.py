@@ -10,7 +10,7 @@ from solari_vk.cli.jobs import ViewJob
 from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.rays import IN_WORDS
-from solari_vk.output.picture import write_png
+from solari_vk.output.picture import write_codes
 from solari_vk.passes.debug_views import check_view
 
 
@@ -38,4 +38,4 @@ def run(job: ViewJob) -> None:
             viewer.pictures.view, viewer.pictures.tonemap = job.view, job.tonemap
             viewer.run(frames=job.frames)
             if job.screenshot is not None:
-                write_png(job.screenshot, viewer.capture())
+                write_codes(job.screenshot, viewer.capture())

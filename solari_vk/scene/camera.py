@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, field
@@ -20,18 +19,17 @@ from solari_vk.scene.observed import Checked, checked
 MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
 
 
-def _look_at(
-    camera: Camera | type[Camera], position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any
-) -> Camera:
-    """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the constructor.
-
-    `Camera.look_at(...)` creates a camera; `camera.look_at(...)` moves the camera and returns it. Raises SolariError if
-    position and target are equal, if up is parallel to the view, and for numbers that aren't finite or overflow.
-    """
+def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
+    """The transform (4, 4) of a camera at a position that looks at a target."""
     try:
         eye, aim, above = (np.asarray(vector, np.float64) for vector in (position, target, up))
+        if not eye.shape == aim.shape == above.shape == (3,):
+            raise ValueError
     except OverflowError:
         raise SolariError("Camera: position, target and up must be finite and not too far apart") from None
+    except (TypeError, ValueError):
+        given = ", ".join(map(quoted, (position, target, up)))
+        raise SolariError(f"Camera: position, target and up must be three numbers each, not {given}") from None
     with np.errstate(over="ignore", invalid="ignore"):
         back = eye - aim
         right = np.cross(above, back)
@@ -45,21 +43,18 @@ def _look_at(
     transform[:3, 0] = right / lengths[1]
     transform[:3, 1] = np.cross(transform[:3, 2], transform[:3, 0])
     transform[:3, 3] = eye
-    if isinstance(camera, Camera):
-        camera.update(transform=transform, **fields)
-        return camera
-    return camera(transform=transform, **fields)
+    return transform
 
 
 class _Placing:
-    """A method that creates an object when called on the class, and changes the object when called on an object."""
+    """A class method that is `place` where it is called on an object."""
 
-    def __init__(self, function: Callable[..., Camera]) -> None:
-        self._function = function
-        self.__doc__ = function.__doc__
+    def __init__(self, method: Any) -> None:
+        self._method = method
 
     def __get__(self, camera: Camera | None, kind: type[Camera]) -> Callable[..., Camera]:
-        return functools.partial(self._function, kind if camera is None else camera)
+        bound: Callable[..., Camera] = self._method.__get__(camera, kind) if camera is None else camera.place
+        return bound
 
 
 @checked
@@ -101,7 +96,22 @@ class Camera(Checked):
         "jitter": checks.array(2),
     }
 
-    look_at = _Placing(_look_at)
+    @_Placing
+    @classmethod
+    def look_at(cls, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any) -> Camera:
+        """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the
+        constructor, such as vertical_fov.
+
+        To move a camera, use `place`. Raises SolariError if position and target are equal, if up is parallel to the
+        view, and for numbers that aren't finite or overflow.
+        """
+        return cls(transform=_view(position, target, up), **fields)
+
+    def place(self, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any) -> Camera:
+        """Move the camera to a position, look at a target, and return the camera. Arguments and errors are those of
+        `look_at`."""
+        self.update(transform=_view(position, target, up), **fields)
+        return self
 
     @classmethod
     def framing(
@@ -191,6 +201,15 @@ class Camera(Checked):
         if "ev100" in fields and self._ready:
             fields.setdefault("auto_exposure", False)
         super().update(**fields)
+
+    def __repr__(self) -> str:
+        (x, y, z), (right, up, back) = self.transform[:3, 3], self.transform[:3, 2]
+        place = f"({x:.4g}, {y:.4g}, {z:.4g}) towards ({0 - right:.3g}, {0 - up:.3g}, {0 - back:.3g})"
+        fov = f"vertical_fov={self.vertical_fov:.4g} ({math.degrees(self.vertical_fov):.3g} degrees)"
+        lens = f"orthographic_height={self.orthographic_height:.4g}" if self.orthographic_height else fov
+        rest = {"aperture": self.aperture, "auto_exposure": self.auto_exposure}
+        more = "".join(f", {name}={value:.4g}" for name, value in rest.items() if value)
+        return f"<{self.describe()} at {place}, {lens}, ev100={self.ev100:.4g}{more}>"
 
     @property
     def exposure(self) -> float:

@@ -226,6 +226,12 @@ class Scene(Observable):
                 return holder
         raise SolariError(f"a scene holds instances, lights and cameras, not {type(item).__name__}")
 
+    def __repr__(self) -> str:
+        counts = {"instance": len(self._instances), "light": len(self._lights), "camera": len(self._cameras),
+                  "clip": len(self._animations)}  # fmt: skip
+        words = [f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count]
+        return f"<{self.describe()}: {', '.join(words) or 'empty'}>"
+
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
 

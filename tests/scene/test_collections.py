@@ -7,6 +7,7 @@ import operator
 import numpy as np
 import pytest
 
+import solari_vk as sv
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin
@@ -140,3 +141,10 @@ def test_a_mesh_with_a_material_at_a_place_in_one_line():
     assert (placed.material, placed.transform[:3, 3].tolist()) == (paint, [1, 2, 3])
     assert scene.add(Mesh(TRIANGLE)).material.name == ""
     assert placed.mesh.triangles.tolist() == placed.mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
+
+
+def test_scenes_in_words_and_names_that_are_near():
+    assert repr(builtin("cornell_box")) == "<Scene 'cornell_box': 6 instances, 1 camera>"
+    assert repr(Scene()) == "<Scene: empty>"
+    with pytest.raises(AttributeError, match="no 'EnvironmentMap'; did you mean 'Environment'"):
+        sv.EnvironmentMap  # noqa: B018

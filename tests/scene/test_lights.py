@@ -42,7 +42,8 @@ def test_kelvin(temperature, x, y):
 
 @pytest.mark.parametrize(("fields", "message"), [
     ({"lumens": 1, "intensity": 1}, "SpotLight: lumens makes intensity: give one"),
-    ({"lumens": -1}, "between 0 and .* lm"), ({"kelvin": 1, "color": 1}, "kelvin makes color"), ({"kelvin": 100}, "from 1667 to 25000 K, not 100"),
+    ({"lumens": -1}, "between 0 and .* lm"),
+    ({"kelvin": 1, "color": 1}, "kelvin makes color"), ({"kelvin": 100}, "from 1667 to 25000 K, not 100"),
     ({"lumens": 1, "outer_cone_angle": "wide"}, "outer_cone_angle"),
 ])  # fmt: skip
 def test_refused_units(fields, message):
