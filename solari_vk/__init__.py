@@ -40,6 +40,7 @@ _HOMES = {
     "scene.lights.sky": ("Sky",),
     "scene.lights.temperature": ("kelvin",),
     "scene.studio": ("studio_lights",),
+    "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
     "reference": ("PathTracer",),
@@ -59,7 +60,7 @@ __all__ = [
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
     "__version__", "auto_exposure", "builtin", "check_output", "cluster", "kelvin", "list_devices", "load", "load_gltf",
-    "notebook", "open", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+    "notebook", "open", "rt", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
+    from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, tonemap
     from solari_vk.reference import PathTracer

@@ -8,9 +8,10 @@ import inspect
 import re
 import warnings
 from collections.abc import Callable, Iterable
-from typing import ParamSpec
+from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 
 Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 
 MAX_NAMES = 16  # that a message lists; of more it lists the NEAREST to what was given
 NEAREST = 5
@@ -85,20 +86,38 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 
-def checked_keywords(hint: str = "") -> Callable[[Callable[Parameters, None]], Callable[Parameters, None]]:
-    """A decorator of constructors: an unknown keyword raises the error of `unknown_name`, with a hint at its end."""
+class Hints:
+    """Names the nearest attributes of an object when it is asked for one that it hasn't."""
 
-    def decorate(init: Callable[Parameters, None]) -> Callable[Parameters, None]:
-        parameters = list(inspect.signature(init).parameters.values())[1:]
+    __slots__ = ()
+
+    if not TYPE_CHECKING:  # or checkers would take any name
+
+        def __getattr__(self, name: str) -> NoReturn:
+            what = f"{type(self).__name__} has no attribute"
+            if name.startswith("_"):
+                raise AttributeError(f"{what} '{name}'")
+            names = (known for known in dir(type(self)) if not known.startswith("_"))
+            raise AttributeError(str(unknown_name(what, name, names)))
+
+
+def checked_keywords(
+    hint: str = "",
+) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
+    """A decorator of methods: an unknown keyword raises the error of `unknown_name`, with a hint at its end."""
+
+    def decorate(method: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+        parameters = list(inspect.signature(method).parameters.values())[1:]
         known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+        of = "" if method.__name__ == "__init__" else f".{method.__name__}"
 
-        @functools.wraps(init)
-        def checked(*given: Parameters.args, **options: Parameters.kwargs) -> None:
+        @functools.wraps(method)
+        def checked(*given: Parameters.args, **options: Parameters.kwargs) -> Result:
             for name in options:
                 if name not in known:
-                    error = unknown_name(f"{type(given[0]).__name__} has no option", name, known)
+                    error = unknown_name(f"{type(given[0]).__name__}{of} has no option", name, known)
                     raise SolariError(f"{error}{hint and f'; {hint}'}")
-            init(*given, **options)
+            return method(*given, **options)
 
         return checked
 

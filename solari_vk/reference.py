@@ -124,6 +124,7 @@ class PathTracer(PictureRenderer):
 
     # ---- rendering ----------------------------------------------------------------------------------
 
+    @checked_keywords()
     def render(
         self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
         progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,

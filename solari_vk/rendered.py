@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import Hints, SolariError, quoted
 from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
@@ -46,7 +46,7 @@ class Source(Protocol):
     def check_latest(self, frame: RenderedFrame, name: str) -> None: ...
 
 
-class RenderedFrame:
+class RenderedFrame(Hints):
     """The results of one frame as numpy arrays, by name, until the renderer renders its next frame.
 
     `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same. With
@@ -72,6 +72,8 @@ class RenderedFrame:
     def __getitem__(self, name: str) -> NDArray[Any]:
         renderer = self._renderer
         renderer.check_latest(self, name)
+        if name in ("picture", "image"):
+            raise SolariError(f"frames have no result '{name}': image() is the picture in 8 bits, 'radiance' in cd/m^2")
         if name in pathtracer.FIRST_HIT_AOVS:
             return renderer.first_hits.read(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.read(name)
@@ -209,7 +211,7 @@ class RenderedFrame:
 
 
 def _unseen(picture: NDArray[Any]) -> str:
-    """"black", "dark" or "bright" if nothing can be seen in a picture after exposure, otherwise ""."""
+    """Why nothing can be seen in a picture after exposure: it is "black", "dark" or "bright"; "" if something can."""
     if not picture.any():
         return "black"
     typical = float(np.median(picture[picture > 0]))

@@ -15,6 +15,7 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.placement import Placed, resolved
 
 MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
 
@@ -58,10 +59,11 @@ class _Placing:
 
 
 @checked
-class Camera(Checked):
+class Camera(Checked, Placed):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
-    transform is world from camera, (4, 4), or just a position (3,) in meters. vertical_fov is in radians
+    transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
+    which the constructor takes too. vertical_fov is in radians
     (`math.radians(45)`). orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
     closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
@@ -95,6 +97,9 @@ class Camera(Checked):
         "auto_exposure": checks.flag,
         "jitter": checks.array(2),
     }
+
+    _derived = ("position", "rotation")
+    _resolve = resolved
 
     @_Placing
     @classmethod

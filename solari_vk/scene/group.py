@@ -15,12 +15,12 @@ from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
 from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.objects import Instance
-from solari_vk.scene.placement import PARTS, Placed, placed
+from solari_vk.scene.placement import PARTS, Scaled, placed
 
 KINDS = (Instance, PunctualLight, DirectionalLight, Camera)
 
 
-class Group(Placed):
+class Group(Scaled):
     """Instances, lights, cameras and other groups of a scene that move together, as `Scene.group` and `Scene.add` make.
 
     transform (4, 4) is the matrix from the group's space to the world. Assign it, or `position`, `rotation` or `scale`,

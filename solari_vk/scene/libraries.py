@@ -20,9 +20,7 @@ def library(module: str, who: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise SolariError(
-            f'{who} needs a library that isn\'t installed ({error}): install it by "{INSTALL}"'
-        ) from None
+        raise SolariError(f'{who} needs a library that isn\'t installed ({error}): install it by "{INSTALL}"') from None
 
 
 def zstd(who: str) -> Any:

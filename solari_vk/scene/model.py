@@ -109,6 +109,7 @@ class Scene(Observable):
         """The clips of the file, which `animate` plays."""
         return self._animations
 
+    @checked_keywords()
     def animate(self, seconds: float, clip: int | str = 0, *, loop: bool = True) -> None:
         """Pose the scene as it is some seconds after the start of a clip, by its number or name in `animations`.
 
@@ -146,7 +147,7 @@ class Scene(Observable):
     def add(
         self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = "",
         **parts: Any,
-    ) -> Instance: ...
+    ) -> Instance: ...  # fmt: skip
     def add(
         self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = "",
         **parts: Any,

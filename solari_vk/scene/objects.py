@@ -20,7 +20,7 @@ from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.deformation import Deformation, check_pose
 from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
-from solari_vk.scene.placement import PARTS, Placed, placed
+from solari_vk.scene.placement import PARTS, Scaled, resolved
 
 
 @checked
@@ -125,7 +125,7 @@ class Mesh(Checked):
 
 
 @checked
-class Instance(Checked, Placed):
+class Instance(Checked, Scaled):
     """A mesh with a material at a place in the world.
 
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
@@ -159,13 +159,7 @@ class Instance(Checked, Placed):
         "morph_weights": checks.array(None, dtype=np.float64, optional=True, max_abs=1e6),
     }
     _derived = PARTS
-
-    @classmethod
-    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
-        changed = {name: given.pop(name) for name in PARTS if name in given}
-        before = given.pop("transform", None if current is None else current.transform)
-        who = cls.__name__ if current is None else current.describe()
-        return given | {"transform": placed(before, who, **changed)}
+    _resolve = resolved
 
     def _validate(self) -> None:
         if self.posed:

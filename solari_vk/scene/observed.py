@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
-from solari_vk.errors import SolariError, shortened, unknown_name
+from solari_vk.errors import Hints, SolariError, shortened, unknown_name
 
 
 class Watcher(Protocol):
@@ -20,7 +20,7 @@ class Watcher(Protocol):
     def note(self, changed: Observable) -> None: ...
 
 
-class Observable:
+class Observable(Hints):
     """Notifies its watchers of changes. It holds only weak references to them."""
 
     _watchers: tuple[weakref.ref[Watcher], ...] = ()
@@ -85,7 +85,7 @@ class Checked(Observable):
                 converted[name] = self._converters[name](value) if name in self._converters else value
             except (TypeError, ValueError, OverflowError) as error:
                 raise SolariError(f"{self.describe()}: {name} {error}") from None
-        before = {name: getattr(self, name, None) for name in fields}
+        before = {name: getattr(self, name) for name in fields} if self._ready else {}
         for name, value in converted.items():
             object.__setattr__(self, name, value)
         if not self._ready:

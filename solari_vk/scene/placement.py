@@ -74,6 +74,15 @@ def placed(
     return made
 
 
+@classmethod  # type: ignore[misc]
+def resolved(cls: type[Any], given: dict[str, Any], current: Any) -> dict[str, Any]:
+    """`Checked._resolve` of what has a transform."""
+    changed = {name: given.pop(name) for name in PARTS if name in given}
+    before = given.pop("transform", None if current is None else current.transform)
+    who = cls.__name__ if current is None else current.describe()
+    return given | {"transform": placed(before, who, **changed)}
+
+
 class Placed:
     """What has a transform, also as its parts. Subclasses have `transform` and `update`."""
 
@@ -102,6 +111,10 @@ class Placed:
     @rotation.setter
     def rotation(self, rotation: ArrayLike) -> None:
         self.update(rotation=rotation)
+
+
+class Scaled(Placed):
+    """What has a transform that may scale, also as its parts."""
 
     @property
     def scale(self) -> NDArray[np.float64]:

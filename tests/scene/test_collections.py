@@ -148,3 +148,9 @@ def test_scenes_in_words_and_names_that_are_near():
     assert repr(Scene()) == "<Scene: empty>"
     with pytest.raises(AttributeError, match="no 'EnvironmentMap'; did you mean 'Environment'"):
         sv.EnvironmentMap  # noqa: B018
+    with pytest.raises(AttributeError, match=r"solari_vk\.rt has no 'trace'; .*solari_vk.RayTracer"):
+        sv.rt.trace  # noqa: B018
+    with pytest.raises(AttributeError, match="Scene has no attribute 'add_light'; did you mean 'lights'"):
+        Scene().add_light(None)
+    with pytest.raises(SolariError, match=r"Scene\.animate has no option 'time'; there are seconds, clip, loop"):
+        Scene().animate("Run", time=0.3)

@@ -131,6 +131,11 @@ def test_directions_of_any_length_become_unit_vectors(length):
     assert light.direction == pytest.approx((0.6, 0.0, -0.8))
 
 
+def test_colors_of_the_web_are_srgb():
+    assert Material(base_color="#ff0000").base_color.tolist() == [1, 0, 0]
+    np.testing.assert_allclose(Material(base_color="#808").base_color, [0.2462, 0, 0.2462], atol=1e-4)
+
+
 def test_colors_may_be_gray_and_textures_are_made_of_pixels():
     assert Material(base_color=0.25, reflectance=[0, 0.5, 1]).base_color.tolist() == [0.25] * 3
     assert [Material(emissive=light).emits for light in (0, [0, 0, 1])] == [False, True]
