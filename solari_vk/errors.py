@@ -75,14 +75,16 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     names = list(dict.fromkeys(filter(None, known)))
     text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
     lower = {known.lower(): known for known in reversed(names)}
+    start = [known for known in lower if text.startswith(f"{known}_")]  # such as `add` for add_light
     part = [known for known in lower if len(text) > 2 and (text in known or (len(known) > 2 and known in text))]
-    close = [lower[known] for known in difflib.get_close_matches(text, lower, 1) or part]
+    near = difflib.get_close_matches
+    close = [lower[known] for known in near(text, lower, 1, 0.8) or start or near(text, lower, 1) or part]
     hint = f"did you mean '{close[0]}'? " if close else ""
     if len(names) <= MAX_NAMES:
         there = f"there are {', '.join(names)}" if names else "there are none"
     else:
-        near = [lower[known] for known in difflib.get_close_matches(text, lower, NEAREST, 0.0)]
-        there = f"the nearest of {len(names)} are {', '.join(list(dict.fromkeys([*close, *near]))[:NEAREST])}"
+        nearest = dict.fromkeys([*close, *(lower[known] for known in near(text, lower, NEAREST, 0.0))])
+        there = f"the nearest of {len(names)} are {', '.join(list(nearest)[:NEAREST])}"
     return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 
