@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from solari_vk import __version__
@@ -25,6 +26,7 @@ _DRIVER = (
 )
 
 TRIAL_SECONDS = 60.0
+_LOAD = "import ctypes, sys\nfor path in sys.argv[1:]: ctypes.CDLL(path)"
 
 
 class Part(NamedTuple):
@@ -35,32 +37,32 @@ class Part(NamedTuple):
     module: str
     works: Callable[[], bool] = lambda: False
     """Whether it works without the module."""
-    trial: str = ""
-    """Python code that fails if what is compiled of the module can't be used. Modules of Python alone have none."""
+    libraries: tuple[str, ...] = ("_*.so",)
+    """Patterns of the compiled files in the module's folder, which must load. Python itself is taken to work."""
 
 
 PARTS = (
-    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn",
-         trial="import pyoidn; pyoidn.Device.is_cpu_available()"),  # loads the libraries
-    Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu", trial="import opengl_basisu"),
-    Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression")),
-         trial="import backports.zstd"),
-    Part("meshes of meshopt", "formats", "meshopt", trial="import meshopt"),
-    Part("meshes of Draco", "formats", "DracoPy", trial="import DracoPy"),
+    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn", libraries=(
+        "oidn/lib/libOpenImageDenoise.so.2", "oidn/lib/libOpenImageDenoise_device_cpu.so*",
+    )),
+    Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu"),
+    Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression"))),
+    Part("meshes of meshopt", "formats", "meshopt"),
+    Part("meshes of Draco", "formats", "DracoPy"),
     Part("OBJ, PLY and STL files", "formats", "trimesh"),
     Part(".mp4 files", "video", "imageio_ffmpeg", lambda: bool(shutil.which("ffmpeg"))),
-    Part("panels in the viewer", "viewer", "imgui_bundle", trial="import imgui_bundle"),
+    Part("panels in the viewer", "viewer", "imgui_bundle"),
     Part("interactive pictures in notebooks", "notebook", "anywidget"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
-)
+)  # fmt: skip
 
 
 def run(job: object) -> None:
     """Print the report. Raises DeviceError if no device can be used."""
-    trials = [part.trial for part in PARTS if part.trial and not part.works() and _is_there(part.module)]
+    files = {part: _files(part) for part in PARTS if not part.works()}
     with ThreadPoolExecutor() as pool:
-        tried = pool.submit(_reasons, trials)  # in another process, beside the imports and queries of this one
+        tried = pool.submit(_reasons, files)  # in another process, beside the imports and queries of this one
         compiler, reason, reports = _compiler(), _why_no_window(), _devices()
     reasons = tried.result()
     print(f"solari_vk {__version__}\ncompiler: {compiler}\n{_cache()}")
@@ -99,27 +101,38 @@ def _devices() -> list[DeviceReport] | SolariError:
         return error
 
 
-def _state(part: Part, reasons: Mapping[str, str]) -> str:
+def _state(part: Part, reasons: Mapping[Part, str]) -> str:
     if part.works():
         return "yes"
     if not _is_there(part.module):
         return f"missing: pip install 'solari-vk[{part.extra}]'"
-    return f"installed, but it doesn't work: {reason}" if (reason := reasons.get(part.trial)) else "yes"
+    return f"installed, but it doesn't work: {reason}" if (reason := reasons.get(part)) else "yes"
 
 
-def _reasons(trials: Sequence[str]) -> dict[str, str]:
-    """Why trials fail, "" for those that don't: all in one process, and one by one only if that fails."""
-    if not _why_not("\n".join(trials)):
-        return dict.fromkeys(trials, "")
-    return {trial: _why_not(trial) for trial in trials}
+def _files(part: Part) -> list[str]:
+    """The compiled files of a part that is installed."""
+    spec = find_spec(part.module) if _is_there(part.module) else None
+    if spec is None or spec.origin is None:
+        return []
+    module = Path(spec.origin)
+    if module.suffix == ".so":
+        return [str(module)]
+    return [str(path) for pattern in part.libraries for path in sorted(module.parent.glob(pattern))]
 
 
-def _why_not(trial: str) -> str:
-    """Why Python code fails, "" if it doesn't; in another process, because a damaged library may end its process."""
+def _reasons(files: Mapping[Part, list[str]]) -> dict[Part, str]:
+    """Why parts don't load, "" for those that do: all in one process, and one by one only if that fails."""
+    if not _why_not([path for paths in files.values() for path in paths]):
+        return dict.fromkeys(files, "")
+    return {part: _why_not(paths) for part, paths in files.items()}
+
+
+def _why_not(paths: Sequence[str]) -> str:
+    """Why libraries don't load, "" if they do; in another process, because a damaged one may end its process."""
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-c", trial], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
-            errors="replace", check=False, timeout=TRIAL_SECONDS,
+            [sys.executable, "-I", "-S", "-c", _LOAD, *paths], stdin=subprocess.DEVNULL, capture_output=True,
+            encoding="utf-8", errors="replace", check=False, timeout=TRIAL_SECONDS,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
