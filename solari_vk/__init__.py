@@ -33,10 +33,14 @@ _HOMES = {
     "scene.lights.punctual": ("PointLight", "SpotLight"),
     "bound.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
+    "scene.group": ("Group",),
     "scene.load": ("load",),
+    "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
     "scene.lights.sky": ("Sky",),
+    "scene.lights.temperature": ("kelvin",),
     "scene.studio": ("studio_lights",),
+    "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
     "reference": ("PathTracer",),
@@ -45,18 +49,18 @@ _HOMES = {
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
     "tracer": ("RayTracer",),
-    "viewer": ("Viewer",),
+    "viewer.app": ("Viewer",),
 }
 _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Animation", "CallbackError", "Camera", "Channel", "Deformation", "Device", "DeviceError", "DirectionalLight",
-    "Environment", "Frame", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
+    "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf",
-    "notebook", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "kelvin", "list_devices", "load", "load_gltf",
+    "notebook", "open", "rt", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -66,6 +70,7 @@ if TYPE_CHECKING:
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
+    from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, tonemap
     from solari_vk.reference import PathTracer
@@ -78,8 +83,10 @@ if TYPE_CHECKING:
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
+    from solari_vk.scene.group import Group
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky
+    from solari_vk.scene.lights.temperature import kelvin
     from solari_vk.scene.load import load
     from solari_vk.scene.model import (
         Camera,
@@ -92,10 +99,11 @@ if TYPE_CHECKING:
         Texture,
         TextureImage,
     )
+    from solari_vk.scene.opening import open
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer
-    from solari_vk.viewer import Viewer
+    from solari_vk.viewer.app import Viewer
 
 
 def __getattr__(name: str) -> Any:
@@ -103,7 +111,11 @@ def __getattr__(name: str) -> Any:
         return import_module(f"solari_vk.{_MODULES[name]}")
     home = _HOME_OF.get(name)
     if home is None:
-        raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")
+        if name.startswith("_"):
+            raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")
+        from solari_vk.errors import unknown_name
+
+        raise AttributeError(str(unknown_name("solari_vk has no", name, __all__)))
     value = getattr(import_module(f"solari_vk.{home}"), name)
     globals()[name] = value
     return value

@@ -8,11 +8,13 @@ import inspect
 import re
 import warnings
 from collections.abc import Callable, Iterable
-from typing import ParamSpec
+from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 
 Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 
-MAX_NAMES = 40  # that a message lists
+MAX_NAMES = 16  # that a message lists; of more it lists the NEAREST to what was given
+NEAREST = 5
 MAX_VALUE = 80  # characters of a value that a message quotes
 MAX_LINE = 2000
 _LONG_WORD = re.compile(r"[^\s/\\]{300,}")  # no file has so long a name
@@ -65,33 +67,59 @@ class CallbackError(ExceptionGroup[Exception], SolariError):
 
 
 def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
-    """The error for a name that isn't among the known ones: it suggests the closest name and lists all of them.
+    """The error for a name that isn't among the known ones: it suggests the closest name, and lists a few names, or of
+    many the nearest.
 
     what: the start of the message, such as "Material has no field".
     """
-    names = list(filter(None, known))
+    names = list(dict.fromkeys(filter(None, known)))
     text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
-    close = difflib.get_close_matches(text, names, 1) or [known for known in names if len(text) > 2 and text in known]
+    lower = {known.lower(): known for known in reversed(names)}
+    start = [known for known in lower if text.startswith(f"{known}_")]  # such as `add` for add_light
+    part = [known for known in lower if len(text) > 2 and (text in known or (len(known) > 2 and known in text))]
+    near = difflib.get_close_matches
+    close = [lower[known] for known in near(text, lower, 1, 0.8) or start or near(text, lower, 1) or part]
     hint = f"did you mean '{close[0]}'? " if close else ""
-    rest = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    there = f"there are {', '.join(names[:MAX_NAMES])}{rest}" if names else "there are none"
+    if len(names) <= MAX_NAMES:
+        there = f"there are {', '.join(names)}" if names else "there are none"
+    else:
+        nearest = dict.fromkeys([*close, *(lower[known] for known in near(text, lower, NEAREST, 0.0))])
+        there = f"the nearest of {len(names)} are {', '.join(list(nearest)[:NEAREST])}"
     return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 
-def checked_keywords(hint: str = "") -> Callable[[Callable[Parameters, None]], Callable[Parameters, None]]:
-    """A decorator of constructors: an unknown keyword raises the error of `unknown_name`, with a hint at its end."""
+class Hints:
+    """Names the nearest attributes of an object when it is asked for one that it hasn't."""
 
-    def decorate(init: Callable[Parameters, None]) -> Callable[Parameters, None]:
-        parameters = list(inspect.signature(init).parameters.values())[1:]
+    __slots__ = ()
+
+    if not TYPE_CHECKING:  # or checkers would take any name
+
+        def __getattr__(self, name: str) -> NoReturn:
+            what = f"{type(self).__name__} has no attribute"
+            if name.startswith("_"):
+                raise AttributeError(f"{what} '{name}'")
+            names = (known for known in dir(type(self)) if not known.startswith("_"))
+            raise AttributeError(str(unknown_name(what, name, names)))
+
+
+def checked_keywords(
+    hint: str = "",
+) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
+    """A decorator of methods: an unknown keyword raises the error of `unknown_name`, with a hint at its end."""
+
+    def decorate(method: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+        parameters = list(inspect.signature(method).parameters.values())[1:]
         known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+        of = "" if method.__name__ == "__init__" else f".{method.__name__}"
 
-        @functools.wraps(init)
-        def checked(*given: Parameters.args, **options: Parameters.kwargs) -> None:
+        @functools.wraps(method)
+        def checked(*given: Parameters.args, **options: Parameters.kwargs) -> Result:
             for name in options:
                 if name not in known:
-                    error = unknown_name(f"{type(given[0]).__name__} has no option", name, known)
+                    error = unknown_name(f"{type(given[0]).__name__}{of} has no option", name, known)
                     raise SolariError(f"{error}{hint and f'; {hint}'}")
-            init(*given, **options)
+            return method(*given, **options)
 
         return checked
 

@@ -20,7 +20,8 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
-from solari_vk.rendered import PictureRenderer, RenderedFrame
+from solari_vk.picture_renderer import PictureRenderer
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
@@ -123,6 +124,7 @@ class PathTracer(PictureRenderer):
 
     # ---- rendering ----------------------------------------------------------------------------------
 
+    @checked_keywords()
     def render(
         self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
         progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,
@@ -136,6 +138,7 @@ class PathTracer(PictureRenderer):
         samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Raises
         SolariError for a sample count below 1, a negative target, and if OIDN isn't installed.
         """
+        self._frame.check_open()
         camera = self._camera_or_default(camera)
         if not isinstance(samples, int) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
@@ -147,6 +150,7 @@ class PathTracer(PictureRenderer):
             self._set_denoising(denoise)
         started = time.perf_counter()
         self._prepare(camera)
+        self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
         while self.samples < samples:
@@ -159,7 +163,7 @@ class PathTracer(PictureRenderer):
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
-        return self._latest
+        return self._finish(self._latest)
 
     def _estimate_error(self) -> float:
         estimate, samples = self._estimate, self.samples

@@ -1,36 +1,52 @@
-"""The base of the renderers of pictures, and the frame that `render` returns."""
+"""The frame that `render` returns."""
 
 from __future__ import annotations
 
 import operator
 import os
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import Hints, SolariError, quoted
 from solari_vk.first_hits import FirstHits
-from solari_vk.frame import SceneFrame, SceneUser, checked_device
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Row, Stage
-from solari_vk.output.picture import png_bytes, save_image, write_png
-from solari_vk.output.tone_mapping import auto_exposure, encode_picture
-from solari_vk.passes import brdf_table, pathtracer
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
+from solari_vk.output.tone_mapping import encode_picture
+from solari_vk.passes import pathtracer
+from solari_vk.scene.model import Camera, Instance
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 DARKEST, BRIGHTEST = 1e-4, 30.0
 
 
-class RenderedFrame:
+class Source(Protocol):
+    """The renderer of a frame."""
+
+    device: Device
+    binder: SceneBinder
+    size: tuple[int, int]
+    view: str
+    tonemap: str
+    first_hits: FirstHits
+
+    @property
+    def gbuffer(self) -> str: ...
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+    def read(self, name: str) -> NDArray[Any]: ...
+    def resource(self, name: str) -> Any: ...
+    def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float: ...
+    def check_latest(self, frame: RenderedFrame, name: str) -> None: ...
+
+
+class RenderedFrame(Hints):
     """The results of one frame as numpy arrays, by name, until the renderer renders its next frame.
 
     `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same. With
@@ -44,7 +60,7 @@ class RenderedFrame:
 
     __slots__ = ("_projection", "_renderer", "_submission", "camera", "size")
 
-    def __init__(self, renderer: PictureRenderer, camera: Camera, projection: Projection, submission: int) -> None:
+    def __init__(self, renderer: Source, camera: Camera, projection: Projection, submission: int) -> None:
         self._renderer = renderer
         self._projection = projection
         self._submission = submission
@@ -56,6 +72,8 @@ class RenderedFrame:
     def __getitem__(self, name: str) -> NDArray[Any]:
         renderer = self._renderer
         renderer.check_latest(self, name)
+        if name in ("picture", "image"):
+            raise SolariError(f"frames have no result '{name}': image() is the picture in 8 bits, 'radiance' in cd/m^2")
         if name in pathtracer.FIRST_HIT_AOVS:
             return renderer.first_hits.read(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.read(name)
@@ -95,14 +113,68 @@ class RenderedFrame:
         ids = [number for number, other in self.instances.items() if other is instance]
         return np.isin(self["instance_id"], ids)
 
+    def pick(self, x: int, y: int) -> Instance | None:
+        """The instance that a pixel shows at its center, None for the background.
+
+        x, y: the column and the row, counted from the top left. Raises SolariError outside of the picture.
+        """
+        width, height = self.size
+        try:
+            column, row = operator.index(x), operator.index(y)
+        except TypeError:
+            column = row = -1
+        if not (0 <= column < width and 0 <= row < height):
+            raise SolariError(f"pick: a pixel is two whole numbers, from 0, 0 to {width - 1}, {height - 1}, not "
+                              f"{quoted((x, y))}")  # fmt: skip
+        return self.instances.get(int(self["instance_id"][row, column]))
+
+    def image(self, *, exposure: float | str | None = None, tonemap: str | None = None) -> NDArray[np.uint8]:
+        """The picture as screens show it: sRGB codes (height, width, 3) from 0 to 255.
+
+        exposure: the factor by which radiance is multiplied, by default the camera's; "auto" chooses it by the picture,
+        as happens, with a warning, where nothing could be seen otherwise. tonemap: the tone curve, by default the
+        renderer's. While the renderer shows a debug view, this is `frame["display"]`. Raises SolariError for another
+        exposure or tone curve.
+        """
+        if self._renderer.view != "picture":
+            return np.asarray(self["display"][..., :3])
+        radiance = self["radiance"]
+        return encode_picture(
+            radiance, exposure=self._factor(radiance, exposure), curve=tonemap or self._renderer.tonemap
+        )
+
+    def _factor(self, radiance: NDArray[Any], exposure: float | str | None) -> float:
+        """The factor that an exposure means for a picture. Warns of one in which nothing can be seen."""
+        if isinstance(exposure, str):
+            if exposure != "auto":
+                raise SolariError(f"exposure is a factor or 'auto', not {quoted(exposure)}")
+            return Camera(ev100=self._renderer.auto_exposure(radiance)).exposure
+        factor = self.camera.exposure if exposure is None else exposure
+        if (wrong := _unseen(radiance * factor)) == "black":
+            warnings.warn(
+                "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
+                "with an emissive material, scene.environment, and studio_lights(scene)", stacklevel=3,
+            )  # fmt: skip
+        elif wrong and exposure is not None:
+            warnings.warn(f'the picture is far too {wrong}: give another exposure, or "auto"', stacklevel=3)
+        elif wrong:
+            ev100 = self._renderer.auto_exposure(radiance)
+            warnings.warn(
+                f"the picture would be far too {wrong} with the camera's EV100, {self.camera.ev100:.4g}, and is shown "
+                f"with {ev100:.3g}: set camera.ev100 to that, or camera.auto_exposure", stacklevel=3,
+            )  # fmt: skip
+            return Camera(ev100=ev100).exposure
+        return factor
+
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""
-        renderer = self._renderer
-        if renderer.view != "picture":
-            codes = self["display"][..., :3]
-        else:
-            codes = encode_picture(self["radiance"], exposure=self.camera.exposure, curve=renderer.tonemap)
-        return png_bytes(codes)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return png_bytes(self.image())
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"<RenderedFrame {width}x{height} of {type(self._renderer).__name__}: {', '.join(self.keys())}>"
 
     def save(
         self,
@@ -112,186 +184,35 @@ class RenderedFrame:
         exposure: float | str | None = None,
         tonemap: str | None = None,
     ) -> None:
-        """Write the picture as a .png, or radiance in cd/m^2 as an .exr or .npy.
+        """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr or .npy.
 
         layers: the name of a further result, or several, which become channels of an .exr, otherwise .npy files beside
         the picture.
-        exposure: the factor by which the .png multiplies radiance, by default the camera's; "auto" chooses it by the
-        picture. tonemap: the tone curve of the .png, by default the renderer's. While the renderer shows a debug view,
-        a .png holds `frame["display"]`. Warns of a .png in which nothing can be seen. Raises SolariError for an unknown
-        name or suffix, and for a file that can't be written.
+        exposure and tonemap are those of `image`, for the .png or .jpg. Raises SolariError for an unknown name or
+        suffix, and for a file that can't be written.
         """
         renderer, layers = self._renderer, (layers,) if isinstance(layers, str) else layers
-        is_png = Path(path).suffix.lower() == ".png"
-        if renderer.view != "picture" and is_png:
-            write_png(Path(path), self["display"][..., :3])
+        is_picture = Path(path).suffix.lower() in EIGHT_BIT
+        if is_picture and renderer.view != "picture":
+            write_codes(Path(path), self["display"][..., :3])
             return
         radiance = self["radiance"]
-        if exposure == "auto":
-            exposure = Camera(ev100=renderer.auto_exposure(radiance)).exposure
-        elif isinstance(exposure, str):
-            raise SolariError(f"{path}: exposure is a factor or 'auto', not {quoted(exposure)}")
-        exposure = self.camera.exposure if exposure is None else exposure
-        if is_png:
-            _warn_of_exposure(radiance * exposure)
+        if is_picture or isinstance(exposure, str):
+            factor = self._factor(radiance, exposure)
+        else:
+            factor = self.camera.exposure if exposure is None else exposure
         save_image(
             path,
             radiance,
-            exposure=exposure,
+            exposure=factor,
             tonemap=tonemap or renderer.tonemap,
             layers={name: self[name] for name in layers if name != "radiance"},
         )
 
 
-def _warn_of_exposure(picture: NDArray[Any]) -> None:
-    """Warn if nothing can be seen in a picture after exposure."""
+def _unseen(picture: NDArray[Any]) -> str:
+    """Why nothing can be seen in a picture after exposure: it is "black", "dark" or "bright"; "" if something can."""
     if not picture.any():
-        text = "is black: the scene's lights don't reach it. Lights are those of scene.lights, instances with an "
-        warnings.warn(f"the picture {text}emissive material, scene.environment, and studio_lights(scene)", stacklevel=3)
-    elif not DARKEST < (typical := float(np.median(picture[picture > 0]))) < BRIGHTEST:
-        text = f"the picture is far too {'bright' if typical > 1 else 'dark'}"
-        warnings.warn(f'{text}: set camera.ev100, or save it with exposure="auto"', stacklevel=3)
-
-
-class PictureRenderer(SceneUser, ABC):
-    """Renders pictures of a size with a frame of stages.
-
-    Subclasses make `_frame` in their constructors; `_stages` gives the frame's stages for a size.
-    size: (width, height) in pixels. Raises SolariError for a size that the device can't hold.
-    """
-
-    OUTPUTS: ClassVar[tuple[str, ...]]
-    """The names of all results that frames may have."""
-    LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
-    IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
-    view: str = "picture"
-    tonemap: str = "agx"
-    """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
-    _frame: SceneFrame
-    _latest: RenderedFrame | None = None
-    _closed = False
-
-    def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
-        self.device = checked_device(device, type(self).__name__)
-        self.size = self._checked_size(size)
-        super().__init__(device, scene)
-        try:
-            self.binder.update()
-            table, self._tables = brdf_table.compute(device)
-            self._owned.enter_context(table)
-            self.first_hits = self._owned.enter_context(closing(FirstHits(device, self.binder, self._tables)))
-        except BaseException:
-            self._owned.close()
-            raise
-
-    @abstractmethod
-    def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        """The stages of a frame, in order."""
-
-    @property
-    def gbuffer(self) -> str:
-        """How the surface of a pixel is found: "traced", or "raster", which shows meshes that rays don't hit."""
-        return "traced"
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """The names of the results that the frame has."""
-        return self.OUTPUTS
-
-    @abstractmethod
-    def resize(self, size: tuple[int, int]) -> None:
-        """Change the picture's size to (width, height) in pixels. What was accumulated is discarded.
-
-        Raises SolariError for a size that the device can't hold; the size then stays as it was.
-        """
-
-    def reload(self) -> None:
-        """Compile changed shaders. Raises CompilationError if one has an error; the old shaders then stay in use."""
-        self._frame.rebuild()
-        self.first_hits.close()
-
-    @abstractmethod
-    def reset(self) -> None:
-        """Discard what earlier frames accumulated."""
-
-    def resource(self, name: str) -> Any:
-        """The Buffer or Image that had this name in the shaders of the latest frame."""
-        return self._frame.resource(name)
-
-    @property
-    def timings(self) -> dict[str, float]:
-        """GPU milliseconds of each pass in the latest finished frame."""
-        return self._frame.timings
-
-    @property
-    def memory(self) -> dict[str, int]:
-        """The bytes of the frame's buffers and images on the device, by name; a history counts twice.
-
-        The scene is not included. `device.memory.bytes_reserved` is what is reserved for everything, without what the
-        driver itself needs.
-        """
-        return self._frame.memory
-
-    @property
-    def stages(self) -> list[Stage]:
-        """The frame's stages, in order."""
-        return self._frame.stages
-
-    def describe(self) -> list[Row]:
-        """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""
-        return self._frame.describe()
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame, as RenderedFrame has it. Raises SolariError if there is no frame."""
-        if self._latest is None:
-            raise SolariError(f"{type(self).__name__}: render before asking for '{name}'")
-        return self._latest[name]
-
-    @abstractmethod
-    def read(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
-
-    def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float:
-        """The EV100 that suits the latest picture: surfaces count, and an environment behind them doesn't.
-
-        radiance (height, width, 3): another picture of the same view, such as the mean of several frames.
-        """
-        radiance = self["radiance"] if radiance is None else radiance
-        surfaces = None if self.binder.scene.environment is None else np.isfinite(self["depth"])
-        return auto_exposure(radiance, surfaces)
-
-    def check_latest(self, frame: RenderedFrame, name: str) -> None:
-        """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
-        if self._latest is frame:
-            return
-        what = "was closed" if self._closed else "has rendered a later frame"
-        raise SolariError(f"'{name}' must be read earlier: this frame's {type(self).__name__} {what}")
-
-    def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
-        self._latest, self._closed = None, True
-        super().close()
-
-    def _camera_or_default(self, camera: Camera | None) -> Camera:
-        if camera is None:
-            return self.binder.scene.camera_for(self.size[0] / self.size[1])
-        if not isinstance(camera, Camera):
-            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}")
-        return camera
-
-    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
-        what = type(self).__name__
-        try:
-            width, height = (operator.index(n) for n in size)
-        except (TypeError, ValueError):
-            raise SolariError(f"{what}: size must be two whole numbers (width, height), not {quoted(size)}") from None
-        limits = self.device.properties.limits
-        max_pixels = limits.maxStorageBufferRange // self.LARGEST_PIXEL_BYTES
-        max_side = limits.maxImageDimension2D if self.IN_IMAGES else max_pixels
-        if not (0 < width <= max_side and 0 < height <= max_side and width * height <= max_pixels):
-            sides = f"{max_side} pixels a side and " if self.IN_IMAGES else ""
-            raise SolariError(
-                f"{what}: {width}x{height} is not between 1 pixel and what this device holds, {sides}{max_pixels:,} "
-                "pixels in all"
-            )
-        return width, height
+        return "black"
+    typical = float(np.median(picture[picture > 0]))
+    return "" if DARKEST < typical < BRIGHTEST else "bright" if typical > 1 else "dark"

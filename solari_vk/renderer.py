@@ -22,7 +22,8 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
-from solari_vk.rendered import PictureRenderer, RenderedFrame
+from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
 
@@ -130,6 +131,7 @@ class Renderer(PictureRenderer):
         if camera.aperture:
             raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
         self._frame.apply_edits()
+        self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
                 self._frame.uniforms.version)  # fmt: skip
         if seen != self._settings_seen:
@@ -149,8 +151,7 @@ class Renderer(PictureRenderer):
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
-        self._latest = RenderedFrame(self, camera, projection, submission)
-        return self._latest
+        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
@@ -181,8 +182,8 @@ class Renderer(PictureRenderer):
             self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
 
     def _write_settings(self) -> None:
-        self._frame.uniforms.update(uniform_values(self.settings))
-        self._frame.uniforms.update(
+        self._frame.uniforms.update_declared(uniform_values(self.settings))
+        self._frame.uniforms.update_declared(
             {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
         )
 
@@ -203,7 +204,7 @@ class Renderer(PictureRenderer):
             self.binder.blended_changes != self._blended_changes, *offset,
             x - previous_x, y - previous_y,
         )  # fmt: skip
-        self._frame.uniforms.update(self._changed_lights.uniforms)
+        self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
         self._has_history = True
         return projection

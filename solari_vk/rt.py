@@ -17,8 +17,9 @@ vertices of a hit triangle.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
+from solari_vk.errors import unknown_name
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.build_call import BlasBuildEntry, BuildCall, TlasPackage
 from solari_vk.gpu.acceleration.checks import check_items, check_kind
@@ -79,3 +80,10 @@ def build_acceleration_structures(
     structure that was never built, was destroyed, is too large or occurs twice. Use `BuildCall` to submit a call later.
     """
     return BuildCall(device, blases, tlases).submit()
+
+
+def __getattr__(name: str) -> NoReturn:
+    if name.startswith("_"):
+        raise AttributeError(f"module 'solari_vk.rt' has no attribute '{name}'")
+    raise AttributeError(f"{unknown_name('solari_vk.rt has no', name, __all__)}; solari_vk.RayTracer(device, scene) "
+                         "traces arrays of rays through a scene")  # fmt: skip

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -457,6 +458,28 @@ def test_numbers_that_are_no_lens(tmp_path, capsys, lens):
     assert re.fullmatch(r"solari-vk: --cameras .*json: it lacks a field .*\n", capsys.readouterr().err)
 
 
+@pytest.mark.parametrize(("words", "said"), [
+    (("render", "nothing.glb", "-o", "x.png"), "nothing.glb: there is no such file: check the path"),
+    (("view", "nothing.glb"), "nothing.glb: there is no such file: check the path"),
+    (("render", BOX, "-o", "x.foo"), "x.foo: pictures are written as .png, .jpg, .jpeg, .exr, .npy, not '.foo'"),
+])  # fmt: skip
+def test_wrong_paths_are_answered_before_anything_large_is_imported(words, said):
+    program = (f"import sys; from solari_vk.cli import main; code = main({list(words)!r}); "
+               "sys.exit(code + 10 * ('vulkan' in sys.modules or 'solari_vk.scene.model' in sys.modules))")  # fmt: skip
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (2, f"solari-vk: {said}\n")
+
+
+def test_the_version_and_a_pose_in_the_help(capsys):
+    for words in (["--version"], ["render", "--help"]):
+        with pytest.raises(SystemExit, match="0"):
+            main(words)
+    said = capsys.readouterr().out
+    assert said.startswith(f"solari_vk {sv.__version__}\n")
+    pose = re.search(r'\{"position".*?\}', said, re.DOTALL)
+    assert sv.Camera.from_pose(json.loads(pose[0])).transform[2, 3] == 3
+
+
 def test_ctrl_c_during_imports(monkeypatch, capsys):
     class Interrupts:
         def find_spec(self, name, *_):
@@ -483,23 +506,25 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch):
 def test_info_names_what_there_is_what_is_missing_and_the_command(any_device, monkeypatch, capsys, tmp_path):
     """Of what is installed, a library fails, and one ends the process that tries it."""
     absent = {"pyoidn", "imageio_ffmpeg", "distributed"}
-    (tmp_path / "DracoPy.py").write_text("raise ImportError('no libdraco.so')")
-    (tmp_path / "meshopt.py").write_text("import os; os._exit(9)")
+    (tmp_path / "DracoPy.so").write_bytes(b"no library")
+    (tmp_path / "meshopt").mkdir()
+    for name in ("__init__.py", "_core.so"):
+        (tmp_path / "meshopt" / name).write_text("")
+    dies = "import os, sys; any('meshopt' in path for path in sys.argv) and os._exit(9)\n"
+    monkeypatch.setattr(info, "_LOAD", dies + info._LOAD)  # as a library may that is damaged
     for name in ("a.spv", "b.spv", "c.pipelines", "d.txt"):
         (tmp_path / name).write_bytes(bytes(500_000))
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: None if name in absent else name)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: None if name in absent else find_spec(name))
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("solari_vk.viewer.window.glfw.init", lambda: 0)
-    info._why_not.cache_clear()
     assert main(["doctor"]) == 0
-    info._why_not.cache_clear()
     said = capsys.readouterr().out
     for words in (
         "device 0", "compiler", "usable", "--rays query: ", "--rays pipeline: ", "gbuffer=auto: ",
         f"cache: {tmp_path}, shaders: 2, pipeline caches: 1, 1.5 MB\n",
-        "meshes of Draco: installed, but it doesn't work: ImportError: no libdraco.so\n",
+        f"meshes of Draco: installed, but it doesn't work: OSError: {tmp_path}/DracoPy.so: ",
         "meshes of meshopt: installed, but it doesn't work: it ends Python with code 9\n",
         "\nwindows: GLFW does not start (without a display: xvfb-run",
         *(f": missing: pip install 'solari-vk[{extra}]'\n" for extra in ("oidn", "video", "cluster")),

@@ -26,7 +26,11 @@ GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
-    "first_hits", "rendered", "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
+    "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
+}  # fmt: skip
+RENDERING = {
+    "errors", "passes", "frame", "first_hits", "rendered", "picture_renderer", "output", "gpu.device", "gpu.frame",
+    *WINGS,
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
@@ -48,9 +52,10 @@ MAY_IMPORT = {
     "frame": {"errors", *GPU, *WINGS},
     "tracer": {"errors", "frame", *GPU, *WINGS},
     "first_hits": {"passes", "gpu.device", "gpu.frame", *WINGS},
-    "rendered": {"errors", "passes", "frame", "first_hits", "output", "gpu.device", "gpu.frame", *WINGS},
-    "reference": {"errors", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame", *WINGS},
-    "renderer": {"errors", "settings", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame", *WINGS},
+    "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
+    "picture_renderer": RENDERING - {"picture_renderer"},
+    "reference": RENDERING,
+    "renderer": {"settings", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,

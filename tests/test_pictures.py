@@ -9,6 +9,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 
+import solari_vk as sv
 from solari_vk.errors import SolariError
 from solari_vk.output.picture import check_output, save_image
 from solari_vk.output.tone_mapping import CURVES, auto_exposure, decode_srgb, encode_srgb, tonemap
@@ -113,7 +114,7 @@ def test_exr_holds_everything_exactly(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("a.jpg", "written as .png, .exr, .npy, not '.jpg'"), ("a", "not ''"), ("no/a.png", "no folder"),
+    [("a.gif", "written as .png, .jpg, .jpeg, .exr, .npy, not '.gif'"), ("a", "not ''"), ("no/a.png", "no folder"),
      ("folder.png", "is a folder")],
 )  # fmt: skip
 def test_paths_that_can_not_be_written(tmp_path, name, message):
@@ -132,3 +133,27 @@ def test_shapes_that_do_not_fit(tmp_path):
         with pytest.raises(SolariError, match="shape"):
             save_image(tmp_path / "a.exr", picture, layers=layers)
     assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_videos(tmp_path, suffix):
+    if suffix == ".mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    images = [np.full((8, 16, 3), value, np.uint8) for value in (0, 128, 255)]
+    sv.save_video(tmp_path / f"a{suffix}", images, fps=10)
+    assert (tmp_path / f"a{suffix}").stat().st_size > 100
+    if suffix == ".gif":
+        with Image.open(tmp_path / "a.gif") as movie:
+            assert (movie.n_frames, movie.info["duration"]) == (3, 100)
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("a.gif", []), "at least one picture"), (("a.avi", []), ".gif, .mp4, not '.avi'"), (("a.gif", [], 0), "fps is 0"),
+    (("a.gif", [np.zeros((2, 2, 3))]), r"picture 0 is float64 \(2, 2, 3\): give arrays"),
+    (("a.gif", [np.zeros((n, 2, 3), np.uint8) for n in (2, 3)]), "picture 1 is uint8 .*all of one size"),
+])  # fmt: skip
+def test_refused_videos(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SolariError, match=message):
+        sv.save_video(*arguments)
+    assert not list(tmp_path.iterdir())

@@ -62,7 +62,7 @@ def test_results_by_name(renderer):
         assert frame[name].shape[:2] == SIZE[::-1], name
     np.testing.assert_array_equal(np.asarray(frame), frame["radiance"])
     assert np.asarray(frame, np.float64).dtype == np.float64
-    with pytest.raises(sv.SolariError, match=r"no result 'deph'; did you mean 'depth'\? there are radiance"):
+    with pytest.raises(sv.SolariError, match=r"no result 'deph'; did you mean 'depth'\? the"):
         frame["deph"]
 
 
@@ -135,7 +135,7 @@ def test_frames_go_with_the_next_and_with_their_renderer(renderer, kind):
             first[name]
     renderer.close()
     with pytest.raises(sv.SolariError, match="nothing can be rendered: the renderer, or the frame, was closed"):
-        renderer.render(camera=second.camera)
+        renderer.render(camera=second.camera, **({} if kind is sv.Renderer else {"samples": 1}))
     with pytest.raises(sv.SolariError, match=r"'depth' must be read earlier: .* was closed"):
         second["depth"]
     with pytest.raises(sv.SolariError, match="render before asking"):
@@ -186,8 +186,68 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
         with pytest.warns(UserWarning, match=r"black: .*Lights are those of scene.lights"):
             tracer.render(samples=1).save(tmp_path / "black.png")
         scene.add(sv.DirectionalLight((-1, -1, -1)))
-        with pytest.warns(UserWarning, match=r"far too bright: set camera.ev100"):
-            tracer.render(samples=1).save(tmp_path / "white.png")
+        with pytest.warns(UserWarning, match=r"far too bright with the camera's EV100, 0, and is shown with 1\d"):
+            tracer.render(samples=1).save(tmp_path / "rescued.png")
+        assert 50 < np.median(np.asarray(Image.open(tmp_path / "rescued.png"))) < 200
+        with pytest.warns(UserWarning, match=r'far too bright: give another exposure, or "auto"'):
+            assert np.median(tracer.render(samples=1).image(exposure=1.0)) == 255
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             tracer.render(samples=1).save(tmp_path / "right.png", exposure="auto")
+
+
+def test_the_first_picture_chooses_the_exposure(renderer):
+    """Where the camera asks for it; then the exposure stays."""
+    scene = renderer.binder.scene
+    camera = sv.Camera(transform=scene.camera.transform, auto_exposure=True)
+    for _ in range(4):
+        assert camera.auto_exposure or isinstance(renderer, sv.PathTracer)
+        frame = renderer.render(camera)
+    assert not camera.auto_exposure
+    assert camera.ev100 == pytest.approx(renderer.auto_exposure(), abs=0.5)
+    camera.ev100 = chosen = 7.0
+    frame = renderer.render(camera)
+    assert frame.camera.ev100 == chosen
+
+
+def test_a_scene_without_light_is_told_of_once(device, kind):
+    scene = sv.Scene(sv.Instance(sv.shapes.box(), sv.Material(base_color=0.5)))
+    with kind(device, scene, SIZE) as dark:
+        with pytest.warns(UserWarning, match="has no light, so pictures are black: load files with solari_vk.open"):
+            render(dark)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            render(dark)
+    scene.add(sv.PointLight((0, 2, 2)))
+    with warnings.catch_warnings(), kind(device, scene, SIZE) as lit:
+        warnings.simplefilter("error")
+        render(lit)
+
+
+def test_images_are_what_is_saved(renderer, tmp_path):
+    frame = render(renderer)
+    image = frame.image(exposure="auto", tonemap="aces")
+    assert (image.shape, image.dtype) == ((SIZE[1], SIZE[0], 3), np.uint8)
+    for name in ("a.png", "a.jpg", "a.JPEG"):
+        frame.save(tmp_path / name, exposure="auto", tonemap="aces")
+        error = np.abs(np.asarray(Image.open(tmp_path / name)).astype(int) - image).max()
+        assert error <= (0 if name == "a.png" else 24), name
+    with pytest.raises(sv.SolariError, match="exposure is a factor or 'auto', not 'x'"):
+        frame.image(exposure="x")
+
+
+def test_picking_and_words_for_it_all(renderer):
+    with pytest.raises(sv.SolariError, match="render before picking"):
+        renderer.pick(0, 0)
+    frame = render(renderer)
+    rows, columns = np.nonzero(frame.mask("tall block"))
+    scene = renderer.binder.scene
+    for picking in (frame, renderer):
+        assert picking.pick(columns[0], rows[0]) is scene.instances["tall block"]
+    assert renderer.render(sv.Camera.look_at((0, 0, -9), (0, 0, -99))).pick(3, 3) is None
+    for pixel in ((16, 0), (0, -1), (0.5, 0), ("x", 0)):
+        with pytest.raises(sv.SolariError, match=r"two whole numbers, from 0, 0 to 15, 11"):
+            renderer.pick(*pixel)
+    assert f"{type(renderer).__name__} 16x12, of <Scene 'cornell_box': 6 instances" in repr(renderer)
+    assert "RenderedFrame 16x12 of" in repr(frame)
+    assert "ev100=-1" in repr(scene.camera)

@@ -73,7 +73,8 @@ def test_text():
     settings.update("gi_confidence_cap=2.5e1")
     assert (settings.di_candidates, settings.gi_confidence_cap) == (12, 25.0)
     for text, words in (
-        ("di_candidates", "name=value"), ("fog=1", "fog.*lighting"), ("di_candidates=few", "whole number"),
+        ("di_candidates", "name=value"), ("fog=1", "fog.*nearest.*`solari-vk settings`"),
+        ("di_candidates=few", "whole number"),
         ("di_candidates=", "di_candidates"), ("=3", "no setting ''"),
     ):  # fmt: skip
         with pytest.raises(sv.SolariError, match=words):
@@ -86,7 +87,7 @@ def test_unknown_names():
             settle("di_spatia")
         with pytest.raises(sv.SolariError, match=r"no setting 'quality'; Settings.preset\('solari'\) gives"):
             settle("quality")
-    with pytest.raises(sv.SolariError, match=r"fog.*lighting"):
+    with pytest.raises(sv.SolariError, match=r"fog.*nearest.*`solari-vk settings`"):
         sv.Settings().fog = 1  # type: ignore[attr-defined]
     with pytest.raises(sv.SolariError, match="fog"):
         sv.Settings().reset("fog")

@@ -16,7 +16,7 @@ def turn(device, scene, views=6, size=(96, 128), frames=16):
     with sv.Renderer(device, scene, size) as renderer:
         for angle in np.arange(views) * 2 * np.pi / views:
             offset = (x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle))
-            camera.look_at(center + offset, center)
+            camera.place(center + offset, center)
             renderer.reset()
             radiance = [renderer.render()["radiance"] for _ in range(frames)]
             pictures.append(np.mean(radiance[frames // 2 :], axis=0))  # once light has gathered

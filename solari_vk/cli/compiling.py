@@ -6,6 +6,7 @@ import shutil
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,11 @@ def open_device(job: PictureOptions, notes: CompileNotes | None = None) -> Devic
     """The device that a job asks for."""
     from solari_vk.gpu.device.device import Device
 
-    return Device(job.device, validation=job.validation or None, rays=job.rays, on_compile=notes)
+    with warnings.catch_warnings(record=True) as caught:  # such as of a card that isn't used
+        device = Device(job.device, validation=job.validation or None, rays=job.rays, on_compile=notes)
+    for warning in caught:
+        print(f"warning: {warning.message}", file=sys.stderr)
+    return device
 
 
 def _show_in_place(text: str) -> None:

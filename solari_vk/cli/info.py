@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from solari_vk import __version__
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.physical import DeviceReport
 
 _DRIVER = (
     f"no device can be used: install a driver with {EXTENSIONS}: that of your graphics card, or Mesa's software device "
@@ -21,6 +26,7 @@ _DRIVER = (
 )
 
 TRIAL_SECONDS = 60.0
+_LOAD = "import ctypes, sys\nfor path in sys.argv[1:]: ctypes.CDLL(path)"
 
 
 class Part(NamedTuple):
@@ -31,13 +37,14 @@ class Part(NamedTuple):
     module: str
     works: Callable[[], bool] = lambda: False
     """Whether it works without the module."""
-    trial: str = ""
-    """Python code beside the import that fails if the module can't be used."""
+    libraries: tuple[str, ...] = ("_*.so",)
+    """Patterns of the compiled files in the module's folder, which must load. Python itself is taken to work."""
 
 
 PARTS = (
-    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn",
-         trial="pyoidn.Device.is_cpu_available()"),  # loads the libraries
+    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn", libraries=(
+        "oidn/lib/libOpenImageDenoise.so.2", "oidn/lib/libOpenImageDenoise_device_cpu.so*",
+    )),
     Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu"),
     Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression"))),
     Part("meshes of meshopt", "formats", "meshopt"),
@@ -48,49 +55,84 @@ PARTS = (
     Part("interactive pictures in notebooks", "notebook", "anywidget"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
-)
+)  # fmt: skip
 
 
 def run(job: object) -> None:
     """Print the report. Raises DeviceError if no device can be used."""
-    from solari_vk import __version__
-    from solari_vk.gpu.device.device import list_devices
-    from solari_vk.gpu.shaders import shaderc
-    from solari_vk.viewer.window import why_none_opens
-
-    print(f"solari_vk {__version__}")
-    try:
-        print(f"compiler: {shaderc.version().split(' ')[0]}")
-    except SolariError as error:
-        print(f"compiler: {error}")
-    print(_cache())
+    files = {part: _files(part) for part in PARTS if not part.works()}
+    with ThreadPoolExecutor() as pool:
+        tried = pool.submit(_reasons, files)  # in another process, beside the imports and queries of this one
+        compiler, reason, reports = _compiler(), _why_no_window(), _devices()
+    reasons = tried.result()
+    print(f"solari_vk {__version__}\ncompiler: {compiler}\n{_cache()}")
     for part in PARTS:
-        print(f"{part.what}: {_state(part)}")
-    reason = why_none_opens()
+        print(f"{part.what}: {_state(part, reasons)}")
     print(f"windows: {reason + ' (without a display: xvfb-run solari-vk view ...)' if reason else 'yes'}")
-    reports = list_devices()
+    if isinstance(reports, SolariError):
+        raise reports
     for report in reports:
         _print_device(report)
     if all(report.missing for report in reports):
         raise DeviceError(_DRIVER)
 
 
-def _state(part: Part) -> str:
+def _compiler() -> str:
+    from solari_vk.gpu.shaders import shaderc
+
+    try:
+        return shaderc.version().split(" ")[0]
+    except SolariError as error:
+        return str(error)
+
+
+def _why_no_window() -> str:
+    from solari_vk.viewer.window import why_none_opens
+
+    return why_none_opens()
+
+
+def _devices() -> list[DeviceReport] | SolariError:
+    from solari_vk.gpu.device.device import list_devices
+
+    try:
+        return list_devices()
+    except SolariError as error:
+        return error
+
+
+def _state(part: Part, reasons: Mapping[Part, str]) -> str:
     if part.works():
         return "yes"
     if not _is_there(part.module):
         return f"missing: pip install 'solari-vk[{part.extra}]'"
-    reason = _why_not(f"import {part.module}; {part.trial}")
-    return f"installed, but it doesn't work: {reason}" if reason else "yes"
+    return f"installed, but it doesn't work: {reason}" if (reason := reasons.get(part)) else "yes"
 
 
-@functools.cache
-def _why_not(trial: str) -> str:
-    """Why Python code fails, "" if it doesn't; in another process, because a damaged library may end its process."""
+def _files(part: Part) -> list[str]:
+    """The compiled files of a part that is installed."""
+    spec = find_spec(part.module) if _is_there(part.module) else None
+    if spec is None or spec.origin is None:
+        return []
+    module = Path(spec.origin)
+    if module.suffix == ".so":
+        return [str(module)]
+    return [str(path) for pattern in part.libraries for path in sorted(module.parent.glob(pattern))]
+
+
+def _reasons(files: Mapping[Part, list[str]]) -> dict[Part, str]:
+    """Why parts don't load, "" for those that do: all in one process, and one by one only if that fails."""
+    if not _why_not([path for paths in files.values() for path in paths]):
+        return dict.fromkeys(files, "")
+    return {part: _why_not(paths) for part, paths in files.items()}
+
+
+def _why_not(paths: Sequence[str]) -> str:
+    """Why libraries don't load, "" if they do; in another process, because a damaged one may end its process."""
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-c", trial], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
-            errors="replace", check=False, timeout=TRIAL_SECONDS,
+            [sys.executable, "-I", "-S", "-c", _LOAD, *paths], stdin=subprocess.DEVNULL, capture_output=True,
+            encoding="utf-8", errors="replace", check=False, timeout=TRIAL_SECONDS,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -41,7 +42,7 @@ class SceneOptions:
     strict: bool = flag("stop at images that can't be read and at parts with wrong data")
     camera: str | None = option(
         "a camera of the scene by index or name, or a pose, as JSON or in a file: "
-        "{'position': [x, y, z], 'target': [x, y, z]}", "N|NAME|JSON|FILE",
+        '{"position": [0, 1, 3], "target": [0, 1, 0]}', "N|NAME|JSON|FILE",
     )
     exposure: str | None = option("exposure value (the camera's; for files with lights auto)", "EV100|auto")
     tonemap: str = option("tone mapping: none, reinhard, aces or agx (agx)", "NAME", type=tonemap, default="agx")
@@ -53,6 +54,11 @@ class SceneOptions:
     environment_rotation: float = option("turn it about the vertical axis (0)", "DEGREES", type=number, default=0.0)
     environment_intensity: float = option("make it brighter or darker (1)", "FACTOR", type=factor, default=1.0)
     validation: bool = flag("use the Vulkan validation layer")
+
+    def check(self) -> None:
+        """Raise SolariError for a file that isn't there."""
+        if not self.source.startswith("builtin:") and not os.path.exists(self.source):
+            raise SolariError(f"{self.source}: there is no such file: check the path")
 
     def words(self) -> list[str]:
         """The options that say what the scene is, as words of a command line."""
@@ -124,7 +130,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
 
     given: frozenset[str] = frozenset()
     """The fields that the command line names."""
-    output: Path = option("the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures",
+    output: Path = option("the picture: .png, .jpg, .exr or .npy; an animation: .gif, .mp4, or numbered pictures",
                           names=("-o", "--output"), type=Path, required=True)
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
@@ -160,6 +166,13 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "
         "is installed)", action=ON_OR_OFF, default=False,
     )
+
+    def check(self) -> None:
+        """Raise SolariError for a file that isn't there, and for an output that can't be written."""
+        from solari_vk.output import picture
+
+        super().check()
+        picture.check_output(self.output, SUFFIXES if self.is_movie else picture.SUFFIXES)
 
     @property
     def is_movie(self) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
 from typing import Any, NoReturn
 
+from solari_vk import __version__
 from solari_vk.errors import brief, quoted, unknown_name
 
 ON_OR_OFF = argparse.BooleanOptionalAction
@@ -45,7 +46,9 @@ class Command:
     """Commands below this one, each of which may stand behind its name."""
 
     def run(self, job: Any) -> int:
-        """Do a job; returns the exit code."""
+        """Do a job; returns the exit code. What is checked before anything large is imported is its `check`."""
+        if hasattr(job, "check"):
+            job.check()
         module, _, name = self.does.partition(":")
         return getattr(import_module(f"solari_vk.cli.{module}"), name)(job) or 0
 
@@ -62,6 +65,7 @@ def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
     parser = _Parser(
         prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays."
     )
+    parser.add_argument("--version", action="version", version=f"solari_vk {__version__}")
     _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, "PART")
     return parser
 

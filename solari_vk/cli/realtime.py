@@ -25,7 +25,6 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 
-METERING_FRAMES = 4
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 STILL_FRAMES = 48
 
@@ -53,7 +52,6 @@ def targets_of(job: StillJob | MovieJob, count: int, folder: Path | None) -> lis
 
 def run(job: StillJob | MovieJob) -> int:
     """Render a picture or an animation and write it; returns the exit code."""
-    picture.check_output(job.output, movie.SUFFIXES if job.is_movie else picture.SUFFIXES)
     if job.is_movie:
         movie.check_encoder(job.output)
     settings = job.make_settings()
@@ -103,9 +101,10 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
 
 def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
     """Choose a first exposure by what the first camera sees: passes pack radiance relative to the exposure."""
-    for _ in range(METERING_FRAMES):
+    cameras[0].auto_exposure = True
+    while cameras[0].auto_exposure:
         renderer.render(cameras[0])
-        expose(cameras, renderer.auto_exposure())
+    expose(cameras, cameras[0].ev100)
 
 
 class _Shooting:
@@ -163,7 +162,7 @@ class _Shooting:
             expose(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]
-            write_or_keep(target, lambda path: picture.write_png(path, codes))
+            write_or_keep(target, lambda path: picture.write_codes(path, codes))
         else:
             layers = {name: self._means[name] for name in job.aov}
             write_or_keep(target, lambda path: picture.save_image(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +16,7 @@ from solari_vk.cli.jobs import MovieJob, SceneOptions
 from solari_vk.errors import SolariError
 from solari_vk.files import read_json
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit
+from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import Animation, Camera, Scene
 from solari_vk.scene.surroundings import surround
 
@@ -87,7 +90,9 @@ def _load_scene(job: SceneOptions) -> Scene:
                 raise SolariError(f"--{name} {value}: a built-in scene has none: leave the option out")
         return sv.builtin(job.source.removeprefix("builtin:"))
     scene = job.scene if job.scene is None or (index := _index(job.scene)) is None else index
-    return sv.load(job.source, scene=scene, variant=job.variant, up=job.up, unit=job.unit, strict=job.strict)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", f".*{re.escape(INSTALL)}")  # `load` prints it
+        return sv.load(job.source, scene=scene, variant=job.variant, up=job.up, unit=job.unit, strict=job.strict)
 
 
 def _index(text: str) -> int | None:

@@ -10,7 +10,7 @@ from solari_vk.cli.jobs import ViewJob
 from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.rays import IN_WORDS
-from solari_vk.output.picture import write_png
+from solari_vk.output.picture import write_codes
 from solari_vk.passes.debug_views import check_view
 
 
@@ -24,18 +24,14 @@ def run(job: ViewJob) -> None:
     check_view(job.view, settings.lighting)
     subject = load(job)
     is_file = not job.source.startswith("builtin:")
-    with open_device(job, CompileNotes()) as device:
-        if subject.auto_exposure:  # by a small picture
-            with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
-                tracer.render(subject.cameras[0], samples=16)
-                subject.cameras[0].ev100 = tracer.auto_exposure()
-        with sv.Viewer(
-            device, subject.scene, size=job.size, camera=subject.cameras[0], mode=job.mode, scale=job.scale,
-            fps=job.fps, settings=settings, seed=job.seed, overlay=not job.no_overlay, source=job.source,
-            source_options=job.words(), load=(lambda: load(job).scene) if is_file else None, folder=job.folder,
-        ) as viewer:  # fmt: skip
-            print(f"showing {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
-            viewer.pictures.view, viewer.pictures.tonemap = job.view, job.tonemap
-            viewer.run(frames=job.frames)
-            if job.screenshot is not None:
-                write_png(job.screenshot, viewer.capture())
+    subject.cameras[0].auto_exposure = subject.auto_exposure
+    with open_device(job, CompileNotes()) as device, sv.Viewer(
+        device, subject.scene, size=job.size, camera=subject.cameras[0], mode=job.mode, scale=job.scale,
+        fps=job.fps, settings=settings, seed=job.seed, overlay=not job.no_overlay, source=job.source,
+        source_options=job.words(), load=(lambda: load(job).scene) if is_file else None, folder=job.folder,
+    ) as viewer:  # fmt: skip
+        print(f"showing {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
+        viewer.pictures.view, viewer.pictures.tonemap = job.view, job.tonemap
+        viewer.run(frames=job.frames)
+        if job.screenshot is not None:
+            write_codes(job.screenshot, viewer.capture())

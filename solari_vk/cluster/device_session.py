@@ -13,8 +13,8 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.cluster.identity import Identity
 from solari_vk.gpu.device.compiling import OnCompile
 from solari_vk.gpu.device.device import Device
+from solari_vk.picture_renderer import PictureRenderer
 from solari_vk.reference import PathTracer
-from solari_vk.rendered import PictureRenderer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings

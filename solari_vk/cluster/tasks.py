@@ -33,7 +33,7 @@ METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples
 class View:
     """A picture to render.
 
-    name: its file in the folder, a .png, .exr or .npy. time: seconds since the start of the style's clip.
+    name: its file in the folder, a .png, .jpg, .exr or .npy. time: seconds since the start of the style's clip.
     """
 
     name: str

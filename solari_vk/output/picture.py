@@ -1,4 +1,4 @@
-"""Pictures as files: .png, .exr and .npy."""
+"""Pictures as files: .png, .jpg, .exr and .npy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from solari_vk.files import check_writable, whole_file, write_whole
 from solari_vk.output.tone_mapping import Colors, encode_picture
 from solari_vk.scene.images import exr
 
-SUFFIXES = (".png", ".exr", ".npy")
+JPEG = (".jpg", ".jpeg")
+EIGHT_BIT = (".png", *JPEG)
+SUFFIXES = (*EIGHT_BIT, ".exr", ".npy")
 
 
 def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
@@ -43,10 +45,10 @@ def save_image(
 ) -> None:
     """Write radiance (height, width, 3) in cd/m^2, and layers, in the format of the path's suffix.
 
-    .png: 8-bit sRGB after exposure and tone mapping. .exr and .npy: radiance unchanged; the header of an .exr holds the
-    exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr ("depth",
-    "normal.X", "albedo.R") or .npy files next to the picture ("picture.depth.npy"). A file that can't be written whole
-    isn't written. Raises SolariError for wrong shapes and for files that can't be written.
+    .png, .jpg: 8-bit sRGB after exposure and tone mapping. .exr, .npy: radiance unchanged; the header of an .exr holds
+    the exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr
+    ("depth", "normal.X", "albedo.R") or .npy files next to the picture ("picture.depth.npy"). A file that can't be
+    written whole isn't written. Raises SolariError for wrong shapes and for files that can't be written.
     """
     target = Path(path)
     _check_suffix(target, SUFFIXES)
@@ -64,7 +66,7 @@ def save_image(
     if suffix == ".npy":
         _write_npy(target, picture)
     else:
-        write_png(target, encode_picture(picture, exposure=exposure, curve=tonemap))
+        write_codes(target, encode_picture(picture, exposure=exposure, curve=tonemap))
     for name, layer in layers.items():
         _write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
 
@@ -75,17 +77,27 @@ def _write_npy(path: Path, array: NDArray[Any]) -> None:
     write_whole(path, content.getbuffer())
 
 
-def write_png(path: Path, codes: NDArray[np.uint8]) -> None:
-    """Write sRGB codes (height, width, 3 or 4), such as a frame's "display", without change."""
-    write_whole(path, png_bytes(codes))
+def write_codes(path: Path, codes: NDArray[np.uint8]) -> None:
+    """Write sRGB codes (height, width, 3 or 4), such as a frame's "display": as a .jpg without alpha, or unchanged as a
+    .png, by the path's suffix."""
+    write_whole(path, jpeg_bytes(codes) if path.suffix.lower() in JPEG else png_bytes(codes))
 
 
 def png_bytes(codes: NDArray[np.uint8]) -> bytes:
     """sRGB codes (height, width, 3 or 4) as the content of a .png file."""
+    return _encoded(codes, "PNG")
+
+
+def jpeg_bytes(codes: NDArray[np.uint8], quality: int = 95) -> bytes:
+    """sRGB codes (height, width, 3 or 4) as the content of a .jpg file, without alpha, colors at full resolution."""
+    return _encoded(codes[..., :3], "JPEG", quality=quality, subsampling=0)
+
+
+def _encoded(codes: NDArray[np.uint8], kind: str, **options: Any) -> bytes:
     from PIL import Image
 
     content = io.BytesIO()
-    Image.fromarray(codes).save(content, format="PNG")
+    Image.fromarray(np.ascontiguousarray(codes)).save(content, format=kind, **options)
     return content.getvalue()
 
 

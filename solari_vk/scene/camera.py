@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, field
@@ -16,22 +15,22 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.placement import Placed, resolved
 
 MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
 
 
-def _look_at(
-    camera: Camera | type[Camera], position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any
-) -> Camera:
-    """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the constructor.
-
-    `Camera.look_at(...)` creates a camera; `camera.look_at(...)` moves the camera and returns it. Raises SolariError if
-    position and target are equal, if up is parallel to the view, and for numbers that aren't finite or overflow.
-    """
+def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
+    """The transform (4, 4) of a camera at a position that looks at a target."""
     try:
         eye, aim, above = (np.asarray(vector, np.float64) for vector in (position, target, up))
+        if not eye.shape == aim.shape == above.shape == (3,):
+            raise ValueError
     except OverflowError:
         raise SolariError("Camera: position, target and up must be finite and not too far apart") from None
+    except (TypeError, ValueError):
+        given = ", ".join(map(quoted, (position, target, up)))
+        raise SolariError(f"Camera: position, target and up must be three numbers each, not {given}") from None
     with np.errstate(over="ignore", invalid="ignore"):
         back = eye - aim
         right = np.cross(above, back)
@@ -45,33 +44,33 @@ def _look_at(
     transform[:3, 0] = right / lengths[1]
     transform[:3, 1] = np.cross(transform[:3, 2], transform[:3, 0])
     transform[:3, 3] = eye
-    if isinstance(camera, Camera):
-        camera.update(transform=transform, **fields)
-        return camera
-    return camera(transform=transform, **fields)
+    return transform
 
 
 class _Placing:
-    """A method that creates an object when called on the class, and changes the object when called on an object."""
+    """A class method that is `place` where it is called on an object."""
 
-    def __init__(self, function: Callable[..., Camera]) -> None:
-        self._function = function
-        self.__doc__ = function.__doc__
+    def __init__(self, method: Any) -> None:
+        self._method = method
 
     def __get__(self, camera: Camera | None, kind: type[Camera]) -> Callable[..., Camera]:
-        return functools.partial(self._function, kind if camera is None else camera)
+        bound: Callable[..., Camera] = self._method.__get__(camera, kind) if camera is None else camera.place
+        return bound
 
 
 @checked
-class Camera(Checked):
+class Camera(Checked, Placed):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
-    transform is world from camera, (4, 4), or just a position (3,) in meters. vertical_fov is in radians
+    transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
+    which the constructor takes too. vertical_fov is in radians
     (`math.radians(45)`). orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
     closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
     focused at focus_distance, in meters along the view axis; with 0 all is sharp. Only PathTracer renders depth of
-    field. `focus_on` sets both as photographers do.
+    field. `focus_on` sets both as photographers do. auto_exposure: the first picture that a renderer makes with the
+    camera chooses ev100, for which `render` waits (realtime: the first four frames); then it stays, as a number that is
+    assigned does.
     """
 
     _: KW_ONLY
@@ -82,6 +81,7 @@ class Camera(Checked):
     aperture: float = 0.0
     focus_distance: float = 1.0
     ev100: float = 0.0
+    auto_exposure: bool = False
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
     name: str = ""
 
@@ -94,10 +94,29 @@ class Camera(Checked):
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
         "ev100": checks.number(-100, 100),
+        "auto_exposure": checks.flag,
         "jitter": checks.array(2),
     }
 
-    look_at = _Placing(_look_at)
+    _derived = ("position", "rotation")
+    _resolve = resolved
+
+    @_Placing
+    @classmethod
+    def look_at(cls, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any) -> Camera:
+        """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the
+        constructor, such as vertical_fov.
+
+        To move a camera, use `place`. Raises SolariError if position and target are equal, if up is parallel to the
+        view, and for numbers that aren't finite or overflow.
+        """
+        return cls(transform=_view(position, target, up), **fields)
+
+    def place(self, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any) -> Camera:
+        """Move the camera to a position, look at a target, and return the camera. Arguments and errors are those of
+        `look_at`."""
+        self.update(transform=_view(position, target, up), **fields)
+        return self
 
     @classmethod
     def framing(
@@ -181,6 +200,21 @@ class Camera(Checked):
         if 0 < self.orthographic_height < MIN_HEIGHT:
             raise SolariError(f"{self.describe()}: orthographic_height must be 0, which means perspective, or at least "
                               f"{MIN_HEIGHT:g} m, not {self.orthographic_height:g}")  # fmt: skip
+
+    def update(self, **fields: Any) -> None:
+        """Assign several fields at once; nothing is changed if one of them is refused."""
+        if "ev100" in fields and self._ready:
+            fields.setdefault("auto_exposure", False)
+        super().update(**fields)
+
+    def __repr__(self) -> str:
+        (x, y, z), (right, up, back) = self.transform[:3, 3], self.transform[:3, 2]
+        place = f"({x:.4g}, {y:.4g}, {z:.4g}) towards ({0 - right:.3g}, {0 - up:.3g}, {0 - back:.3g})"
+        fov = f"vertical_fov={self.vertical_fov:.4g} ({math.degrees(self.vertical_fov):.3g} degrees)"
+        lens = f"orthographic_height={self.orthographic_height:.4g}" if self.orthographic_height else fov
+        rest = {"aperture": self.aperture, "auto_exposure": self.auto_exposure}
+        more = "".join(f", {name}={value:.4g}" for name, value in rest.items() if value)
+        return f"<{self.describe()} at {place}, {lens}, ev100={self.ev100:.4g}{more}>"
 
     @property
     def exposure(self) -> float:

@@ -111,11 +111,17 @@ def refuse_not_finite(array: NDArray[Any]) -> None:
 
 
 def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArray]:
-    """A color: three values within a range, or a single number for gray."""
+    """A color: three values within a range, one number for gray, or a web color such as "#ff8000", which is sRGB."""
 
     def convert(value: ArrayLike) -> FloatArray:
+        if isinstance(value, str):
+            value = _web_color(value)
         with np.errstate(over="ignore"):
-            array = np.array(np.broadcast_to(real(value, np.float32), (3,)))
+            given = real(value, np.float32)
+        if given.shape not in ((), (1,), (3,)):
+            why = "; an image belongs in a field for textures, such as base_color_texture" if given.ndim > 1 else ""
+            raise ValueError(f"must be three numbers, or one for gray, not of the shape {given.shape}{why}")
+        array = np.array(np.broadcast_to(given, (3,)))
         refuse_not_finite(array)
         if (array < low).any() or (array > high).any():
             raise ValueError(f"must lie between {low:g} and {high:g}, not {array.tolist()}")
@@ -123,6 +129,16 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
         return array
 
     return convert
+
+
+def _web_color(text: str) -> list[float]:
+    """The linear color of "#rrggbb" or "#rgb"."""
+    digits = text.removeprefix("#")
+    if text[:1] != "#" or len(digits) not in (3, 6) or not set(digits) <= set("0123456789abcdefABCDEF"):
+        raise ValueError(f"must be three numbers, one for gray, or '#rrggbb', not {quoted(text)}")
+    pairs = [2 * digit for digit in digits] if len(digits) == 3 else [digits[i : i + 2] for i in (0, 2, 4)]
+    encoded = [int(pair, 16) / 255 for pair in pairs]
+    return [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in encoded]  # IEC 61966-2-1
 
 
 def number(

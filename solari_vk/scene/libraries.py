@@ -7,6 +7,8 @@ from typing import Any
 
 from solari_vk.errors import SolariError
 
+INSTALL = "pip install 'solari-vk[formats]'"
+
 
 def is_installed(module: str) -> bool:
     """Whether a library is there, by its module."""
@@ -18,9 +20,7 @@ def library(module: str, who: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise SolariError(
-            f"{who} needs a library that isn't installed ({error}): install it by \"pip install 'solari-vk[formats]'\""
-        ) from None
+        raise SolariError(f'{who} needs a library that isn\'t installed ({error}): install it by "{INSTALL}"') from None
 
 
 def zstd(who: str) -> Any:

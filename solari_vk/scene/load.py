@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from solari_vk.budget import load_budget
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.meshes.mesh_files import UP_AXES, load_mesh_file
 from solari_vk.scene.model import Scene
@@ -19,7 +19,7 @@ def load(
     up: str | None = None, unit: float | None = None, strict: bool = False, memory: int | None = None,
     seconds: float | None = None,
 ) -> Scene:  # fmt: skip
-    """Load a .gltf, .glb, .obj, .ply or .stl file.
+    """Load a .gltf, .glb, .obj, .ply or .stl file as it is. `open` adds light to a file without, and an exposure.
 
     scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
     "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
@@ -30,6 +30,8 @@ def load(
     environment variables SOLARI_VK_LOAD_MEMORY ("8GiB") and SOLARI_VK_LOAD_SECONDS say. Raises SolariError beyond, for
     options of another kind of file, for unknown formats, and for damaged files.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise SolariError(f"load: the path of a file is needed, not {quoted(path)}")
     with load_budget(memory, seconds):
         return _load(path, scene, variant, up, unit, strict)
 

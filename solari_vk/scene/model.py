@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from collections.abc import Iterator
-from itertools import product
-from typing import Any, NamedTuple, TypeVar, overload
+from importlib import import_module
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, checked_keywords, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
+from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.framing import default_camera, extent
+from solari_vk.scene.group import Group, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -28,33 +32,6 @@ from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
 
 CLIP_POSES = 17  # of a clip, that a camera for it must show
-
-
-class Bounds(NamedTuple):
-    """An axis-aligned box: its corners `min` and `max`, (3,) each, in meters."""
-
-    min: NDArray[np.float64]
-    max: NDArray[np.float64]
-
-    @property
-    def center(self) -> NDArray[np.float64]:
-        """The center, (3,) in meters."""
-        return (self.min + self.max) / 2
-
-    @property
-    def size(self) -> NDArray[np.float64]:
-        """The lengths of the sides, (3,) in meters."""
-        return self.max - self.min
-
-    @property
-    def radius(self) -> float:
-        """The radius of the sphere around the box: half its diagonal, in meters."""
-        return float(np.linalg.norm(self.size)) / 2
-
-    @property
-    def corners(self) -> NDArray[np.float64]:
-        """The eight corners, (8, 3) in meters."""
-        return np.array(list(product(*zip(self.min, self.max, strict=True))))
 
 
 Item = TypeVar("Item", bound=Instance | Light | Camera)
@@ -76,6 +53,7 @@ class Scene(Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
+        self._meters = False  # whether the camera that is made by default chooses its exposure
         self.backdrop: Instance | None = None
         """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
         self._own_materials: dict[Instance, Material] = {}
@@ -131,6 +109,7 @@ class Scene(Observable):
         """The clips of the file, which `animate` plays."""
         return self._animations
 
+    @checked_keywords()
     def animate(self, seconds: float, clip: int | str = 0, *, loop: bool = True) -> None:
         """Pose the scene as it is some seconds after the start of a clip, by its number or name in `animations`.
 
@@ -162,21 +141,68 @@ class Scene(Observable):
     def add(self, item: Item) -> Item: ...
     @overload
     def add(
-        self, item: Mesh, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = ""
-    ) -> Instance: ...
+        self, item: Scene | str | os.PathLike[str], *, name: str = "", transform: ArrayLike | None = None, **parts: Any
+    ) -> Group: ...
+    @overload
     def add(
-        self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = ""
-    ) -> Any:
-        """Add an object and return it. For a mesh, add and return an instance with a material and a transform."""
+        self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = "",
+        **parts: Any,
+    ) -> Instance: ...  # fmt: skip
+    def add(
+        self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = "",
+        **parts: Any,
+    ) -> Any:  # fmt: skip
+        """Add an object and return it; or add what is made of a mesh, a file or another scene.
+
+        An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material
+        is added and returned. Of another scene, or a file by its path, copies of the instances and lights are added,
+        which share meshes and materials, and returned as a Group; without its clips, cameras and environment. name is
+        theirs: it precedes the names of several instances. transform, and as parts position, rotation and scale, say
+        where what is made stands. Raises SolariError for anything else.
+        """
+        if type(item).__module__.partition(".")[0] == "trimesh":
+            item = Mesh.from_trimesh(item)
+        where = parts if transform is None else {"transform": transform, **parts}
         if isinstance(item, Mesh):
-            given: dict[str, Any] = {} if transform is None else {"transform": transform}
-            return self._instances.add(Instance(item, material or Material(), name=name, **given))
-        if material is not None or transform is not None or name:
-            raise SolariError(f"{self.describe()}: material, transform and name are given with a mesh only")
+            return self._instances.add(Instance(item, material or Material(), name=name, **where))
+        if isinstance(item, Scene | str | os.PathLike) and material is None:
+            return self._add_scene(item, name, where)
+        if material is not None or where or name:
+            raise SolariError(
+                f"{self.describe()}: name, transform, position, rotation and scale are given with a mesh, a file or a "
+                "scene, material with a mesh only: assign to the object's fields"
+            )
         return self._holder(item).add(item)
 
-    def remove(self, item: Instance | Light | Camera | str) -> None:
-        """Remove an object from the scene, a Sky with its sun. It can be added again.
+    def _add_scene(self, source: Scene | str | os.PathLike[str], name: str, where: dict[str, Any]) -> Group:
+        if not isinstance(source, Scene):
+            loaded: Scene = import_module("solari_vk.scene.load").load(source)  # which imports this module
+            self.warnings.extend(loaded.warnings)
+            return self._add_scene(loaded, name, where)
+        if len(source.animations):
+            warnings.warn(f"{source.describe()}: its clips aren't added; open a file to play them", stacklevel=3)
+        shown = [instance for instance in source if instance is not source.backdrop]
+        group = Group(copies(shown, source.lights, name), name=name or source.name)
+        group.update(**where)
+        for item in group:
+            self.add(item)
+        return group
+
+    def group(self, *items: Instance | Light | Camera | Group | str, name: str = "", **where: Any) -> Group:
+        """A Group of objects that move together, such as the parts of a car; those that aren't in the scene are added.
+
+        items: objects, or names of instances. name and where are those of Group, as is the error for objects without a
+        place.
+        """
+        found = [self._instances[item] if isinstance(item, str) else item for item in items]
+        group = Group(found, name=name, **where)
+        for item in group.items:
+            if item not in self._holder(item):
+                self.add(item)
+        return group
+
+    def remove(self, item: Instance | Light | Camera | Group | str) -> None:
+        """Remove an object from the scene, a Sky with its sun, a Group with all in it. It can be added again.
 
         item: the object, or a name: the first instance with this name is removed, else the first light, else camera.
         Raises SolariError for an object and a name that the scene doesn't have.
@@ -187,6 +213,9 @@ class Scene(Observable):
             if named is None:
                 raise unknown_name("there is no object", item, [name for holder in holders for name in holder.names])
             self.remove(named[item])
+        elif isinstance(item, Group):
+            for inner in item.items:
+                self.remove(inner)
         elif isinstance(item, EnvironmentLight) and item is self.environment:
             self.environment = None
         else:
@@ -197,6 +226,12 @@ class Scene(Observable):
             if holder.holds(item):
                 return holder
         raise SolariError(f"a scene holds instances, lights and cameras, not {type(item).__name__}")
+
+    def __repr__(self) -> str:
+        counts = {"instance": len(self._instances), "light": len(self._lights), "camera": len(self._cameras),
+                  "clip": len(self._animations)}  # fmt: skip
+        words = [f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count]
+        return f"<{self.describe()}: {', '.join(words) or 'empty'}>"
 
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
@@ -214,14 +249,19 @@ class Scene(Observable):
                 self._own_materials.setdefault(instance, instance.material)
             instance.material = material
 
-    def camera_for(self, aspect: float, clip: Animation | None = None) -> Camera:
+    def camera_for(self, aspect: float, clip: Animation | int | str | None = None) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
         one that shows all of it from above at an angle, or a room from inside, which is created on the first call and
-        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip the scene is posed as at its
-        start, and a camera that is created shows all that the clip does.
+        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip, or its number or name in
+        `animations`, the scene is posed as at its start, and a camera that is created shows all that the clip does.
+        Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
+        if not (isinstance(aspect, (int, float, np.number)) and 0 < aspect < np.inf):
+            raise SolariError(f"Scene.camera_for: aspect is width / height of the picture, not {quoted(aspect)}")
+        if clip is not None and not isinstance(clip, Animation):
+            clip = self._animations[clip]
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
@@ -236,6 +276,7 @@ class Scene(Observable):
             if not visible:
                 return Camera()
             self._camera = default_camera(visible, np.concatenate(points), aspect)
+            self._camera.auto_exposure = self._meters
         return self._camera
 
     @property

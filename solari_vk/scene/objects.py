@@ -20,6 +20,7 @@ from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.deformation import Deformation, check_pose
 from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.placement import PARTS, Scaled, resolved
 
 
 @checked
@@ -86,10 +87,15 @@ class Mesh(Checked):
                 "trimesh.Scene.to_mesh() makes one of a trimesh.Scene"
             )
         uvs = getattr(mesh.visual, "uv", None)
+        try:
+            normals = mesh.vertex_normals if smooth else None
+        except ImportError as error:  # trimesh needs scipy for them
+            raise SolariError(f"Mesh.from_trimesh: smooth=True needs a library that isn't installed ({error}): install "
+                              "it by \"pip install scipy\", or leave smooth out") from None  # fmt: skip
         return cls(
             mesh.vertices,
             mesh.faces,
-            normals=mesh.vertex_normals if smooth else None,
+            normals=normals,
             uvs=None if uvs is None else np.array([0, 1], np.float32) + np.array([1, -1], np.float32) * uvs,
             name=str(mesh.metadata.get("name") or ""),
         )
@@ -119,12 +125,13 @@ class Mesh(Checked):
 
 
 @checked
-class Instance(Checked):
+class Instance(Checked, Scaled):
     """A mesh with a material at a place in the world.
 
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
     invertible. A vector (3,) stands for a position in meters. It is read-only: to move an instance, assign a new one,
-    such as `move @ instance.transform`. ray_mesh: a simpler mesh that rays hit instead of `mesh`, which realtime frames
+    such as `move @ instance.transform`, or to `position`, `rotation` or `scale`, its parts, which the constructor takes
+    too. ray_mesh: a simpler mesh that rays hit instead of `mesh`, which realtime frames
     show by raster. An instance that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4)
     and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
     `transform`, and how much of each morph target is added. Raises SolariError for a singular transform, and for poses
@@ -151,6 +158,8 @@ class Instance(Checked):
         "joint_matrices": checks.joint_matrices,
         "morph_weights": checks.array(None, dtype=np.float64, optional=True, max_abs=1e6),
     }
+    _derived = PARTS
+    _resolve = resolved
 
     def _validate(self) -> None:
         if self.posed:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
-from solari_vk.errors import SolariError, shortened, unknown_name
+from solari_vk.errors import Hints, SolariError, shortened, unknown_name
 
 
 class Watcher(Protocol):
@@ -20,7 +20,7 @@ class Watcher(Protocol):
     def note(self, changed: Observable) -> None: ...
 
 
-class Observable:
+class Observable(Hints):
     """Notifies its watchers of changes. It holds only weak references to them."""
 
     _watchers: tuple[weakref.ref[Watcher], ...] = ()
@@ -65,6 +65,7 @@ class Checked(Observable):
     _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}  # and those in the fields' metadata
     _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
     _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
+    _derived: ClassVar[tuple[str, ...]] = ()  # names that can be assigned, of which `_resolve` makes fields
     _ready = False
     name: str
 
@@ -77,14 +78,14 @@ class Checked(Observable):
 
     def update(self, **fields: Any) -> None:
         """Assign several fields at once; nothing is changed if one of them is refused."""
-        fields = self._by_field(fields)
+        fields = self._by_field(fields, self)
         converted = {}
         for name, value in fields.items():
             try:
                 converted[name] = self._converters[name](value) if name in self._converters else value
             except (TypeError, ValueError, OverflowError) as error:
                 raise SolariError(f"{self.describe()}: {name} {error}") from None
-        before = {name: getattr(self, name, None) for name in fields}
+        before = {name: getattr(self, name) for name in fields} if self._ready else {}
         for name, value in converted.items():
             object.__setattr__(self, name, value)
         if not self._ready:
@@ -98,19 +99,26 @@ class Checked(Observable):
         self._notify(self)
 
     @classmethod
-    def _by_field(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """Replace aliases by the fields' names. Raises SolariError for an unknown name, and for a field given twice."""
+    def _by_field(cls, given: dict[str, Any], current: Checked | None = None) -> dict[str, Any]:
+        """Replace aliases and derived names by the fields' names. Raises SolariError for an unknown name, and for a
+        field given twice. current: the object that is changed, None for one that is made."""
         if given.keys() <= cls._names.keys():
             return given
         names: dict[str, str] = {}  # by field: the name that was given
         for name in given:
             field = cls._aliases.get(name, name)
-            if field not in cls._names:
-                raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases])
+            if field not in cls._names and field not in cls._derived:
+                raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases, *cls._derived])
             if field in names:
                 raise SolariError(f"{cls.__name__}: {names[field]} and {name} name the same field: give one of them")
             names[field] = name
-        return {field: given[name] for field, name in names.items()}
+        fields = {field: given[name] for field, name in names.items()}
+        return fields if fields.keys().isdisjoint(cls._derived) else cls._resolve(fields, current)
+
+    @classmethod
+    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
+        """The fields that fields and derived names mean. Arguments are those of `_by_field`."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={_shown(getattr(self, name))}' for name in self._names)})"

@@ -6,9 +6,9 @@ import math
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.model import Mesh
 
 
@@ -101,3 +101,96 @@ def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
         triangles=np.array(indices),
         name="sphere",
     )
+
+
+def plane(width: float = 1.0, depth: float | None = None) -> Mesh:
+    """A rectangle around the origin that faces +y, such as a floor: width along x, depth along z (width), in meters.
+
+    u grows along x, and v along z.
+    """
+    x, z = _sizes("plane", width=width, depth=width if depth is None else depth) / 2
+    corners = np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)])
+    return Mesh(
+        positions=corners * (x, 0, z), triangles=np.array([(0, 1, 2), (0, 2, 3)]),
+        normals=np.tile((0.0, 1.0, 0.0), (4, 1)), uvs=((corners[:, ::2] + 1) / 2).astype(np.float32), name="plane",
+    )  # fmt: skip
+
+
+def cylinder(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Mesh:
+    """A closed cylinder around the origin, along y; lengths in meters. segments: at least 3, around."""
+    r, y = _sizes("cylinder", radius=radius, height=height) * (1, 0.5)
+    profile = [(0, y), (r, y), (r, y), (r, -y), (r, -y), (0, -y)]
+    return _revolved(profile, [(0, 1), (0, 1), (1, 0), (1, 0), (0, -1), (0, -1)], segments, "cylinder")
+
+
+def cone(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Mesh:
+    """A closed cone around the origin: its tip is half the height above it, its base as far below; lengths in meters.
+    segments: at least 3, around."""
+    r, y = _sizes("cone", radius=radius, height=height) * (1, 0.5)
+    side = height / math.hypot(height, radius), radius / math.hypot(height, radius)
+    return _revolved([(0, y), (r, -y), (r, -y), (0, -y)], [side, side, (0, -1), (0, -1)], segments, "cone")
+
+
+def capsule(radius: float = 0.25, height: float = 0.5, segments: int = 32) -> Mesh:
+    """A cylinder along y with half spheres at its ends, around the origin; height: of the cylinder alone, in meters.
+
+    segments: at least 3, around; half as many from pole to pole of both half spheres together.
+    """
+    r, y = _sizes("capsule", radius=radius, height=height) * (1, 0.5)
+    quarter = _arc(max(segments // 4, 1) * 4)[: max(segments // 4, 1) + 1]
+    normals = np.concatenate([quarter, quarter[::-1] * (1, -1)])
+    middle = np.repeat([y, -y], len(quarter))
+    return _revolved(r * normals + np.stack([0 * middle, middle], axis=1), normals, segments, "capsule")
+
+
+def torus(radius: float = 0.5, tube_radius: float = 0.2, segments: int = 48) -> Mesh:
+    """A ring around the y axis: radius is that of the circle in the middle of its tube, in meters.
+
+    segments: at least 6, around the axis; half as many around the tube. Raises SolariError if the tube is too thick.
+    """
+    r, tube = _sizes("torus", radius=radius, tube_radius=tube_radius)
+    if not tube < r:
+        raise SolariError(f"a torus needs a tube_radius below its radius, not {tube_radius:g} and {radius:g}")
+    circle = _arc(max(segments // 2, 3))
+    return _revolved(tube * circle + (r, 0), circle, segments, "torus")
+
+
+def _sizes(shape: str, **sizes: float) -> NDArray[np.float64]:
+    """Lengths as an array. Raises SolariError for one that isn't a number above 0."""
+    for name, size in sizes.items():
+        if not isinstance(size, (int, float, np.number)) or not 0 < size < math.inf:
+            raise SolariError(f"a {shape} needs a {name} above 0, not {quoted(size)}")
+    return np.array(list(sizes.values()), np.float64)
+
+
+def _arc(steps: int) -> NDArray[np.float64]:
+    """Points (steps + 1, 2) of the unit circle, radius and height, from the top outwards and back, exactly closed."""
+    turn = 2 * math.pi * (np.arange(steps + 1) % steps) / steps
+    points = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    return np.where(np.abs(points) < 1e-12, 0, points)
+
+
+def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) -> Mesh:
+    """What a profile makes that turns about the y axis: points (R, 2) of radius and height from the top down, on the
+    outside, and their normals (R, 2). Equal points after each other are a sharp edge."""
+    if not isinstance(segments, (int, np.integer)) or segments < 3:
+        raise SolariError(f"a {name} needs at least 3 segments, not {quoted(segments)}")
+    points, outward = np.asarray(profile, np.float64), np.asarray(normals, np.float64)
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate([[0], np.cumsum(steps)]) / steps.sum()
+    turn = 2 * math.pi * (np.arange(segments + 1) % segments) / segments  # the last column repeats the first
+    around = np.stack([np.sin(turn), np.ones(segments + 1), np.cos(turn)], axis=1)
+    indices = []
+    for row in np.flatnonzero(steps > 0).tolist():
+        for first in range(row * (segments + 1), row * (segments + 1) + segments):
+            below = first + segments + 1
+            if points[row + 1, 0] > 0:
+                indices.append((first, below, below + 1))
+            if points[row, 0] > 0:
+                indices.append((first, below + 1, first + 1))
+    u, v = np.meshgrid(np.arange(segments + 1) / segments, along)
+    return Mesh(
+        positions=(points[:, None, [0, 1, 0]] * around).reshape(-1, 3),
+        normals=(outward[:, None, [0, 1, 0]] * around).reshape(-1, 3),
+        uvs=np.stack([u, v], axis=-1).reshape(-1, 2), triangles=np.array(indices), name=name,
+    )  # fmt: skip

@@ -248,7 +248,8 @@ def _unknown(name: str) -> SolariError:
     if name in ("quality", "preset", *QUALITIES):
         hint = "Settings.preset('solari') gives the settings of a quality"
         return SolariError(f"Settings: there is no setting '{name}'; {hint}")
-    return unknown_name("Settings: there is no setting", name, FIELDS)
+    error = unknown_name("Settings: there is no setting", name, FIELDS)
+    return SolariError(f"{error}; `solari-vk settings` lists all")
 
 
 def allowed(name: str) -> str:

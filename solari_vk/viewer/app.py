@@ -17,6 +17,7 @@ from solari_vk.errors import SolariError, ValidationError, checked_keywords, quo
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
+from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.viewer.actions import act
@@ -32,6 +33,7 @@ from solari_vk.viewer.waiting import Waiting
 from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
+METERING_SIZE = 96, 54  # of the picture that chooses the exposure
 MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
@@ -86,7 +88,11 @@ class Viewer(Session):
             undo.callback(self._presenter.close)
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
-            camera_control = CameraControl(camera or scene.camera_for(size[0] / size[1]), extent_of(scene))
+            camera = camera or scene.camera_for(size[0] / size[1])
+            if camera.auto_exposure:  # by a small picture
+                with PathTracer(device, scene, METERING_SIZE) as tracer:
+                    tracer.render(camera, samples=16)
+            camera_control = CameraControl(camera, extent_of(scene))
             super().__init__(window, pictures, camera_control, scale_control, sources,
                              source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
             self.controls = Controls(self.camera_control, self.act)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
-from solari_vk.output.picture import save_image, write_png
+from solari_vk.output.picture import save_image, write_codes
 from solari_vk.settings import DEFAULTS
 from solari_vk.viewer.session import Session
 
@@ -22,7 +22,7 @@ def take_screenshot(session: Session) -> Path:
     while (target := session.folder / f"solari-{number:03}.png").exists():
         number += 1
     command = command_line(session, target)
-    write_png(target, session.pictures.pixels())
+    write_codes(target, session.pictures.pixels())
     save_image(
         target.with_suffix(".exr"),
         session.pictures.radiance(),

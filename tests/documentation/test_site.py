@@ -54,7 +54,7 @@ def test_every_public_name_has_its_place(site):
         value = getattr(sv, name)
         home = value.__name__ if inspect.ismodule(value) else f"{value.__module__}.{name}"
         assert {f"solari_vk.{name}", home} & anchors, name
-    assert {"solari_vk.Scene.add", "solari_vk.PathTracer.render"} <= anchors
+    assert {"solari_vk.Scene.add", "solari_vk.PathTracer.render", "solari_vk.Camera.look_at"} <= anchors
     assert {"solari_vk.rt.create_blas", "solari_vk.scene.shapes.sphere"} <= anchors
 
 

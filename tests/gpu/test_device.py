@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
-from solari_vk.gpu.device import physical, raw
+from solari_vk.gpu.device import physical, raw, software
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device, list_devices
@@ -66,6 +66,23 @@ def test_refused_choice_lists_every_device_and_what_it_lacks(select: str | int) 
     assert repr(select) in text
     assert "2: Old Card (00000002-0000-0000-0000-000000000002): lacks VK_KHR_ray_query, feature rayQuery" in text
     assert text.count("fits") == 4
+
+
+def test_why_the_processor_renders(monkeypatch: pytest.MonkeyPatch) -> None:
+    def why(devices: list[Any], files: str = "") -> str:
+        monkeypatch.setattr(software, "glob", lambda pattern: [files] if files and pattern == files else [])
+        return software.why_software(devices, devices[0], "auto")
+
+    for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
+        monkeypatch.delenv(name, raising=False)
+    soft, old = MACHINE[0], MACHINE[2]
+    assert not why([MACHINE[3]], software.NVIDIA)
+    assert not why([soft])
+    assert "by llvmpipe, which is slow: Old Card lacks VK_KHR_ray_query, feature rayQuery: update" in why([soft, old])
+    assert "NVIDIA_DRIVER_CAPABILITIES=all" in why([soft], software.NVIDIA)
+    assert "let this user open /dev/dri/renderD" in why([soft], software.CARDS)
+    monkeypatch.setenv("VK_DRIVER_FILES", "lvp.json")
+    assert not why([soft], software.NVIDIA)
 
 
 def test_choice_by_the_way_to_trace() -> None:

@@ -38,15 +38,18 @@ def test_blocks_are_aligned_and_apart():
 
 def test_unknown_names_and_wrong_shapes():
     uniforms = make(one=ONE)
-    with pytest.raises(SolariError, match=r"no uniform two\.count; there are one\.scale, one\.place, one\.count"):
+    with pytest.raises(SolariError, match=r"no uniform 'two\.count'; did you mean 'one\.count'\? there are one\.scale"):
         uniforms["two.count"] = 1
-    with pytest.raises(SolariError, match="no uniform block two; there are one"):
+    with pytest.raises(SolariError, match="no uniform block 'two'; there are one"):
         uniforms.record("two")
     with pytest.raises(SolariError, match=r"one\.place has shape \(3,\), not \(2,\)"):
         uniforms["one.place"] = (1, 2)
     with pytest.raises(SolariError, match=r"one\.count is uint32"):
         uniforms["one.count"] = -1
-    uniforms.update({"one.count": 9, "nobody.count": 1})
+    with pytest.raises(SolariError, match=r"no uniform 'one\.cuont'; did you mean 'one\.count'"):
+        uniforms.update({"one.count": 9, "one.cuont": 1})
+    assert uniforms["one.count"] == 0, "nothing is set"
+    uniforms.update_declared({"one.count": 9, "nobody.count": 1})
     assert uniforms["one.count"] == 9
 
 

@@ -19,7 +19,8 @@ def test_look_at():
     camera = sv.Camera.look_at([1, 2, 3], [1, 2, -7], vertical_fov=1, name="eye", ev100=3)
     np.testing.assert_allclose(camera.transform, [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
     assert (camera.vertical_fov, camera.name, camera.exposure) == (1, "eye", pytest.approx(1 / 9.6))
-    assert camera.look_at([0, 5, 0], [0, 0, 0], up=[0, 0, -1], vertical_fov=0.5) is camera, "moves the camera"
+    assert camera.place([0, 5, 0], [0, 0, 0], up=[0, 0, -1], vertical_fov=0.5) is camera, "moves the camera"
+    assert repr(camera) == "<Camera 'eye' at (0, 5, 0) towards (0, -1, 0), vertical_fov=0.5 (28.6 degrees), ev100=3>"
     np.testing.assert_allclose(camera.transform[:3, 2:], [[0, 0], [1, 5], [0, 0]])
     assert (camera.ev100, camera.vertical_fov) == (3, 0.5)
     for position in ([0, 0, 0], [0, 5, 0]):
@@ -61,7 +62,7 @@ def test_poses_keep_all_that_makes_the_picture():
         ([], "a JSON object of"),
         ({"eye": 1}, "a JSON object of"),
         ({"position": [0, 0, 0]}, "needs 'position' and"),
-        ({"position": "x", "target": [0, 0, 0]}, "needs"),
+        ({"position": "x", "target": [0, 0, 0]}, "must be three numbers each, not 'x'"),
         ({"position": [10**400, 0, 0], "target": [0, 0, 0]}, "must be finite and not too far apart"),
         ({"transform": [[1]]}, "shape"),
         ({"position": [0, 0, 1], "target": [0, 0, 0], "vertical_fov_degrees": 200}, "vertical_fov"),
@@ -122,3 +123,13 @@ def test_damaged_orthographic_cameras(writer):
     scene = writer.load()
     assert not scene.cameras
     assert "without a height" in scene.warnings[0]
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((1.0, "Run"), "there is no animation 'Run'; there are none"),
+    (("wide",), "width / height of the picture, not 'wide'"),
+    ((0.0,), "not 0.0"),
+])  # fmt: skip
+def test_what_camera_for_refuses(arguments, message):
+    with pytest.raises(SolariError, match=message):
+        sv.builtin("cornell_box").camera_for(*arguments)

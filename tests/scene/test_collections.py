@@ -82,7 +82,7 @@ def test_scenes_hold_objects_in_order_and_notify_watchers():
         (lambda s: s.remove("flor"), r"there is no object 'flor'; did you mean 'floor'\? there are floor, wall"),
         (lambda s: s.lights.add(Camera()), "a light is needed, not Camera"),
         (lambda s: s.add(Material()), "holds instances, lights and cameras, not Material"),
-        (lambda s: s.add(Camera(), Material()), "given with a mesh only"),
+        (lambda s: s.add(Camera(), Material()), "material with a mesh only"),
         (lambda s: Scene().bounds, "no visible instance"),
         (lambda s: setattr(s, "instances", []), "Scene.instances can't be replaced: use scene.instances.add"),
         (lambda s: setattr(s, "weather", 1), "Scene has no field 'weather'; there are name, camera"),
@@ -140,3 +140,8 @@ def test_a_mesh_with_a_material_at_a_place_in_one_line():
     assert (placed.material, placed.transform[:3, 3].tolist()) == (paint, [1, 2, 3])
     assert scene.add(Mesh(TRIANGLE)).material.name == ""
     assert placed.mesh.triangles.tolist() == placed.mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
+
+
+def test_scenes_in_words():
+    assert repr(builtin("cornell_box")) == "<Scene 'cornell_box': 6 instances, 1 camera>"
+    assert repr(Scene()) == "<Scene: empty>"

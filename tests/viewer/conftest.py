@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 
 import solari_vk as sv
-from solari_vk.viewer import Viewer
+from solari_vk.viewer.app import Viewer
 
 SCREEN = (480, 360)
 

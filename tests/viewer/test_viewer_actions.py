@@ -49,6 +49,14 @@ def test_a_view_that_the_lighting_lacks_is_the_picture(viewer):
     assert viewer.pictures.realtime.view == "paths_distance"
 
 
+def test_a_camera_may_choose_its_exposure(open_viewer):
+    scene = sv.builtin("cornell_box")
+    scene.camera.auto_exposure, chosen = True, scene.camera.ev100
+    viewer = open_viewer(scene, overlay=False)
+    assert viewer.camera.ev100 == scene.camera.ev100 != chosen
+    assert not viewer.camera.auto_exposure
+
+
 def test_brighter_is_brighter(viewer):
     before, home = viewer.pictures.pixels().mean(), viewer.camera_control.home
     type_keys(viewer, *[glfw.KEY_EQUAL] * 3)

@@ -11,8 +11,9 @@ from PIL import Image, ImageGrab
 
 import solari_vk as sv
 from solari_vk.gpu.device import raw
-from solari_vk.viewer import Window, presenter
+from solari_vk.viewer import presenter
 from solari_vk.viewer.presenter import Part
+from solari_vk.viewer.window import Window
 
 ACQUIRE, PRESENT, CREATE = "vkAcquireNextImageKHR", "vkQueuePresentKHR", "vkCreateSwapchainKHR"
 

@@ -1,4 +1,4 @@
-"""A scanned mesh: `sv.load("scan.ply")`.
+"""A scanned mesh: `sv.open("scan.ply")`.
 
 The file has triangles alone. Normals are smooth, but for edges sharper than 40 degrees.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -21,6 +22,7 @@ from solari_vk.gpu.device.physical import (
     feature_chain,
 )
 from solari_vk.gpu.device.rays import AUTO, RAYS
+from solari_vk.gpu.device.software import why_software
 
 _FORKED = (
     "belongs to the process that this one was forked from, and can't be used here: start processes by spawn "
@@ -48,7 +50,11 @@ class LogicalDevice:
         self._instance = Instance(validation)
         try:
             wanted = os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select
-            self._open(choose(self._instance.devices(), wanted, self.rays))
+            devices = self._instance.devices()
+            chosen = choose(devices, wanted, self.rays)
+            if wanted is None and (reason := why_software(devices, chosen, self.rays)):
+                warnings.warn(reason, stacklevel=4)
+            self._open(chosen)
         except BaseException:
             self._instance.close()
             raise

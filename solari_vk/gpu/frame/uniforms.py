@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, unknown_name
 from solari_vk.gpu.frame.packing import packing
 
 
@@ -75,8 +75,7 @@ class Uniforms:
     def record(self, block: str) -> np.ndarray:
         """A block as an array of one record; a view of `memory`, valid until other blocks are declared."""
         if block not in self._types:
-            known = ", ".join(self._types) or "none"
-            raise SolariError(f"the shaders have no uniform block {block}; there are {known}")
+            raise unknown_name("the shaders have no uniform block", block, self._types)
         first = self.offsets[block]
         return self.memory[first : first + self._types[block].itemsize].view(self._types[block])
 
@@ -113,7 +112,13 @@ class Uniforms:
             raise SolariError(f"the uniform {name} is {target.dtype}: {error}") from error
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Set fields by name; names that no shader has are ignored."""
+        """Set fields by name. Raises SolariError for a name that no shader has, before any field is set."""
+        for name in values:
+            self._field(name)
+        self.update_declared(values)
+
+    def update_declared(self, values: Mapping[str, Any]) -> None:
+        """As `update`, but names that no shader has are ignored: shaders declare only what they use."""
         for name, value in values.items():
             if name in self._fields:
                 self[name] = value
@@ -126,5 +131,4 @@ class Uniforms:
         try:
             return self._fields[name]
         except KeyError:
-            known = ", ".join(self._fields) or "none"
-            raise SolariError(f"the shaders have no uniform {name}; there are {known}") from None
+            raise unknown_name("the shaders have no uniform", name, self._fields) from None

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.animation.keyframes import Channel, Sample, tracks
 from solari_vk.scene.animation.rig import Rig
@@ -61,9 +61,9 @@ class Animation(Checked):
 
     def samples(self, seconds: float, *, loop: bool = True) -> list[Sample]:
         """The values of all channels; arguments and errors are those of `apply`."""
-        seconds = _number(seconds)
+        given, seconds = seconds, _number(seconds)
         if not math.isfinite(seconds):
-            raise SolariError(f"{self.describe()}: the time must be a finite number of seconds")
+            raise SolariError(f"{self.describe()}: the time must be a finite number of seconds, not {quoted(given)}")
         duration = self.duration
         if loop and duration > 0:
             seconds %= duration

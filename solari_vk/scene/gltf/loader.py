@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
+from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = (
@@ -120,6 +122,9 @@ class _Loader:
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
         self._scene.warnings.extend(self._report.lines())
+        for remark in self._scene.warnings:
+            if INSTALL in remark:  # what a library would show mustn't be missed
+                warnings.warn(remark, stacklevel=2)
         return self._scene
 
     def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:

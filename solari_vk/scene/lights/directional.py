@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, field
+from typing import Any
 
 import numpy as np
 
+from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.temperature import kelvin
 from solari_vk.scene.observed import checked
 
 SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
@@ -20,7 +23,8 @@ class DirectionalLight(Light):
     """A sun.
 
     direction (3,): in which its light travels, of any length. illuminance: on a surface that faces the sun, in lux.
-    color (3,): linear. angular_diameter: of the sun's disk, in radians.
+    color (3,): linear. In its place kelvin: the temperature of a black body, see `kelvin`. angular_diameter: of the
+    sun's disk, in radians.
     """
 
     direction: FloatArray
@@ -37,6 +41,14 @@ class DirectionalLight(Light):
         "color": checks.color(0, 1e6),
         "angular_diameter": checks.number(1e-5, math.pi, "radians"),
     }
+
+    _derived = ("kelvin",)
+
+    @classmethod
+    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
+        if "color" in given:
+            raise SolariError(f"{cls.__name__}: kelvin makes color: give one of them")
+        return {"color": kelvin(given.pop("kelvin")), **given}
 
     @property
     def emits(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, field
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.temperature import kelvin
 from solari_vk.scene.observed import checked
 
 MIN_RADIUS = 1e-5  # meters: the radiance of smaller spheres overflows
@@ -37,6 +39,38 @@ class PunctualLight(Light):
         "radius": checks.number(0, 1e6, "m"),
         "range": checks.number(1e-5, 1e18, "m", optional=True),
     }
+
+    _derived = ("lumens", "kelvin")
+
+    @classmethod
+    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
+        for name, made in (("lumens", "intensity"), ("kelvin", "color")):
+            if name in given and made in given:
+                raise SolariError(f"{cls.__name__}: {name} makes {made}: give one of them")
+        if "kelvin" in given:
+            given["color"] = kelvin(given.pop("kelvin"))
+        if "lumens" in given:
+            try:
+                flux = checks.number(0, 1e15, "lm")(given.pop("lumens"))
+            except (TypeError, ValueError) as error:
+                raise SolariError(f"{cls.__name__}: lumens {error}") from None
+            given["intensity"] = flux / cls._solid_angle_of(given, current)
+        return given
+
+    @classmethod
+    def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+        """`solid_angle` after fields are assigned."""
+        return 4 * math.pi
+
+    @property
+    def lumens(self) -> float:
+        """The luminous flux of a light whose color has a luminance of 1: intensity times `solid_angle`. May be
+        assigned; the intensity then follows from the cone as it is."""
+        return self.intensity * self.solid_angle
+
+    @lumens.setter
+    def lumens(self, lumens: float) -> None:
+        self.update(lumens=lumens)
 
     @property
     def emits(self) -> bool:
@@ -69,10 +103,11 @@ class PointLight(PunctualLight):
     """A lamp that sends the same light in all directions.
 
     position (3,): in meters. intensity: in cd; the illuminance of a surface that faces the light at distance d is
-    intensity / d^2. color (3,): linear. radius: in meters; 0 is a point, which no ray meets. A larger radius makes a
-    sphere of the same intensity, with soft shadows; cameras and mirrors see it, and it casts no shadow itself. range:
-    in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None: without
-    end, as real light.
+    intensity / d^2. lumens, in its place: intensity times 4 pi. color (3,): linear. kelvin, in its place: the
+    temperature of a black body, see `kelvin`. radius: in meters; 0 is a point, which no ray meets. A larger radius
+    makes a sphere of the same intensity, with soft shadows; cameras and mirrors see it, and it casts no shadow itself.
+    range: in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None:
+    without end, as real light.
     """
 
 
@@ -83,8 +118,9 @@ class SpotLight(PunctualLight):
     direction (3,): of the cone's axis, away from the lamp, of any length. inner_cone_angle, outer_cone_angle: from the
     axis, in radians. Inside the inner cone the intensity is whole; from there it falls smoothly to 0 at the outer one,
     as glTF recommends: by the square of a share that is linear in the angle's cosine. The outer angle is at most pi / 2
-    and larger than the inner one. Of a lamp with a radius, the angle is that from its center to what it lights. All
-    other fields are those of PointLight.
+    and larger than the inner one. Of a lamp with a radius, the angle is that from its center to what it lights. lumens:
+    the flux in the cone, intensity times `solid_angle`; some programs divide by pi or 4 pi instead. All other fields
+    are those of PointLight.
     """
 
     direction: FloatArray
@@ -106,8 +142,7 @@ class SpotLight(PunctualLight):
 
     @property
     def _cosines(self) -> tuple[float, float]:
-        outer = math.cos(self.outer_cone_angle)
-        return max(math.cos(self.inner_cone_angle), outer + MIN_COSINE_STEP), outer
+        return _cosines(self.inner_cone_angle, self.outer_cone_angle)
 
     @property
     def falloff(self) -> tuple[float, float]:
@@ -119,8 +154,18 @@ class SpotLight(PunctualLight):
     @property
     def solid_angle(self) -> float:
         """The integral of the share of the intensity over all directions, in steradians."""
-        inner, outer = self._cosines
-        return 2 * math.pi * (max(1 - inner, 0.0) + (inner - outer) / 3)
+        return _cone(*self._cosines)
+
+    @classmethod
+    def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+        angles = []
+        for name in ("inner_cone_angle", "outer_cone_angle"):
+            value = given.get(name, getattr(cls if current is None else current, name))
+            try:
+                angles.append(cls._converters[name](value))
+            except (TypeError, ValueError) as error:
+                raise SolariError(f"{cls.__name__}: {name} {error}") from None
+        return _cone(*_cosines(*angles))
 
     def _validate(self) -> None:
         super()._validate()
@@ -129,3 +174,13 @@ class SpotLight(PunctualLight):
                 f"{self.describe()}: inner_cone_angle must be smaller than outer_cone_angle, but is "
                 f"{self.inner_cone_angle:g} where the other is {self.outer_cone_angle:g}"
             )
+
+
+def _cosines(inner_angle: float, outer_angle: float) -> tuple[float, float]:
+    outer = math.cos(outer_angle)
+    return max(math.cos(inner_angle), outer + MIN_COSINE_STEP), outer
+
+
+def _cone(inner: float, outer: float) -> float:
+    """The integral of a spotlight's share of its intensity over all directions, by the cosines of its cones."""
+    return 2 * math.pi * (max(1 - inner, 0.0) + (inner - outer) / 3)

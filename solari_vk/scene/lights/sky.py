@@ -21,13 +21,15 @@ from solari_vk.scene.observed import checked
 # In lux, of the sun above the atmosphere: Darula, Kittler and Gueymard, "Reference luminous solar constant and solar
 # luminance for illuminance calculations" (2005).
 SUN_ILLUMINANCE = 133_300.0
+AFTERNOON = (-0.587, 0.643, 0.492)
 
 
 @checked
 class Sky(EnvironmentLight):
     """A clear sky with its sun, over even ground, as `scene.environment`.
 
-    sun_direction (3,): towards the sun, of any length; below the horizon it is twilight. turbidity: 1 is clean air, 2
+    sun_direction (3,): towards the sun, of any length; below the horizon it is twilight. By default the sun stands 40
+    degrees high, behind the left shoulder of a camera that looks along -z. turbidity: 1 is clean air, 2
     to 3 a clear day, 6 haze. ground_albedo: the color of the ground, which fills the lower half. intensity: a factor;
     with 1 the sun has up to 100,000 lux and the sky thousands of cd/m^2, for pictures of an ev100 of about 14.
     The sun is a DirectionalLight of its own, `sun`, which `scene.environment` adds with the sky, and which follows the
@@ -35,7 +37,7 @@ class Sky(EnvironmentLight):
     other changes compute the sky anew in about 0.1 s. solari_vk/scene/lights/atmosphere.py names the model.
     """
 
-    sun_direction: FloatArray
+    sun_direction: FloatArray = field(default_factory=lambda: np.array(AFTERNOON, np.float32))
     _: KW_ONLY
     turbidity: float = 2.5
     ground_albedo: FloatArray = field(default_factory=lambda: np.full(3, 0.3, np.float32))

@@ -43,7 +43,7 @@ class CacheFrame(SceneFrame):
     def run(self, frames=1, camera=None):
         """Run this many frames. With the setting `gi` off, only cells query the cache."""
         camera = camera or self.scene.camera
-        self.uniforms.update(uniform_values(self.settings))
+        self.uniforms.update_declared(uniform_values(self.settings))
         CameraUniforms(self.uniforms).write(camera, (8, 8))
         self.uniforms["this_frame.exposure"] = camera.exposure
         self.uniforms["this_frame.seed"] = self.seed
@@ -90,7 +90,7 @@ class MapFrame(Frame):
         buffers = {**full.buffers, "answers": len(queries)}
         stage = dataclasses.replace(full, passes=[*full.passes, insert], buffers=buffers)
         super().__init__(device, [stage], external={"queries": self._buffer}, glsl_root=SHADERS)
-        self.uniforms.update(uniform_values(sv.Settings(**ALL_CELLS | settings)))
+        self.uniforms.update_declared(uniform_values(sv.Settings(**ALL_CELLS | settings)))
         self.uniforms["camera.size"] = SIZE
         self.uniforms["this_frame.has_history"] = 1
 

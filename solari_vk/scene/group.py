@@ -1,0 +1,110 @@
+"""Objects of a scene that move together: `Group`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError, unknown_name
+from solari_vk.scene.camera import Camera
+from solari_vk.scene.lights.directional import DirectionalLight
+from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
+from solari_vk.scene.matrices import transform_directions, transform_points
+from solari_vk.scene.objects import Instance
+from solari_vk.scene.placement import PARTS, Scaled, placed
+
+KINDS = (Instance, PunctualLight, DirectionalLight, Camera)
+
+
+class Group(Scaled):
+    """Instances, lights, cameras and other groups of a scene that move together, as `Scene.group` and `Scene.add` make.
+
+    transform (4, 4) is the matrix from the group's space to the world. Assign it, or `position`, `rotation` or `scale`,
+    and all objects move with it; they keep what was assigned to them alone. A loop over a group gives its objects. The
+    constructor's transform and parts say where the group's origin is, without moving anything. Clips of `animations`
+    place the instances of their file in the world, so they don't follow a group. Raises SolariError for objects that
+    have no place, such as an Environment.
+    """
+
+    def __init__(self, items: Iterable[Any] = (), *, name: str = "", **where: Any) -> None:
+        self.name = name
+        self._items: list[Any] = []
+        self._transform = self._changed(where)
+        for item in items:
+            self.add(item)
+
+    def add(self, item: Any) -> Any:
+        """Append an object, where it is, and return it. The scene isn't changed."""
+        if not isinstance(item, (*KINDS, Group)) or item is self:
+            raise SolariError(f"{self.describe()}: a group holds instances, lights with a place or direction, cameras "
+                              f"and other groups, not {type(item).__name__}")  # fmt: skip
+        if item not in self._items:
+            self._items.append(item)
+        return item
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(list(self._items))
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    @property
+    def items(self) -> list[Any]:
+        """The objects, those of groups in the group in their place."""
+        return [inner for item in self._items for inner in (item.items if isinstance(item, Group) else [item])]
+
+    @property
+    def transform(self) -> NDArray[np.float64]:
+        """The matrix (4, 4) from the group's space to the world. May be assigned."""
+        return self._transform
+
+    @transform.setter
+    def transform(self, transform: ArrayLike) -> None:
+        self.update(transform=transform)
+
+    def update(self, **fields: Any) -> None:
+        """Assign the transform, or several of its parts at once; nothing moves if one of them is refused."""
+        after = self._changed(fields, self._transform)
+        move = after @ np.linalg.inv(self._transform)
+        for item in self._items:
+            _move(item, move)
+        self._transform = after
+
+    def _changed(self, fields: dict[str, Any], before: Any = None) -> NDArray[np.float64]:
+        for name in fields:
+            if name not in ("transform", *PARTS):
+                raise unknown_name(f"{self.describe()} has no field", name, ("transform", *PARTS, "name"))
+        transform = placed(fields.pop("transform", before), self.describe(), **fields)
+        transform.setflags(write=False)
+        return transform
+
+    def describe(self) -> str:
+        """The group's kind and name, for messages."""
+        return f"Group '{self.name}'" if self.name else "Group"
+
+    def __repr__(self) -> str:
+        return f"{self.describe()}[{', '.join(item.describe() for item in self._items)}]"
+
+
+def _move(item: Any, move: NDArray[np.float64]) -> None:
+    if isinstance(item, Instance | Camera | Group):
+        item.update(transform=move @ item.transform)
+    if isinstance(item, PunctualLight):
+        item.position = transform_points(move, item.position).astype(np.float32)
+    if isinstance(item, SpotLight | DirectionalLight):
+        item.direction = transform_directions(move, item.direction).astype(np.float32)
+
+
+def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str) -> list[Any]:
+    """Copies of instances, which share meshes and materials, and of lights that have a place or a direction.
+
+    name: of a single instance; it precedes those of several.
+    """
+    made: list[Any] = [dataclasses.replace(instance) for instance in instances]
+    for instance in made if name else ():
+        instance.name = name if len(made) == 1 else f"{name}/{instance.name}"
+    return made + [dataclasses.replace(light) for light in lights if isinstance(light, KINDS)]

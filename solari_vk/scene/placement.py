@@ -1,0 +1,127 @@
+"""Position, rotation and scale of what has a transform."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError, quoted
+from solari_vk.scene import checks
+from solari_vk.scene.matrices import nearest_rotation, quaternion_rotation, rotation, unit
+
+PARTS = ("position", "rotation", "scale")
+_ROTATION_ERROR = 1e-3
+
+
+def rotation_matrix(value: Any) -> NDArray[np.float64]:
+    """A rotation (3, 3) from one, from a quaternion (x, y, z, w), or from an angle in radians about +y."""
+    given = checks.real(value, np.float64)
+    checks.refuse_not_finite(given)
+    if given.ndim == 0:
+        return rotation((0, 1, 0), float(given))
+    if given.shape == (4,) and given.any():
+        return np.array(quaternion_rotation(*unit(given)))
+    is_rotation = given.shape == (3, 3) and np.abs(given @ given.T - np.eye(3)).max() <= _ROTATION_ERROR
+    if not is_rotation or not np.linalg.det(given) > 0:
+        raise ValueError("must be a quaternion (x, y, z, w), a rotation matrix (3, 3), which neither scales nor "
+                         "mirrors, or an angle in radians about +y")  # fmt: skip
+    return given
+
+
+def _scale(value: Any) -> NDArray[np.float64]:
+    given = checks.real(value, np.float64)
+    if given.shape not in ((), (3,)) or not (given > 0).all():
+        raise ValueError(f"must be one factor or three, (3,), above 0 (a transform can mirror), not {quoted(value)}")
+    return np.broadcast_to(given, (3,))
+
+
+def parts(transform: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The position (3,), the rotation (3, 3) and the scale (3,) of a transform; what mirrors does so along x first."""
+    axes = transform[:3, :3]
+    scale = np.linalg.norm(axes, axis=0)
+    mirror = (np.sign(np.linalg.det(axes)), 1, 1)
+    return transform[:3, 3].copy(), nearest_rotation(axes / scale * mirror), scale
+
+
+def placed(
+    transform: ArrayLike | None, who: str, position: Any = None, rotation: Any = None, scale: Any = None
+) -> NDArray[np.float64]:
+    """A transform (4, 4) with another position, rotation or scale; its shear stays. None: the identity.
+
+    Raises SolariError, with `who` at its start, for what is none of them.
+    """
+    converters = {"transform": checks.affine_transform, "position": checks.array(3, dtype=np.float64),
+                  "rotation": rotation_matrix, "scale": _scale}  # fmt: skip
+    given = {"transform": transform, "position": position, "rotation": rotation, "scale": scale}
+    values: dict[str, NDArray[np.float64]] = {"transform": np.eye(4)}
+    for name, value in given.items():
+        if value is not None:
+            try:
+                values[name] = converters[name](value)
+            except (TypeError, ValueError, OverflowError) as error:
+                raise SolariError(f"{who}: {name} {error}") from None
+    made = values["transform"].copy()
+    _, turn, size = parts(made)
+    if scale is not None:
+        made[:3, :3] *= values["scale"] / size
+        _, turn, size = parts(made)
+    if rotation is not None:
+        made[:3, :3] = values["rotation"] @ turn.T @ made[:3, :3]
+    if position is not None:
+        made[:3, 3] = values["position"]
+    return made
+
+
+@classmethod  # type: ignore[misc]
+def resolved(cls: type[Any], given: dict[str, Any], current: Any) -> dict[str, Any]:
+    """`Checked._resolve` of what has a transform."""
+    changed = {name: given.pop(name) for name in PARTS if name in given}
+    before = given.pop("transform", None if current is None else current.transform)
+    who = cls.__name__ if current is None else current.describe()
+    return given | {"transform": placed(before, who, **changed)}
+
+
+class Placed:
+    """What has a transform, also as its parts. Subclasses have `transform` and `update`."""
+
+    transform: NDArray[np.float64]
+
+    def update(self, **fields: Any) -> None:
+        """Assign several fields at once."""
+        raise NotImplementedError
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Where the origin of object space is in the world, (3,) in meters. May be assigned."""
+        return parts(self.transform)[0]
+
+    @position.setter
+    def position(self, position: ArrayLike) -> None:
+        self.update(position=position)
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """The rotation from object to world space, a matrix (3, 3) that neither scales nor mirrors: its columns are
+        where the object's axes point. Assign such a matrix, a quaternion (x, y, z, w) as in glTF, or an angle in
+        radians about +y; position, scale and shear stay."""
+        return parts(self.transform)[1]
+
+    @rotation.setter
+    def rotation(self, rotation: ArrayLike) -> None:
+        self.update(rotation=rotation)
+
+
+class Scaled(Placed):
+    """What has a transform that may scale, also as its parts."""
+
+    @property
+    def scale(self) -> NDArray[np.float64]:
+        """The lengths of the object's axes in the world, (3,). Assign three or one for all, above 0; what the transform
+        mirrors stays mirrored."""
+        return parts(self.transform)[2]
+
+    @scale.setter
+    def scale(self, scale: ArrayLike) -> None:
+        self.update(scale=scale)

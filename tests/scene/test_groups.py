@@ -1,0 +1,78 @@
+"""Groups, and what `Scene.add` makes of files, other scenes and meshes of trimesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.scene.matrices import rotation
+
+BOX = sv.shapes.box()
+
+
+def test_what_is_in_a_group_moves_with_it():
+    scene = sv.Scene()
+    wheel, cabin = scene.add(BOX, position=(1, 0, 0), name="wheel"), sv.Instance(BOX, position=(0, 1, 0))
+    lamp, sun, camera = sv.SpotLight((2, 0, 0), (1, 0, 0)), sv.DirectionalLight((1, 0, 0)), sv.Camera()
+    wheels = scene.group("wheel")
+    car = scene.group(wheels, cabin, lamp, sun, camera, name="car")
+    assert set(scene.instances) == {wheel, cabin}
+    assert set(scene.lights) == {lamp, sun}
+    wheels.position = (0, 0, 1)
+    car.update(position=(0, 0, 5), rotation=rotation((0, 1, 0), np.pi / 2), scale=2)
+    np.testing.assert_allclose(wheel.position, (2, 0, 3), atol=1e-6)
+    np.testing.assert_allclose(wheels.position, (2, 0, 5), atol=1e-6)
+    np.testing.assert_allclose(cabin.position, (0, 2, 5), atol=1e-6)
+    np.testing.assert_allclose(lamp.position, (0, 0, 1), atol=1e-6)
+    np.testing.assert_allclose([lamp.direction, sun.direction], [(0, 0, -1)] * 2, atol=1e-6)
+    np.testing.assert_allclose(camera.transform[:3, 3], (0, 0, 5))
+    wheel.position = (0, 0, 0)
+    car.position = (0, 0, 6)
+    np.testing.assert_allclose(wheel.position, (0, 0, 1), atol=1e-12)
+    scene.remove(car)
+    assert not len(scene.instances) + len(scene.lights) + len(scene.cameras)
+
+
+def test_the_origin_of_a_group_is_a_pivot():
+    door = sv.Instance(BOX, position=(1, 0, 0))
+    hinge = sv.Group([door], position=(0.5, 0, 0))
+    hinge.rotation = np.pi
+    np.testing.assert_allclose(door.position, (0, 0, 0), atol=1e-12)
+
+
+def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
+    trimesh = pytest.importorskip("trimesh")
+    writer.node(mesh=writer.mesh())
+    writer.save(writer.path)
+    scene, kit = sv.Scene(), sv.Scene(sv.Instance(BOX, name="a"), sv.Instance(BOX, name="b"), sv.PointLight((1, 0, 0)))
+    kit.environment, kit.camera = sv.Environment(1.0), sv.Camera()
+    for number in range(2):
+        pair = scene.add(kit, position=(number, 0, 0), name=f"pair {number}")
+    assert scene.instances.names == ["pair 0/a", "pair 0/b", "pair 1/a", "pair 1/b"]
+    assert scene.environment is None
+    assert [item.position[0] for item in pair] == [1, 1, 2]
+    assert kit.instances[0].position[0] == 0
+    assert scene.meshes[0] is kit.meshes[0]
+    single = scene.add(writer.path, name="leaf", scale=3)
+    assert next(iter(single)) is scene.instances["leaf"]
+    np.testing.assert_array_equal(scene.instances["leaf"].scale, 3)
+    red = sv.Material(base_color=(1, 0, 0))
+    made = scene.add(trimesh.creation.box(), red, (1, 2, 3), name="box")
+    assert (made.material, made.position.tolist()) == (red, [1, 2, 3])
+
+
+@pytest.mark.parametrize(("use", "message"), [
+    (lambda s: s.group(sv.Environment(1.0)), "a group holds instances, .*, not Environment"),
+    (lambda s: s.add(sv.Camera(), position=(1, 2, 3)), "are given with a mesh, a file or a"),
+    (lambda s: s.add(sv.Scene(), sv.Material()), "material with a mesh only"),
+    (lambda s: s.add("nothing.glb"), "nothing.glb: there is no such file"),
+    (lambda s: s.group("wall"), "there is no instance 'wall'"),
+    (lambda s: s.group().update(place=1), "Group has no field 'place'; .*there are transform, position, rotation"),
+    (lambda s: s.add(sv.Scene(), position=3), "Group: position must have the shape"),
+])  # fmt: skip
+def test_refused_groups(use, message):
+    scene = sv.Scene()
+    with pytest.raises(sv.SolariError, match=message):
+        use(scene)
+    assert not scene.instances

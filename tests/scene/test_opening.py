@@ -1,0 +1,52 @@
+"""`open`: files as the command line shows them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.cli import subject
+from solari_vk.cli.jobs import RenderOptions
+
+
+def sun_file(writer):
+    """A file with a triangle and a sun."""
+    writer.node(mesh=writer.mesh())
+    light = {"type": "directional", "intensity": 80_000.0}
+    writer.node(extensions={"KHR_lights_punctual": {"light": 0}})
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
+    writer.json["extensionsUsed"] = ["KHR_lights_punctual"]
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_a_file_is_as_the_command_line_shows_it(writer, lit, capsys):
+    if lit:
+        sun_file(writer)
+    else:
+        writer.node(mesh=writer.mesh())
+    writer.save(writer.path)
+    scene = sv.open(writer.path)
+    shown = subject.load(RenderOptions(source=str(writer.path), output="x.png"))
+    assert [light.describe() for light in scene.lights] == [light.describe() for light in shown.scene.lights]
+    assert len(scene.instances) == len(shown.scene.instances) == (1 if lit else 2)
+    camera = scene.camera_for(640 / 360)
+    np.testing.assert_array_equal(camera.transform, shown.cameras[0].transform)
+    assert camera.auto_exposure == shown.auto_exposure == lit
+    assert not sv.load(writer.path).camera.auto_exposure
+
+
+def test_surroundings_builtin_scenes_and_what_is_no_path(writer):
+    writer.node(mesh=writer.mesh())
+    writer.save(writer.path)
+    assert isinstance(sv.open(writer.path, environment="sky").environment, sv.Sky)
+    assert not sv.open("builtin:cornell_box").camera.auto_exposure
+    with pytest.raises(sv.SolariError, match="path of a file is needed, not 3"):
+        sv.open(3)
+
+
+def test_an_exposure_that_is_set_stays():
+    camera = sv.Camera(auto_exposure=True)
+    assert camera.auto_exposure
+    camera.ev100 = 9
+    assert (camera.ev100, camera.auto_exposure) == (9, False)
