@@ -99,7 +99,7 @@ class Hints:
             what = f"{type(self).__name__} has no attribute"
             if name.startswith("_"):
                 raise AttributeError(f"{what} '{name}'")
-            names = (known for known in dir(type(self)) if not known.startswith("_"))
+            names = (known for known in object.__dir__(self) if not known.startswith("_"))
             raise AttributeError(str(unknown_name(what, name, names)))
 
 

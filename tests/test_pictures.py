@@ -149,6 +149,7 @@ def test_videos(tmp_path, suffix):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (("a.gif", []), "at least one picture"), (("a.avi", []), ".gif, .mp4, not '.avi'"), (("a.gif", [], 0), "fps is 0"),
+    (("a.gif", [], "24"), "fps is '24'"),
     (("a.gif", [np.zeros((2, 2, 3))]), r"picture 0 is float64 \(2, 2, 3\): give arrays"),
     (("a.gif", [np.zeros((n, 2, 3), np.uint8) for n in (2, 3)]), "picture 1 is uint8 .*all of one size"),
 ])  # fmt: skip

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterable, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,7 @@ def save_video(path: str | os.PathLike[str], pictures: Iterable[NDArray[np.uint8
     target = Path(path)
     check_output(target, SUFFIXES)
     check_encoder(target)
-    if not 0 < fps <= 1000:
+    if not isinstance(fps, Real) or not 0 < fps <= 1000:
         raise SolariError(f"{target}: fps is {quoted(fps)}: give a number of pictures a second, at most 1000")
     files: list[bytes] = []
     size: tuple[int, ...] = ()

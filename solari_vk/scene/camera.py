@@ -208,8 +208,8 @@ class Camera(Checked, Placed):
         super().update(**fields)
 
     def __repr__(self) -> str:
-        (x, y, z), (right, up, back) = self.transform[:3, 3], self.transform[:3, 2]
-        place = f"({x:.4g}, {y:.4g}, {z:.4g}) towards ({0 - right:.3g}, {0 - up:.3g}, {0 - back:.3g})"
+        (x, y, z), (dx, dy, dz) = self.transform[:3, 3], 0 - self.transform[:3, 2]
+        place = f"({x:.4g}, {y:.4g}, {z:.4g}) towards ({dx:.3g}, {dy:.3g}, {dz:.3g})"
         fov = f"vertical_fov={self.vertical_fov:.4g} ({math.degrees(self.vertical_fov):.3g} degrees)"
         lens = f"orthographic_height={self.orthographic_height:.4g}" if self.orthographic_height else fov
         rest = {"aperture": self.aperture, "auto_exposure": self.auto_exposure}

@@ -9,39 +9,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import Hints, SolariError, unknown_name
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
 from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.objects import Instance
-from solari_vk.scene.placement import PARTS, Scaled, placed
+from solari_vk.scene.placement import PARTS, Scaled, parts, placed
 
 KINDS = (Instance, PunctualLight, DirectionalLight, Camera)
 
 
-class Group(Scaled):
+class Group(Scaled, Hints):
     """Instances, lights, cameras and other groups of a scene that move together, as `Scene.group` and `Scene.add` make.
 
     transform (4, 4) is the matrix from the group's space to the world. Assign it, or `position`, `rotation` or `scale`,
-    and all objects move with it; they keep what was assigned to them alone. A loop over a group gives its objects. The
-    constructor's transform and parts say where the group's origin is, without moving anything. Clips of `animations`
-    place the instances of their file in the world, so they don't follow a group. Raises SolariError for objects that
-    have no place, such as an Environment.
+    and all objects move with it; they keep what was assigned to them alone. Lights and cameras move and turn, but keep
+    their size. A loop over a group gives its objects. The constructor's transform and parts say where the group's
+    origin is, without moving anything. Clips of `animations` place the instances of their file in the world, so they
+    don't follow a group. Raises SolariError for objects that have no place, such as an Environment.
     """
 
     def __init__(self, items: Iterable[Any] = (), *, name: str = "", **where: Any) -> None:
         self.name = name
         self._items: list[Any] = []
-        self._transform = self._changed(where)
+        self._place(self._changed(where))
         for item in items:
             self.add(item)
 
     def add(self, item: Any) -> Any:
         """Append an object, where it is, and return it. The scene isn't changed."""
-        if not isinstance(item, (*KINDS, Group)) or item is self:
+        if not isinstance(item, (*KINDS, Group)):
             raise SolariError(f"{self.describe()}: a group holds instances, lights with a place or direction, cameras "
                               f"and other groups, not {type(item).__name__}")  # fmt: skip
+        if item is self or (isinstance(item, Group) and self in item._held()):
+            raise SolariError(f"{self.describe()}: a group can't be in itself: leave {item.describe()} out")
         if item not in self._items:
             self._items.append(item)
         return item
@@ -54,8 +56,15 @@ class Group(Scaled):
 
     @property
     def items(self) -> list[Any]:
-        """The objects, those of groups in the group in their place."""
-        return [inner for item in self._items for inner in (item.items if isinstance(item, Group) else [item])]
+        """The objects, each once, those of groups in the group in their place."""
+        return [item for item in self._held() if not isinstance(item, Group)]
+
+    def _held(self) -> dict[Any, None]:
+        """The objects and groups in the group, and in those groups, each once."""
+        found: dict[Any, None] = {}
+        for item in self._items:
+            found |= {item: None} | (item._held() if isinstance(item, Group) else {})
+        return found
 
     @property
     def transform(self) -> NDArray[np.float64]:
@@ -70,17 +79,27 @@ class Group(Scaled):
         """Assign the transform, or several of its parts at once; nothing moves if one of them is refused."""
         after = self._changed(fields, self._transform)
         move = after @ np.linalg.inv(self._transform)
-        for item in self._items:
+        for item in self._held():
             _move(item, move)
-        self._transform = after
+        self._place(after)
+
+    def _place(self, transform: NDArray[np.float64]) -> None:
+        transform.setflags(write=False)
+        self._transform = transform
 
     def _changed(self, fields: dict[str, Any], before: Any = None) -> NDArray[np.float64]:
         for name in fields:
             if name not in ("transform", *PARTS):
-                raise unknown_name(f"{self.describe()} has no field", name, ("transform", *PARTS, "name"))
-        transform = placed(fields.pop("transform", before), self.describe(), **fields)
-        transform.setflags(write=False)
-        return transform
+                raise self._unknown(name)
+        return placed(fields.pop("transform", before), self.describe(), **fields)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in ("name", "transform", *PARTS) and not name.startswith("_"):
+            raise self._unknown(name)
+        super().__setattr__(name, value)
+
+    def _unknown(self, name: str) -> SolariError:
+        return unknown_name(f"{self.describe()} has no field", name, ("transform", *PARTS, "name"))
 
     def describe(self) -> str:
         """The group's kind and name, for messages."""
@@ -91,8 +110,13 @@ class Group(Scaled):
 
 
 def _move(item: Any, move: NDArray[np.float64]) -> None:
-    if isinstance(item, Instance | Camera | Group):
+    if isinstance(item, Group):
+        item._place(move @ item.transform)
+    if isinstance(item, Instance):
         item.update(transform=move @ item.transform)
+    if isinstance(item, Camera):
+        position, turn, _ = parts(move @ item.transform)
+        item.update(position=position, rotation=turn)
     if isinstance(item, PunctualLight):
         item.position = transform_points(move, item.position).astype(np.float32)
     if isinstance(item, SpotLight | DirectionalLight):

@@ -32,6 +32,7 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
 
 def _scale(value: Any) -> NDArray[np.float64]:
     given = checks.real(value, np.float64)
+    checks.refuse_not_finite(given)
     if given.shape not in ((), (3,)) or not (given > 0).all():
         raise ValueError(f"must be one factor or three, (3,), above 0 (a transform can mirror), not {quoted(value)}")
     return np.broadcast_to(given, (3,))

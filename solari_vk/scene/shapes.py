@@ -136,6 +136,7 @@ def capsule(radius: float = 0.25, height: float = 0.5, segments: int = 32) -> Me
 
     segments: at least 3, around; half as many from pole to pole of both half spheres together.
     """
+    _check_segments("capsule", segments)
     r, y = _sizes("capsule", radius=radius, height=height) * (1, 0.5)
     quarter = _arc(max(segments // 4, 1) * 4)[: max(segments // 4, 1) + 1]
     normals = np.concatenate([quarter, quarter[::-1] * (1, -1)])
@@ -148,10 +149,11 @@ def torus(radius: float = 0.5, tube_radius: float = 0.2, segments: int = 48) -> 
 
     segments: at least 6, around the axis; half as many around the tube. Raises SolariError if the tube is too thick.
     """
+    _check_segments("torus", segments, 6)
     r, tube = _sizes("torus", radius=radius, tube_radius=tube_radius)
     if not tube < r:
         raise SolariError(f"a torus needs a tube_radius below its radius, not {tube_radius:g} and {radius:g}")
-    circle = _arc(max(segments // 2, 3))
+    circle = _arc(segments // 2)
     return _revolved(tube * circle + (r, 0), circle, segments, "torus")
 
 
@@ -161,6 +163,11 @@ def _sizes(shape: str, **sizes: float) -> NDArray[np.float64]:
         if not isinstance(size, (int, float, np.number)) or not 0 < size < math.inf:
             raise SolariError(f"a {shape} needs a {name} above 0, not {quoted(size)}")
     return np.array(list(sizes.values()), np.float64)
+
+
+def _check_segments(shape: str, segments: object, least: int = 3) -> None:
+    if not isinstance(segments, (int, np.integer)) or segments < least:
+        raise SolariError(f"a {shape} needs a whole number of at least {least} segments, not {quoted(segments)}")
 
 
 def _arc(steps: int) -> NDArray[np.float64]:
@@ -173,8 +180,7 @@ def _arc(steps: int) -> NDArray[np.float64]:
 def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) -> Mesh:
     """What a profile makes that turns about the y axis: points (R, 2) of radius and height from the top down, on the
     outside, and their normals (R, 2). Equal points after each other are a sharp edge."""
-    if not isinstance(segments, (int, np.integer)) or segments < 3:
-        raise SolariError(f"a {name} needs at least 3 segments, not {quoted(segments)}")
+    _check_segments(name, segments)
     points, outward = np.asarray(profile, np.float64), np.asarray(normals, np.float64)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     along = np.concatenate([[0], np.cumsum(steps)]) / steps.sum()

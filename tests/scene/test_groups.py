@@ -41,6 +41,18 @@ def test_the_origin_of_a_group_is_a_pivot():
     np.testing.assert_allclose(door.position, (0, 0, 0), atol=1e-12)
 
 
+def test_what_is_twice_in_a_group_moves_once_and_cameras_keep_their_size():
+    box, camera = sv.Instance(BOX), sv.Camera(position=(0, 0, 3))
+    inner = sv.Group([box])
+    outer = sv.Group([inner, box, camera])
+    outer.update(position=(1, 0, 0), scale=2)
+    assert outer.items == [box, camera]
+    np.testing.assert_array_equal(box.position, inner.position)
+    np.testing.assert_allclose(camera.transform, sv.Camera(position=(1, 0, 6)).transform, atol=1e-12)
+    with pytest.raises(sv.SolariError, match="can't be in itself"):
+        inner.add(outer)
+
+
 def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
     trimesh = pytest.importorskip("trimesh")
     writer.node(mesh=writer.mesh())
@@ -69,6 +81,8 @@ def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
     (lambda s: s.add("nothing.glb"), "nothing.glb: there is no such file"),
     (lambda s: s.group("wall"), "there is no instance 'wall'"),
     (lambda s: s.group().update(place=1), "Group has no field 'place'; .*there are transform, position, rotation"),
+    (lambda s: setattr(s.group(), "visible", False), "Group has no field 'visible'"),
+    (lambda s: s.group(scale=np.inf), "scale must be finite"),
     (lambda s: s.add(sv.Scene(), position=3), "Group: position must have the shape"),
 ])  # fmt: skip
 def test_refused_groups(use, message):

@@ -53,3 +53,8 @@ def test_refused_units(fields, message):
 
 def test_a_sky_has_a_sun_by_default():
     assert np.degrees(np.arcsin(sv.Sky().sun_direction[1])) == pytest.approx(40, abs=0.1)
+
+
+def test_unknown_attributes_name_fields_without_a_default():
+    with pytest.raises(AttributeError, match="did you mean 'position'"):
+        _ = sv.PointLight((0, 1, 0), intensity=1).postion

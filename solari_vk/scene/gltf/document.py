@@ -254,7 +254,7 @@ class Document:
 
 def _other_version(version: Any) -> str:
     remedy = "convert it by gltf-pipeline (npx gltf-pipeline -i old.gltf -o new.glb)" if str(version)[:1] == "1" else ""
-    return f"is a glTF {shown(version)} file; only glTF 2.0 can be read: {remedy or 'export it as glTF 2.0'}"
+    return f"this is a glTF {shown(version)} file; only glTF 2.0 can be read: {remedy or 'export it as glTF 2.0'}"
 
 
 def _refuse_constant(name: str) -> None:
