@@ -92,6 +92,17 @@ def test_broken_files_are_refused(tmp_path, colors):
             sv.Environment(tmp_path / name)
 
 
+def test_exr_pictures_whose_channels_have_no_name_are_refused(tmp_path, colors):
+    """OpenEXR's older reader ends the process."""
+    path = tmp_path / "map.exr"
+    sv.save_image(path, colors[:16])
+    data = path.read_bytes()
+    place = data.index(b"chlist\0") + len("chlist\0") + 4
+    path.write_bytes(data[:place] + b"\xcd" + data[place + 1 :])
+    with pytest.raises(SolariError, match=r"map\.exr is a damaged EXR picture"):
+        sv.Environment(path)
+
+
 COMPRESSIONS = [name for name in dir(OpenEXR) if name.endswith("_COMPRESSION") and name != "NUM_COMPRESSION"]
 
 

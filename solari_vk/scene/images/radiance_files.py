@@ -89,13 +89,14 @@ def _read_exr(source: Path) -> FloatArray:
 
     data = read_regular(source, str(source))
     try:
-        (left, top), (right, bottom) = OpenEXR.File(str(source), header_only=True).header()["dataWindow"]
+        header = OpenEXR.File(str(source), header_only=True).header()
+        (left, top), (right, bottom) = header["dataWindow"]
         _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
         charge(0, str(source), "the tiles or lines", working=_COPIES_OF_CHUNKS * exr.chunk_bytes(data))
         if not exr.is_whole(data):
             raise ValueError("it is cut off")
+        channels = [channel.name for channel in header["channels"]]  # InputFile.header crashes if one isn't UTF-8
         picture = OpenEXR.InputFile(str(source))
-        channels = picture.header()["channels"]
         names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
         if not all(name in channels for name in names):
             raise SolariError(f"{source} has no channels R, G and B, nor Y, but {', '.join(sorted(channels)[:8])}")
