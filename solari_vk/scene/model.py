@@ -182,7 +182,9 @@ class Scene(Observable):
         if len(source.animations):
             warnings.warn(f"{source.describe()}: its clips aren't added; open a file to play them", stacklevel=3)
         shown = [instance for instance in source if instance is not source.backdrop]
-        group = Group(copies(shown, source.lights, name), name=name or source.name)
+        sky = source.environment.lights if source.environment else ()  # with the sun of a Sky
+        lights = [light for light in source.lights if not any(light is part for part in sky)]
+        group = Group(copies(shown, lights, name), name=name or source.name)
         group.update(**where)
         for item in group:
             self.add(item)

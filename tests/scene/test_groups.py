@@ -90,3 +90,10 @@ def test_refused_groups(use, message):
     with pytest.raises(sv.SolariError, match=message):
         use(scene)
     assert not scene.instances
+
+
+def test_an_added_scene_leaves_its_sky_and_sun():
+    source, scene = sv.Scene(sv.PointLight()), sv.Scene()
+    source.environment = sv.Sky()
+    scene.add(source)
+    assert [type(light) for light in scene.lights] == [sv.PointLight]
