@@ -93,7 +93,7 @@ def test_refused_groups(use, message):
 
 
 def test_an_added_scene_leaves_its_sky_and_sun():
-    source, scene = sv.Scene(sv.PointLight()), sv.Scene()
+    source, scene = sv.Scene(sv.PointLight((0, 1, 0))), sv.Scene()
     source.environment = sv.Sky()
     scene.add(source)
     assert [type(light) for light in scene.lights] == [sv.PointLight]
