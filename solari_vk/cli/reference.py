@@ -39,7 +39,6 @@ class _Result:
 
 def run(job: StillJob) -> int:
     """Render a picture and write it; returns the exit code, 0."""
-    sv.check_output(job.output)
     check_aovs(job.aov, job.mode, sv.PathTracer.OUTPUTS[1:])
     if job.denoise:
         oidn.check_installed()
