@@ -516,6 +516,8 @@ def test_info_names_what_there_is_what_is_missing_and_the_command(any_device, mo
         (tmp_path / name).write_bytes(bytes(500_000))
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
     monkeypatch.syspath_prepend(tmp_path)
+    for name in ("DracoPy", "meshopt"):  # other tests have imported the real ones
+        monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: None if name in absent else find_spec(name))
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("solari_vk.viewer.window.glfw.init", lambda: 0)
