@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import quoted, shortened
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.observed import Checked
 
@@ -137,8 +138,7 @@ def _web_color(text: str) -> list[float]:
     if text[:1] != "#" or len(digits) not in (3, 6) or not set(digits) <= set("0123456789abcdefABCDEF"):
         raise ValueError(f"must be three numbers, one for gray, or '#rrggbb', not {quoted(text)}")
     pairs = [2 * digit for digit in digits] if len(digits) == 3 else [digits[i : i + 2] for i in (0, 2, 4)]
-    encoded = [int(pair, 16) / 255 for pair in pairs]
-    return [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in encoded]  # IEC 61966-2-1
+    return [float(LINEAR_OF_SRGB[int(pair, 16)]) for pair in pairs]
 
 
 def number(

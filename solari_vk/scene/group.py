@@ -76,11 +76,18 @@ class Group(Scaled, Hints):
         self.update(transform=transform)
 
     def update(self, **fields: Any) -> None:
-        """Assign the transform, or several of its parts at once; nothing moves if one of them is refused."""
+        """Assign the transform, or several of its parts at once; nothing moves if one object can't."""
         after = self._changed(fields, self._transform)
         move = after @ np.linalg.inv(self._transform)
-        for item in self._held():
-            _move(item, move)
+        before = []
+        try:
+            for item in self._held():
+                before.append((item, _where(item)))
+                _move(item, move)
+        except SolariError:
+            for item, was in before:
+                (item._place if isinstance(item, Group) else item.update)(**was)
+            raise
         self._place(after)
 
     def _place(self, transform: NDArray[np.float64]) -> None:
@@ -107,6 +114,12 @@ class Group(Scaled, Hints):
 
     def __repr__(self) -> str:
         return f"{self.describe()}[{', '.join(item.describe() for item in self._items)}]"
+
+
+def _where(item: Any) -> dict[str, Any]:
+    """The fields of an object that `_move` changes."""
+    names = ("transform",) if isinstance(item, Group | Instance | Camera) else ("position", "direction")
+    return {name: getattr(item, name) for name in names if hasattr(item, name)}
 
 
 def _move(item: Any, move: NDArray[np.float64]) -> None:

@@ -217,6 +217,9 @@ class Scene(Observable):
             self.remove(named[item])
         elif isinstance(item, Group):
             for inner in item.items:
+                if inner not in self._holder(inner):
+                    self._holder(inner).remove(inner)  # raises, before another object is gone
+            for inner in item.items:
                 self.remove(inner)
         elif isinstance(item, EnvironmentLight) and item is self.environment:
             self.environment = None

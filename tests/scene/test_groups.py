@@ -92,6 +92,22 @@ def test_refused_groups(use, message):
     assert not scene.instances
 
 
+def test_nothing_moves_or_goes_unless_all_can():
+    """The lamp could move so far, the box can't; later the box is gone before its group."""
+    box, lamp = sv.Instance(BOX), sv.PointLight((1, 0, 0))
+    scene = sv.Scene()
+    group = scene.group(lamp, box)
+    with pytest.raises(sv.SolariError, match="transform must lie within"):
+        group.scale = 1e13
+    np.testing.assert_array_equal(group.transform, np.eye(4))
+    np.testing.assert_array_equal(box.transform, np.eye(4))
+    np.testing.assert_array_equal(lamp.position, (1, 0, 0))
+    scene.remove(box)
+    with pytest.raises(sv.SolariError, match="Instance"):
+        scene.remove(group)
+    assert list(scene.lights) == [lamp]
+
+
 def test_an_added_scene_leaves_its_sky_and_sun():
     source, scene = sv.Scene(sv.PointLight((0, 1, 0))), sv.Scene()
     source.environment = sv.Sky()
