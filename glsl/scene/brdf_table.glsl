@@ -24,16 +24,25 @@ vec2 mirror_albedo(float NdotV) {
     return vec2(1.0 - fresnel, fresnel);
 }
 
-// A and B of the single-scattering albedo F0 A + B.
-vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
+struct TableCell {
+    ivec2 at;   // the texel of its corner with the smallest row and column
+    vec2 part;  // where a point lies in it, from 0 to 1
+};
+
+TableCell table_cell(float NdotV, float perceptual_roughness) {
     uint last = BRDF_TABLE_SIZE - 1u;
     vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
     uvec2 cell = min(uvec2(position), uvec2(last - 1u));
-    vec2 part = position - vec2(cell);
-    ivec2 at = ivec2(cell);
-    vec2 smoother = mix(imageLoad(brdf_table, at).xy, imageLoad(brdf_table, at + ivec2(1, 0)).xy, part.x);
-    vec2 rougher = mix(imageLoad(brdf_table, at + ivec2(0, 1)).xy, imageLoad(brdf_table, at + 1).xy, part.x);
-    return mix(smoother, rougher, part.y);
+    return TableCell(ivec2(cell), position - vec2(cell));
+}
+
+// A and B of the single-scattering albedo F0 A + B.
+vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
+    TableCell cell = table_cell(NdotV, perceptual_roughness);
+    ivec2 at = cell.at;
+    vec2 smoother = mix(imageLoad(brdf_table, at).xy, imageLoad(brdf_table, at + ivec2(1, 0)).xy, cell.part.x);
+    vec2 rougher = mix(imageLoad(brdf_table, at + ivec2(0, 1)).xy, imageLoad(brdf_table, at + 1).xy, cell.part.x);
+    return mix(smoother, rougher, cell.part.y);
 }
 
 vec2 albedo_terms(bool mirror, float perceptual_roughness, float cosine) {
@@ -48,14 +57,11 @@ vec3 specular_albedo(vec3 f0, vec2 ab) {
 
 // The directional albedo of white sheen (scene/lobes/sheen.glsl), in the same rows and columns.
 float lookup_sheen_table(float NdotV, float perceptual_roughness) {
-    uint last = BRDF_TABLE_SIZE - 1u;
-    vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
-    uvec2 cell = min(uvec2(position), uvec2(last - 1u));
-    vec2 part = position - vec2(cell);
-    ivec2 at = ivec2(cell);
-    float smoother = mix(imageLoad(sheen_table, at).x, imageLoad(sheen_table, at + ivec2(1, 0)).x, part.x);
-    float rougher = mix(imageLoad(sheen_table, at + ivec2(0, 1)).x, imageLoad(sheen_table, at + 1).x, part.x);
-    return mix(smoother, rougher, part.y);
+    TableCell cell = table_cell(NdotV, perceptual_roughness);
+    ivec2 at = cell.at;
+    float smoother = mix(imageLoad(sheen_table, at).x, imageLoad(sheen_table, at + ivec2(1, 0)).x, cell.part.x);
+    float rougher = mix(imageLoad(sheen_table, at + ivec2(0, 1)).x, imageLoad(sheen_table, at + 1).x, cell.part.x);
+    return mix(smoother, rougher, cell.part.y);
 }
 
 layout(constant_id = GLASS_TABLE_SIZE_id) const uint GLASS_TABLE_SIZE = 16u;  // rows and columns of a slice

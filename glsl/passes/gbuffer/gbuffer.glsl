@@ -33,8 +33,8 @@ const uvec3 COLOR_BITS = uvec3(13u, 14u, 13u);  // the highest 8 of each are sto
 
 // Differs from Solari: the bytes that it uses for occlusion or leaves unused hold five, six and five more bits of the
 // base color, because 8 bits in gamma 2.2 have an error of 0.4 %, which is the largest error that direct light may
-// have. Reflectance is one number; gbuffer_lobes have its color. Emission is scaled by the exposure, so that the packed
-// range fits what the picture shows.
+// have. Reflectance is one number, the mean of its color, which gbuffer_lobes holds. Emission is scaled by the
+// exposure, so that the packed range fits what the picture shows.
 uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) {
     vec3 color = pow(clamp(material.base.color, 0.0, 1.0), vec3(1.0 / 2.2));
     uvec3 codes = uvec3(

@@ -29,7 +29,7 @@ vec3 diffuse_albedo(vec3 color, BaseMaterial base, vec3 dielectric, float cosine
 Diffuse prepare_diffuse(vec3 color, Specular specular, vec3 dielectric) {
     if (brdf_layering == LAYERING_CONSERVING && specular.metallic < 1.0) {
         // Differs from Solari: (1 - E(wo)) (1 - E(wi)) / (1 - E_average) is reciprocal and loses no energy
-        color *= max(1.0 - dielectric, 0.0) / max(1.0 - average_dielectric_albedo(specular), 1e-3);
+        color *= (1.0 - dielectric) / max(1.0 - average_dielectric_albedo(specular), 1e-3);
     }
     return Diffuse(color);
 }
