@@ -72,11 +72,11 @@ def _mode(options: RenderOptions) -> dict[str, Any]:
 def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
     """What must not be, and why."""
     output, view, viewing, still = job.output, job.view, job.view != "picture", isinstance(job, StillJob)
-    if job.mode == "reference":
-        return
     if job.is_movie:
         yield still, f"{output}: {output.suffix} is for animations: give --animate, or write a .png"
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
+    if job.mode == "reference":
+        return
     if job.is_spread:
         yield still, ("a still picture in realtime mode is made by one device: give --mode reference or --animate, or "
                       "leave --workers and --cluster out")  # fmt: skip

@@ -75,7 +75,7 @@ MIRROR_ROUGHNESS = 0.001
 """The largest square of the perceptual roughness of a surface that shaders take as a perfect mirror."""
 UNLIT_RADIANCE = 1.2
 """Of an unlit color of 1, in cd/m^2: white in a picture with an EV100 of 0, as a white surface in the studio."""
-LARGEST_REFLECTANCE = 1e4  # more than any F0 asks for, since textures multiply it
+LARGEST_REFLECTANCE = 1e4  # F0 is 1 from 2.5 on; textures may multiply a larger one by little
 LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
 
 
@@ -226,7 +226,7 @@ class Material(Checked):
     def has_layers(self) -> bool:
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
-        # The G-buffer has one number in [0, 1] for it otherwise.
+        # Without layers the G-buffer holds the reflectance as one number in [0, 1].
         colored = bool(np.ptp(self.reflectance) > 0 or self.relative_reflectance.max() > 1)
         textured = bool(self.specular_texture or self.specular_color_texture)
         return colored or textured or any(weight > 0 for weight in weights)

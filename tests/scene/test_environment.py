@@ -92,8 +92,8 @@ def test_broken_files_are_refused(tmp_path, colors):
             sv.Environment(tmp_path / name)
 
 
-def test_exr_pictures_whose_channels_have_no_name_are_refused(tmp_path, colors):
-    """OpenEXR's older reader ends the process."""
+def test_exr_pictures_with_channel_names_that_are_no_text_are_refused(tmp_path, colors):
+    """Asked for all channels, OpenEXR's InputFile would crash Python."""
     path = tmp_path / "map.exr"
     sv.save_image(path, colors[:16])
     data = path.read_bytes()

@@ -93,7 +93,7 @@ def test_refused_groups(use, message):
 
 
 def test_nothing_moves_or_goes_unless_all_can():
-    """The lamp could move so far, the box can't; later the box is gone before its group."""
+    """A lamp may be that far away, a box may not. Then the box is removed before its group."""
     box, lamp = sv.Instance(BOX), sv.PointLight((1, 0, 0))
     scene = sv.Scene()
     group = scene.group(lamp, box)

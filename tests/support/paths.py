@@ -24,7 +24,7 @@ CACHED = Rule("without regularization, paths that end in the world cache are as 
 CACHED_TILES = Rule("each of 4 x 4 tiles of paths that end in the world cache is close to the path tracer's", *_PATHS)
 
 SIZE = (32, 32)
-SAME_SURFACES = {**PLAIN, "gbuffer": "traced"}  # as the path tracer's, where raster takes others at a few edges
+SAME_SURFACES = {**PLAIN, "gbuffer": "traced"}  # those of the path tracer; raster finds others at edges
 RESAMPLED = {**SAME_SURFACES, "paths_candidates": 8, "paths_later_candidates": 4}
 DEFAULT = {"lighting": "paths", "jitter": False}
 RUNS = {
@@ -39,7 +39,7 @@ def metal_gallery():
     From the top left: a mirror, and roughness 0.02, 0.16 and 0.5. Metals: all that leaves them is specular.
     """
     scene = sv.Scene(name="metal_gallery")
-    for at, perceptual_roughness in enumerate(np.array((0, 36, 102, 181)) / 255):  # exact in a G-buffer
+    for at, perceptual_roughness in enumerate(np.array((0, 36, 102, 181)) / 255):  # 8 bits hold them
         x, y = (-1.0, 1.0)[at % 2], (3.0, 1.0)[at // 2]
         metal = sv.Material(base_color=rgb((0.95, 0.7, 0.4)), metallic=1.0, perceptual_roughness=perceptual_roughness)
         panel = shapes.quad((x, y, -2.0), (1.0, 0, 0), (0, 1.0, 0))

@@ -18,9 +18,9 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.scene.material import TEXTURES
 
-PIXELS, EFFORT = 16, Effort(16, 0, 12, 1024)  # pixels of a ball's width
+PIXELS, EFFORT = 16, Effort(16, 0, 12, 1024)  # a ball and its margins are so many pixels wide
 
-# What else a field needs to count. Glass has no diffuse light to hide it.
+# The other values with which a field has an effect. Glass is whole, so that no diffuse light hides its errors.
 GLASS = {"transmission": 1.0, "perceptual_roughness": 0.3}
 COAT = {"clearcoat": 1.0, "clearcoat_roughness": 0.4}  # a smooth one shows the sun in few pixels
 NEEDED = {
@@ -79,7 +79,7 @@ def draw_value(field, random):
 
 
 def make_rows(names, seed=2):
-    """A row of four balls a field, under a sky and a sun; the field is random, as are their colors."""
+    """A row of four balls for each field, under a sky and a sun, with random values of that field and random colors."""
     random = np.random.default_rng(seed)
     scene = sv.Scene(sv.Camera(transform=place(at=(0, 0, 300)), vertical_fov=2 * math.atan(len(names) / 300)))
     scene.environment = sv.Environment(np.linspace((0.5, 0.8, 1.5), (0.4, 0.3, 0.2), 8)[:, None])
