@@ -121,6 +121,15 @@ def test_level_of_detail(tracer, degrees, distance):
     assert abs(seen - expected) < 0.1
 
 
+def test_samples_average_textures_that_are_as_fine_as_they_can_be(tracer):
+    """Stripes of two pixels, or eight texels: no pixel takes light of its neighbors' texels."""
+    pixels = np.zeros((4, 128), np.uint8)
+    pixels[:, np.arange(128) % 16 < 8] = 255
+    stripes = sv.Texture(image=sv.TextureImage(pixels=pixels), magnification="nearest", minification="nearest")
+    radiance = look(tracer, sv.Material(emissive=1.0, emissive_texture=stripes), max_bounces=0)["radiance"]
+    np.testing.assert_allclose(radiance[..., 0], np.tile(np.arange(32) % 4 < 2, (32, 1)), atol=1e-5)
+
+
 # ---- normal maps ------------------------------------------------------------------------------------
 
 
