@@ -1,11 +1,11 @@
 // What rays pass through: surfaces that are cut out by their alpha (alpha mode "mask"), blended ones ("blend"), and
 // walls of thin smooth glass.
 //
-// A ray that looks for a surface hits a blended one with the probability alpha. Light that passes takes its color: with
-// the weight alpha the base color, otherwise none. All of this light is tinted but that which goes to the camera
-// directly, since glTF blends the picture of a surface over what lies behind it.
+// A ray that looks for a surface hits a blended one with the probability alpha. What passes keeps its color, as in
+// glTF, which blends the picture of a surface over what lies behind it.
 //
-// Walls are as blended surfaces whose alpha is what they don't let pass. Camera rays hit them always.
+// Walls are as blended surfaces whose alpha is what they don't let pass, and light that passes takes a color: with the
+// weight alpha. Camera rays hit them always.
 #ifndef SCENE_ALPHA_GLSL
 #define SCENE_ALPHA_GLSL
 
@@ -59,17 +59,16 @@ vec4 resolve_thin_wall(
     return vec4(1.0 + (through / max(1.0 - opacity, 1e-9) - 1.0) / opacity, opacity);
 }
 
-// At a candidate of a ray. Rays through the previous TLAS may meet instances that are hidden now, and such as are gone,
-// which count as opaque.
-vec4 resolve_color_opacity(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool is_camera_ray) {
+// The filter and the opacity of a surface for rays: light that passes takes the color with the weight of the opacity.
+// Rays through the previous TLAS may meet instances that are hidden now, and such as are gone, which count as opaque.
+vec4 resolve_filter_opacity(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool is_camera_ray) {
     Instance instance = instances.at[instance_index];
     Material material = materials.at[instance.material];
     bool wall = SCENE_GLASS && (material.flags & MATERIAL_WALL) != 0u && !is_camera_ray;
-    if (instance.ray_mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(0.0, 0.0, 0.0, 1.0); }
-    if (wall) {
-        return resolve_thin_wall(instance, material, meshes.at[instance.ray_mesh], triangle, barycentrics, direction);
-    }
-    return resolve_color_opacity(material, meshes.at[instance.ray_mesh], triangle, barycentrics);
+    if (instance.ray_mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(1.0); }
+    Mesh mesh = meshes.at[instance.ray_mesh];
+    return wall ? resolve_thin_wall(instance, material, mesh, triangle, barycentrics, direction)
+        : vec4(1.0, 1.0, 1.0, resolve_color_opacity(material, mesh, triangle, barycentrics).w);
 }
 
 // ---- edges ------------------------------------------------------------------------------------------
@@ -106,20 +105,20 @@ float alpha_threshold(uvec2 alpha_seed, uint instance_index, uint triangle, uint
     return unit_float(of_place + of_sample);
 }
 
-// Whether a ray that looks for a surface hits one of this color and opacity. The same seed gives the same answer for a
+// Whether a ray that looks for a surface hits one of this opacity. The same seed gives the same answer for a
 // triangle, and for all that share an edge or corner where the ray meets it.
 bool accepts_hit(
-    vec4 color_opacity, uvec2 alpha_seed, uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics
+    float opacity, uvec2 alpha_seed, uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics
 ) {
-    if (color_opacity.w >= 1.0) { return true; }
+    if (opacity >= 1.0) { return true; }
     if (!SCENE_BLEND) { return false; }
     uint edge = hit_edge(instance_index, mesh, triangle, barycentrics);
-    return alpha_threshold(alpha_seed, instance_index, triangle, edge) < color_opacity.w;
+    return alpha_threshold(alpha_seed, instance_index, triangle, edge) < opacity;
 }
 
-bool accepts_hit(vec4 color_opacity, uvec2 alpha_seed, uint instance_index, uint triangle, vec2 barycentrics) {
+bool accepts_hit(float opacity, uvec2 alpha_seed, uint instance_index, uint triangle, vec2 barycentrics) {
     Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
-    return accepts_hit(color_opacity, alpha_seed, instance_index, mesh, triangle, barycentrics);
+    return accepts_hit(opacity, alpha_seed, instance_index, mesh, triangle, barycentrics);
 }
 
 // ---- light that passes ------------------------------------------------------------------------------
@@ -133,14 +132,14 @@ struct RayTransmittance {
 
 const RayTransmittance FULL_TRANSMITTANCE = RayTransmittance(vec3(1.0), 1.0);
 
-void attenuate_by_surface(inout RayTransmittance through, vec4 color_opacity) {
-    through.weight *= mix(vec3(1.0), color_opacity.rgb, color_opacity.w);
-    through.probability *= 1.0 - color_opacity.w;
+void attenuate_by_surface(inout RayTransmittance through, vec4 filter_opacity) {
+    through.weight *= mix(vec3(1.0), filter_opacity.rgb, filter_opacity.w);
+    through.probability *= 1.0 - filter_opacity.w;
 }
 
 // The same at a candidate of a ray, once for each edge. `passed_edges` has the latest two edges, and is 0 at first.
 void attenuate_by_surface(
-    inout RayTransmittance through, inout uint passed_edges, vec4 color_opacity, uint instance_index, uint triangle,
+    inout RayTransmittance through, inout uint passed_edges, vec4 filter_opacity, uint instance_index, uint triangle,
     vec2 barycentrics
 ) {
     Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
@@ -149,7 +148,7 @@ void attenuate_by_surface(
         if (edge == (passed_edges & 0xFFFFu) || edge == passed_edges >> 16u) { return; }
         passed_edges = passed_edges << 16u | edge;
     }
-    attenuate_by_surface(through, color_opacity);
+    attenuate_by_surface(through, filter_opacity);
 }
 
 #endif

@@ -73,8 +73,8 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
         uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
         bool is_camera_ray = (flags & gl_RayFlagsCullBackFacingTrianglesEXT) != 0u;
         vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
-        vec4 color_opacity = resolve_color_opacity(instance, triangle, barycentrics, direction, is_camera_ray);
-        if (accepts_hit(color_opacity, alpha_seed, instance, triangle, barycentrics)) {
+        vec4 filter_opacity = resolve_filter_opacity(instance, triangle, barycentrics, direction, is_camera_ray);
+        if (accepts_hit(filter_opacity.w, alpha_seed, instance, triangle, barycentrics)) {
             rayQueryConfirmIntersectionEXT(query);
         }
     }
@@ -104,11 +104,11 @@ bool trace_transmittance_in(
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
         uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
         vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
-        vec4 color_opacity = resolve_color_opacity(instance, triangle, barycentrics, direction, false);
-        if (color_opacity.w >= 1.0) {
+        vec4 filter_opacity = resolve_filter_opacity(instance, triangle, barycentrics, direction, false);
+        if (filter_opacity.w >= 1.0) {
             rayQueryConfirmIntersectionEXT(query);
         } else if (SCENE_BLEND) {
-            attenuate_by_surface(through, passed_edges, color_opacity, instance, triangle, barycentrics);
+            attenuate_by_surface(through, passed_edges, filter_opacity, instance, triangle, barycentrics);
         }
     }
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;

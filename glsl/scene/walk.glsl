@@ -152,9 +152,9 @@ SurfaceInteraction resolve_surface(inout Walk walk, Hit hit) {
 // through a blended surface. So a ray that has hit one is divided by the probability that it did, and has no such lobe.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
-    vec4 color_opacity = resolve_color_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
-    if (color_opacity.w < 1.0) {
-        throughput /= color_opacity.w;
+    vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
+    if (filter_opacity.w < 1.0) {
+        throughput /= filter_opacity.w;
         material.glass.reflects_only = true;
     }
 }

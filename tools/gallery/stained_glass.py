@@ -1,6 +1,6 @@
-"""Light through blended surfaces: glTF's alpha mode BLEND.
+"""Light through stained glass: glTF's KHR_materials_transmission.
 
-The sun shines through panes whose alpha is 0.6. What passes takes their colors, in shadows and in the mirror too.
+The sun shines through thin panes. What passes takes their colors, in shadows and in the mirror too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def scene(assets: Path | None) -> sv.Scene:
     made.add(shapes.quad((2.55, 1, -0.4), (0.0, 0, 1.2), (0, 1, 0)), mirror)
     for index, color in enumerate(COLORS):
         pane = shapes.quad((index - 2.0, 1.0, -0.9), (0.45, 0, 0), (0, 0.95, 0))
-        glass = sv.Material(base_color=color, alpha=0.6, alpha_mode="blend", roughness=0.3, double_sided=True)
+        glass = sv.Material(base_color=color, transmission=1.0, roughness=0.0, double_sided=True)
         made.add(pane, glass)
     made.add(shapes.sphere(0.4), sv.Material(base_color=0.85, roughness=0.8), (0, 0.4, 0.5))
     made.camera = sv.Camera.look_at((-1.2, 2.2, 4.6), (0.2, 0.6, -0.1), ev100=13.0)

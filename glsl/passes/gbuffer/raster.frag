@@ -19,8 +19,8 @@ bool is_shown() {
     Mesh mesh = meshes.at[instance.mesh];
     uvec2 pixel = uvec2(gl_FragCoord.xy);
     Hit hit = intersect_triangle(make_camera_ray(vec2(pixel) + 0.5), row, triangle, mesh);
-    vec4 color_opacity = resolve_color_opacity(material, mesh, triangle, hit.barycentrics);
-    return accepts_hit(color_opacity, pixel_alpha_seed(pixel), row, mesh, triangle, hit.barycentrics);
+    float opacity = resolve_color_opacity(material, mesh, triangle, hit.barycentrics).w;
+    return accepts_hit(opacity, pixel_alpha_seed(pixel), row, mesh, triangle, hit.barycentrics);
 }
 
 void main() {

@@ -91,19 +91,17 @@ def answers(request, any_device, tmp_path_factory):
 
 
 def check_panes(answers):
-    """Closed forms for squares with alpha 0.5 and the color (1, 0.2, 0)."""
+    """Closed forms for squares with alpha 0.5, whose color light doesn't take."""
     half = sv.Material(base_color=(1, 0.2, 0), alpha=0.5, alpha_mode="blend", double_sided=True)
-    mixed = np.array((1, 0.6, 0.5))
     for count, scene in (
         (4, stack(half, (2, 2.5, 3, 3.5))), (2, stack(half, (2, 2.5), turn=math.pi / 4)), (2, glazing(half)),
         (2, stack(half, (2, 2.5), axis=(1, -1, 0), turn=0.7)),
     ):  # fmt: skip
         found = answers(scene)
-        tint = sum(0.5 ** (i + 1) * mixed**i for i in range(count)) + 0.5**count * mixed**count
-        np.testing.assert_allclose(found["transmittance"], [(0.5 * mixed) ** count] * len(AIMS), rtol=1e-5)
+        np.testing.assert_allclose(found["transmittance"], 0.5**count, rtol=1e-5)
         for name in ("hits_per_ray", "camera_hits"):
             np.testing.assert_allclose(found[name], 1 - 0.5**count, atol=NOISE)
-        np.testing.assert_allclose(found["tint"], [tint] * len(AIMS), atol=NOISE)
+        np.testing.assert_allclose(found["tint"], 1, rtol=1e-5)
 
 
 def test_panes_count_once(answers):

@@ -96,7 +96,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/walk.glsl", "transmittance", "return vec3(1.0);")),
     "a pane doesn't color light": (lambda device: test_shadow_rays(device, "nee", {}, PASSES), Bug(
         "scene/alpha.glsl", "attenuate_by_surface(inout RayTransmittance through, vec4",
-        "through.probability *= 1.0 - color_opacity.w;")),
+        "through.probability *= 1.0 - filter_opacity.w;")),
     "the tangent is turned": (lambda device: test_anisotropy_of_metal(device, 0.0), Bug(
         "scene/base_material.glsl", "orient_anisotropy",
         "correct(base, frame, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
