@@ -47,7 +47,7 @@ def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
     assert listed(lines) == expected
     assert [line.removeprefix("stage ") for line in lines if line.startswith("stage ")] == stages
     if kind is sv.Renderer:
-        compose = said.index("pass paths/compose")
+        compose = said.index("pass display/compose")
         trace = said.index("pass paths/first_ray")
         barrier = ", ".join(f"RAW paths_{lobe} (paths/later_rays #6)" for lobe in ("diffuse", "specular"))
         assert barrier in said[trace:compose]

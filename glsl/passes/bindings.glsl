@@ -51,10 +51,9 @@ layout(set = 1, scalar) buffer DiDiffuseBlock { vec3 at[]; } di_diffuse;
 layout(set = 1, scalar) buffer DiSpecularBlock { vec3 at[]; } di_specular;
 layout(set = 1, scalar) buffer GiDiffuseBlock { vec3 at[]; } gi_diffuse;
 layout(set = 1, scalar) buffer SpecularGiBlock { vec3 at[]; } specular_gi;
+layout(set = 1, scalar) buffer SpecularGiDistancesBlock { float at[]; } specular_gi_distances;  // as paths_specular.w
 layout(set = 1, scalar) buffer EmissionBlock { vec3 at[]; } emission;
-// di_diffuse + gi_diffuse
 layout(set = 1, scalar) buffer DiffuseRadianceBlock { vec3 at[]; } diffuse_radiance;
-// di_specular + specular_gi
 layout(set = 1, scalar) buffer SpecularRadianceBlock { vec3 at[]; } specular_radiance;
 // emission + diffuse_radiance + specular_radiance
 layout(set = 1, scalar) buffer SampleRadianceBlock { vec3 at[]; } sample_radiance;

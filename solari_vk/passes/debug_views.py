@@ -14,7 +14,7 @@ PICTURE = "picture"
 
 
 _GROUPS = (
-    ViewGroup("Paths", "", {
+    ViewGroup("Demodulated", "", {
         "paths_diffuse": (
             "light of the diffuse lobe on a white surface.", "show_radiance(paths_diffuse.at[index].rgb)"
         ),
@@ -25,7 +25,7 @@ _GROUPS = (
             "length of the first ray; the colors repeat each time it doubles, black for rays that met nothing.",
             "show_distance(max(paths_diffuse.at[index].w, paths_specular.at[index].w))",
         ),
-    }, "paths"),
+    }),
     ViewGroup("Denoiser", "", {
         "denoise_frames": (
             "number of frames that the diffuse light averages, yellow for the maximum.",
@@ -43,7 +43,7 @@ _GROUPS = (
             "estimated standard error of the denoised luminance over it, yellow for 25 %.",
             "show_share(4.0 * error.at[index] / max(luminance(sample_radiance.at[index]), 1e-30))",
         ),
-    }, "paths"),
+    }),
     ViewGroup("", "", {
         "emission": ("The light that lights themselves send to the camera.", "show_radiance(emission.at[index])"),
         "diffuse_radiance": ("All light of the diffuse lobe.", "show_radiance(diffuse_radiance.at[index])"),

@@ -1,4 +1,4 @@
-"""The denoiser of lighting=paths; glsl/passes/denoise/.
+"""The denoiser; glsl/passes/denoise/.
 
 Light is demodulated and split in two lobes. `temporal` finds the mean of each lobe over earlier frames, along the
 motion of surfaces and of reflections. `temporal_gradient` and `history_confidence` find where light changed, so that

@@ -1,22 +1,23 @@
-"""The stages of each lighting, as the setting `lighting` names it."""
+"""The stages of light, for each lighting as the setting `lighting` names it."""
 
 from __future__ import annotations
 
 from solari_vk.gpu.frame.stages import Stage
-from solari_vk.passes import denoise, paths, solari019, world_cache
+from solari_vk.passes import denoise, display, paths, solari019, world_cache
 from solari_vk.settings import FIELDS, Settings
 
 
 def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
-    """The stages that compute the light of a frame, in order; the last one adds it up."""
+    """The stages that compute and denoise the light of a frame, in order; the last one adds it up."""
     if settings.lighting == "split":
-        return solari019.stages(size, settings)
+        light, scratch = solari019.stages(size, settings), {}
+    else:
+        light, scratch = [world_cache.paths_stage(size, settings), paths.stage(size, settings)], paths.SCRATCH
     return [
-        world_cache.paths_stage(size, settings),
         denoise.history_stage(size),
-        paths.stage(size, settings),
+        *light,
         denoise.stage(size),
-        paths.compose_stage(size, settings),
+        display.compose_stage(size, settings, scratch),
     ]
 
 

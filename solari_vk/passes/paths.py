@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 
-from solari_vk.gpu.frame.stages import Pass, Stage, Within
+from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
-from solari_vk.passes.display import PARTS, RAY_COUNTERS
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
 RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
+SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
+"""Results of later stages that take the memory of paths that waited, since all paths are traced by then."""
 WAVES = 3  # dispatches that go on with the paths that are left after their first rays
 
 
@@ -45,26 +46,6 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },
         passes=[*passes, *reuse[: 2 * settings.restir]],
-    )
-
-
-def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, their sum, and that without the
-    denoiser, `raw_radiance`. Some results take the memory of paths that waited, since all paths are traced.
-
-    Inputs: `paths_diffuse`, `paths_specular`, `denoise_pong`, `denoise_guides`, `gbuffer*`, `depth`, `guides_*_albedo`,
-    `brdf_table`, `sheen_table`. Outputs: `*_radiance`, `emission`, `error`.
-    """
-    pixels = size[0] * size[1]
-    return Stage(
-        "compose",
-        buffers={
-            **dict.fromkeys((*PARTS, "raw_radiance"), pixels),
-            "sample_radiance": Within("paths_states", pixels),
-            "error": Within("paths_ray_queues", pixels),
-            "ray_counts": RAY_COUNTERS,
-        },
-        passes=[Pass("paths/compose", threads=size, constants=brdf_constants(settings))],
     )
 
 

@@ -14,7 +14,7 @@ _solari019, _tiles, _di, _gi, _specular = (
 
 # What differs from the defaults.
 SOLARI: dict[str, Any] = {
-    "lighting": "split", "antialiasing": False, "layering": "fresnel_product", "world_cache_search_steps": 3,
+    "lighting": "split", "layering": "fresnel_product", "world_cache_search_steps": 3,
     "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9, "world_cache_relight": False,
     "world_cache_leak_prevention": "finest", "world_cache_surfaces": "diffuse", "di_initial_visibility": True,
     "di_target": "matte", "gi_jacobian_limit": 1.2, "gi_visibility": "neighbor", "gi_refresh": False,

@@ -5,15 +5,13 @@
 
 #include "common/random.glsl"
 #include "passes/bindings.glsl"
+#include "passes/denoise/api.glsl"
 #include "passes/display/tonemap.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
+#include "passes/paths/bindings.glsl"
 #include "passes/world_cache/map.glsl"
 #include "scene/sampling.glsl"
-#ifdef LIGHTING_PATHS
-#include "passes/denoise/api.glsl"
-#include "passes/paths/bindings.glsl"
-#endif
 
 const vec3 NOTHING = vec3(0.0);
 const vec3 ALARM = vec3(0.9, 0.1, 0.1);

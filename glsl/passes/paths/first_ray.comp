@@ -4,7 +4,7 @@
 #include "common/sobol.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/paths/demodulation.glsl"
+#include "passes/demodulation.glsl"
 #include "passes/paths/candidate.glsl"
 #include "passes/paths/path_state.glsl"
 #include "passes/paths/short_history.glsl"

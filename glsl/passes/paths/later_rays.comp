@@ -2,7 +2,7 @@
 #version 460
 #include "generated/passes/paths.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/paths/demodulation.glsl"
+#include "passes/demodulation.glsl"
 #include "passes/paths/reservoir.glsl"
 #include "passes/paths/path_state.glsl"
 #include "passes/paths/short_history.glsl"

@@ -2,7 +2,7 @@
 // adds the light of both samples to the pixel. Lin et al., "Generalized Resampled Importance Sampling" (2022).
 #version 460
 #include "common/pixel.glsl"
-#include "passes/paths/demodulation.glsl"
+#include "passes/demodulation.glsl"
 #include "passes/paths/reservoir.glsl"
 #include "passes/reuse.glsl"
 

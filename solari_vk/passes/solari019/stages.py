@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame.stages import Pass, Stage
-from solari_vk.passes import display, world_cache
+from solari_vk.passes import world_cache
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
@@ -18,7 +18,7 @@ def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
         restir_di(size, settings),
         restir_gi(size, settings),
         specular_gi(size, settings),
-        compose(size),
+        demodulate(size, settings),
     ]
 
 
@@ -85,23 +85,24 @@ def specular_gi(size: tuple[int, int], settings: Settings) -> Stage:
     """Mirror and glossy reflections: the radiance specular_gi, light by the specular lobe that DI doesn't shade.
 
     Inputs: `gbuffer*`, `depth`, `gi_reservoirs`, `world_cache_*`, `*_table`, `brdf_averages`.
-    Outputs: `specular_gi`, and new cells, `world_cache_*`.
+    Outputs: `specular_gi`, `specular_gi_distances`, and new cells, `world_cache_*`.
     """
     return Stage(
         "specular_gi",
-        buffers={"specular_gi": size[0] * size[1]},
+        buffers=dict.fromkeys(("specular_gi", "specular_gi_distances"), size[0] * size[1]),
         passes=[Pass("solari019/specular_gi/trace", threads=size, constants=brdf_constants(settings))],
     )
 
 
-def compose(size: tuple[int, int]) -> Stage:
-    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, and their sum.
+def demodulate(size: tuple[int, int], settings: Settings) -> Stage:
+    """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters, as the denoiser
+    takes them.
 
-    Inputs: `gbuffer`, `depth`, `di_diffuse`, `di_specular`, `gi_diffuse`, `specular_gi`.
-    Outputs: `*_radiance`, `emission`.
+    Inputs: `gbuffer*`, `depth`, `di_diffuse`, `di_specular`, `gi_diffuse`, `specular_gi*`, `*_table`, `brdf_averages`.
+    Outputs: `paths_diffuse`, `paths_specular`.
     """
     return Stage(
-        "compose",
-        buffers=dict.fromkeys(display.PARTS, size[0] * size[1]) | {"ray_counts": display.RAY_COUNTERS},
-        passes=[Pass("solari019/compose", threads=size)],
+        "demodulate",
+        buffers=dict.fromkeys(("paths_diffuse", "paths_specular"), size[0] * size[1]),
+        passes=[Pass("solari019/demodulate", threads=size, constants=brdf_constants(settings))],
     )

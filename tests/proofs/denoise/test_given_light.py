@@ -12,7 +12,7 @@ from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 
-PASSES = ("gbuffer/", "guides/", "denoise/", "paths/compose", "taa/")
+PASSES = ("gbuffer/", "guides/", "denoise/", "display/compose", "taa/")
 # `noise` has a long tail and the mean 1; `pixel` and `this_frame.index` are known to expressions too.
 GIVEN = """{pixel}
     uint rng = seed_rng(uvec2(pixel), this_frame.index, 0x5EED5EEDu);

@@ -15,7 +15,7 @@ from solari_vk.scene.builtin import lamp
 
 COLUMNS, ROWS = 16, 12
 EV100 = 6.0
-SHOWN = (*GBUFFER, "guides/", "solari019/compose", "display/", "taa/")
+SHOWN = (*GBUFFER, "guides/", "display/", "taa/")
 
 
 def patches():

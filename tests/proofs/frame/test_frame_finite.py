@@ -86,6 +86,6 @@ def test_a_thousand_combinations_are_finite(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     "finite: a pixel divides by nothing": (lambda device: run(device, range(12)), Bug(
-        "passes/paths/compose.comp", "main", "correct(); if (gl_GlobalInvocationID.xy == uvec2(0u)) { "
+        "passes/display/compose.comp", "main", "correct(); if (gl_GlobalInvocationID.xy == uvec2(0u)) { "
         "diffuse_radiance.at[0] = vec3(uintBitsToFloat(0x7FC00000u)); }")),
 })  # fmt: skip

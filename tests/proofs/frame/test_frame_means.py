@@ -170,7 +170,7 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
 
 def composing(change):
     """A bug in the last pass of paths, for each pixel at `at`."""
-    return Bug("passes/paths/compose.comp", "main", "correct(); uvec2 at = gl_GlobalInvocationID.xy; "
+    return Bug("passes/display/compose.comp", "main", "correct(); uvec2 at = gl_GlobalInvocationID.xy; "
                "if (any(greaterThanEqual(at, camera.size))) { return; } "
                f"uint row = at.y * camera.size.x + at.x; {change}")  # fmt: skip
 

@@ -314,7 +314,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         lambda device: test_surfaces_are_the_path_tracers(device, "cornell_box"), describing("diffuse_albedo *= 0.9")),
     "specular albedo": (test_specular_albedo_is_the_directional_albedo, describing("specular_albedo *= 0.9")),
     RANGE: (measure_range, describing("perceptual_roughness = 1.0 / 0.0")),
-    SUM: (measure_parts, Bug("passes/paths/compose.comp", "main", """
+    SUM: (measure_parts, Bug("passes/display/compose.comp", "main", """
         correct();
         uvec2 pixel = gl_GlobalInvocationID.xy;
         if (is_inside(pixel, camera.size)) { emission.at[pixel_index(pixel, camera.size)] *= 0.99; }""")),

@@ -215,7 +215,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     LOBES: (measure_lobes, Bug(PATH, "path_light", "LobeRadiance light = correct(path); "
                                "light.diffuse += light.specular; return light;")),
     # demodulated by the other lobe
-    DEMODULATION: (measure_lobes, Bug("passes/paths/demodulation.glsl", "demodulation",
+    DEMODULATION: (measure_lobes, Bug("passes/demodulation.glsl", "demodulation",
                                       "Demodulation by = correct(surface); by.specular = by.diffuse; return by;")),
     DISTANCE: (measure_distances, writing("lengths *= 1.1;")),
     OWN_DISTANCE: (measure_distances, writing("lengths = vec2(max(lengths.x, lengths.y));")),

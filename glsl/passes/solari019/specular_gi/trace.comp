@@ -43,14 +43,16 @@ bool may_end(SurfaceInteraction surface, float spread_width, float ray_t, inout 
     return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;
 }
 
-// The radiance that arrives along the path's first ray.
-vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
+// The radiance that arrives along the path's first ray, and that ray's length.
+vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
     vec3 radiance = vec3(0.0);
+    first_t = 0.0;
     uint visited = 0u, mirrors = 0u;
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
         Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
         count_rays(segment.rays);
+        first_t = first_t == 0.0 ? segment.hit.t : first_t;
         if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
@@ -113,9 +115,14 @@ bool reuses_gi(GBufferSurface surface) {
         && !takes_no_gi(surface);
 }
 
-vec3 shade_gi_sample(GBufferSurface surface, GiReservoir reservoir, Brdf brdf, mat3 frame, vec3 wo) {
+vec3 shade_gi_sample(
+    GBufferSurface surface, GiReservoir reservoir, Brdf brdf, mat3 frame, vec3 wo, out float distance
+) {
+    distance = 0.0;
     if (!(reservoir.unbiased_contribution_weight > 0.0)) { return vec3(0.0); }
-    vec3 wi = normalize(reservoir.sample_point_world_position - surface.world_position) * frame;
+    vec3 to_sample = reservoir.sample_point_world_position - surface.world_position;
+    distance = length(to_sample);
+    vec3 wi = to_sample / distance * frame;
     return gi_radiance(reservoir) * reservoir.unbiased_contribution_weight * evaluate_specular_brdf(brdf, wo, wi);
 }
 
@@ -124,6 +131,7 @@ void main() {
     if (!is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size);
     specular_gi.at[index] = vec3(0.0);
+    specular_gi_distances.at[index] = 0.0;
     GBufferSurface surface = load_gbuffer(pixel);
     if (solari019_settings.specular == 0u || !surface.exists) { return; }
 
@@ -132,7 +140,9 @@ void main() {
     Brdf brdf = prepare_brdf(surface.material, wo);
     if (brdf.specular_probability == 0.0) { return; }
     if (reuses_gi(surface)) {
-        specular_gi.at[index] = shade_gi_sample(surface, load_gi_reservoir(pixel), brdf, frame, wo);
+        float distance;
+        specular_gi.at[index] = shade_gi_sample(surface, load_gi_reservoir(pixel), brdf, frame, wo, distance);
+        specular_gi_distances.at[index] = distance;
         return;
     }
 
@@ -152,5 +162,7 @@ void main() {
     if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {
         cone.width = widen_as_solari(0.0, distance, surface.material.base.roughness);
     }
-    specular_gi.at[index] = trace_path(walk, cone, rng);
+    float first_t;
+    specular_gi.at[index] = trace_path(walk, cone, rng, first_t);
+    specular_gi_distances.at[index] = first_t;
 }

@@ -1,11 +1,11 @@
-// Multiplies the light of paths, denoised or not, by the surfaces' colors again, and adds visible emission.
+// Multiplies the light of both lobes, denoised or not, by the surfaces' colors again, and adds visible emission.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/api.glsl"
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
-#include "passes/paths/demodulation.glsl"
+#include "passes/demodulation.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -1,7 +1,7 @@
 // What the light of a pixel's lobes is divided by, so that a denoiser blurs light and not textures: the lobes' albedos,
 // bounded from below.
-#ifndef PASSES_PATHS_DEMODULATION_GLSL
-#define PASSES_PATHS_DEMODULATION_GLSL
+#ifndef PASSES_DEMODULATION_GLSL
+#define PASSES_DEMODULATION_GLSL
 
 #include "passes/gbuffer/gbuffer.glsl"
 #include "scene/brdf.glsl"
