@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from solari_vk.cli.jobs import DeviceOptions
 from solari_vk.cli.options import flag, option, positive, size
+from solari_vk.settings import FIELDS
 
 _FILES, _SCENES = "glTF files to load", "glTF files to measure beside the built-in scenes"
 _QUICK = "tiny pictures and few runs, only to try the command"
@@ -59,6 +60,7 @@ class Denoise(Measurement):
     pictures: Path | None = option("write raw frames, denoised ones, the truth", "FOLDER", type=Path)
     references: Path | None = option("keep the path tracer's pictures there", "FOLDER", type=Path)
     seeds: int = option("independent runs of each case (1)", "N", type=positive, default=1)
+    lighting: str = option("the setting of this name (paths)", choices=FIELDS["lighting"].choices, default="paths")
     quick: bool = flag(_QUICK)
 
 

@@ -30,6 +30,7 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.matrices import rotation, turned_about
 from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.settings import Settings
 
 Picture = NDArray[np.float64]
 SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
@@ -38,6 +39,7 @@ LOOKS = (1, 8, 32, 128)  # frames after a reset
 MOTION = 32  # frames of a case in motion
 TURN, ORBIT, SLIDE = 1.0, 0.3, 0.004  # of a frame: pixels, degrees, and the share of the scene's size
 SEED, REFERENCE_SEED = 5, 1_000_003
+TITLES = {"paths": "Denoised frames in figures", "split": "Denoised frames of separate passes (lighting=split)"}
 INTRO = (
     "relMSE, and FLIP for high dynamic range (Andersson et "
     "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
@@ -77,14 +79,15 @@ class Look:
 
 def run(
     select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
-    pictures: Path | None = None, references: Path | None = None, seeds: int = 1, quick: bool = False,
+    pictures: Path | None = None, references: Path | None = None, seeds: int = 1, lighting: str = "paths",
+    quick: bool = False,
 ) -> None:  # fmt: skip
     """Measure and print everything.
 
-    seeds: the number of independent runs of each case; errors are means over them. markdown: a page to write too.
-    pictures: a folder for a picture of the first run of each case. references: a folder that keeps the path tracer's
-    pictures for the next run, for as long as the scenes are the same. quick: tiny pictures and few frames. Raises
-    SolariError for files that can't be loaded, and without a folder for the page.
+    seeds: the number of independent runs of each case; errors are means over them. lighting: the setting of this name.
+    markdown: a page to write too. pictures: a folder for a picture of the first run of each case. references: a folder
+    that keeps the path tracer's pictures for the next run, for as long as the scenes are the same. quick: tiny pictures
+    and few frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
     for folder in (pictures, references):
         if folder is not None:
@@ -92,13 +95,13 @@ def run(
     size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
     runs = f"Means over {seeds} runs with different seeds." if seeds > 1 else "One run."
-    with measuring(select, rays, markdown, "Denoised frames in figures", f"{INTRO} {runs}") as (device, report):
+    with measuring(select, rays, markdown, TITLES[lighting], f"{INTRO} {runs}") as (device, report):
         for scene in scenes:
             for case in _cases(scene, size, min(MOTION, limit)):
                 report.progress(f"{scene.name}, {case.name}")
                 kept = references and references / f"{scene.name}, {case.name}, {size[0]}x{size[1]}.npz"
                 looks = [look for look in case.looks if look <= limit]
-                found = [_measure(device, scene, case, size, looks, SEED + seed) for seed in range(seeds)]
+                found = [_measure(device, scene, case, size, looks, lighting, SEED + seed) for seed in range(seeds)]
                 camera = case.place(max(looks) - 1)
                 truths = _references(device, scene, camera, size, samples, kept)
                 _add_oidn(device, scene, camera, found)
@@ -151,11 +154,11 @@ def _kept_place(instance: Instance) -> Iterator[Instance]:
 
 
 def _measure(
-    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], seed: int
+    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], lighting: str, seed: int
 ) -> list[Look]:
     """The pictures of a case at some frames, without OIDN's."""
     found, totals = [], [np.zeros(3)] * 3
-    with Renderer(device, scene, size, seed=seed) as renderer:
+    with Renderer(device, scene, size, Settings(lighting=lighting), seed=seed) as renderer:
         for index in range(max(looks)):
             frame = renderer.render(case.place(index))
             raw = np.asarray(frame["raw_radiance"], np.float64)

@@ -1,7 +1,8 @@
 """Presets of the realtime lighting: what differs from the defaults of `Settings`.
 
-`solari` restores the behaviors of Solari in Bevy 0.19 from which the defaults differ; docs/accuracy.md says what of
-Bevy it leaves out.
+`solari` restores the behaviors of Solari in Bevy 0.19 that settings restore. It isn't Solari itself: lights are chosen
+by power, paths go on where the world cache has no value, young cells of it converge faster and stand for the point of a
+random query, later bounces sample the whole BRDF, and GI's target has no albedo. docs/accuracy.md has the whole list.
 """
 
 from __future__ import annotations

@@ -319,8 +319,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "rays pass as often as alpha says": (check_panes, Bug(
         ALPHA, "alpha_threshold", "return square(correct(alpha_seed, instance_index, triangle, edge));")),
     "light keeps its color": (check_light_through_a_pane, Bug(
-        ALPHA, "resolve_filter_opacity(uint",
-        "return correct(instance_index, triangle, barycentrics, direction, is_camera_ray) * vec4(1.0, 0.2, 0.0, 1.0);")),
+        ALPHA, "attenuate_by_surface(inout RayTransmittance through, vec4",
+        "through.weight *= vec3(1.0, 0.6, 0.5); through.probability *= 1.0 - filter_opacity.w;")),
     "lamps behind panes": (check_lamps, Bug(
         "scene/walk.glsl", "accumulate_segment",
         "segment.along_ray.radiance = segment.along_ray.radiance_over_probability; "

@@ -17,13 +17,14 @@ from solari_vk.scene.builtin import cornell_box, place
 SIZE = (32, 24)
 LIGHTINGS = ("paths", pytest.param("split", marks=pytest.mark.slow))
 # Views of light and the results that they show, by lighting.
+LOBES = {name: (name,) for name in ("paths_diffuse", "paths_specular")}
 LIGHT = {
     "paths": {
-        "paths_diffuse": ("paths_diffuse",), "paths_specular": ("paths_specular",), "emission": ("emission",),
-        "diffuse_radiance": ("diffuse_radiance",), "specular_radiance": ("specular_radiance",),
+        **LOBES, "emission": ("emission",), "diffuse_radiance": ("diffuse_radiance",),
+        "specular_radiance": ("specular_radiance",),
     },
     "split": {
-        "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
+        **LOBES, "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
         "diffuse_radiance": ("di_diffuse", "gi_diffuse"), "specular_radiance": ("di_specular", "specular_gi"),
     },
 }  # fmt: skip
@@ -152,14 +153,14 @@ def test_names_of_views(device):
         with pytest.raises(sv.SolariError, match="'di_light' needs the setting lighting=split, not paths"):
             renderer.view = "di_light"
         assert (renderer.view, renderer.tonemap) == ("picture", "agx")
-        renderer.view = "paths_distance"
+        renderer.view = "depth"
         settings.lighting = "split"
         renderer.render()
-        assert renderer.view == "picture"
-        renderer.view = "depth"
+        assert renderer.view == "depth"
+        renderer.view = "di_light"
         settings.lighting = "paths"
         codes = renderer.render()["display"]
-        assert renderer.view == "depth"
+        assert renderer.view == "picture"
         assert (codes.shape, codes.dtype) == ((SIZE[1], SIZE[0], 4), np.uint8)
         assert (codes[..., 3] == 255).all()
 

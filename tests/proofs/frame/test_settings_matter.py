@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.frames import find
-from support.realtime import make_renderer
+from support.realtime import make_renderer, trace
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
+from solari_vk.measure.statistics import relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
@@ -16,7 +17,7 @@ from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 SIZE = (24, 24)
 OUTPUTS = ("diffuse_radiance", "specular_radiance", "guides_normal_roughness", "radiance")
 # Sections that only one lighting has.
-OF_LIGHTING = {"paths": ("paths", "denoise", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
+OF_LIGHTING = {"paths": ("paths", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14,
        "world_cache_updates_per_pixel": 4.0}  # fmt: skip
 # Values that change a few small frames. All other numbers are halved, and choices and switches take another value.
@@ -78,8 +79,8 @@ def live_settings(lighting):
 
 @pytest.mark.parametrize("lighting", ["paths", pytest.param("split", marks=pytest.mark.slow)])
 def test_every_live_setting_matters(device, lighting):
-    scene, idle, of_paths = scene_of_everything(), [], dict.fromkeys(("restir", "denoise"), lighting == "paths")
-    with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **of_paths) as renderer:
+    scene, idle, used = scene_of_everything(), [], {"denoise": True, "restir": lighting == "paths"}
+    with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **used) as renderer:
         before = results(renderer, scene)
         again = results(renderer, scene)
         assert all(np.array_equal(before[name], again[name]) for name in OUTPUTS), "the comparison is of one seed"
@@ -111,15 +112,23 @@ def test_what_is_off_outputs_nothing(device):
 
 
 @pytest.mark.slow
-def test_solaris_preset_is_another_frame(device):
-    """Every part of its light is finite and differs from the default frame, and the sum is about as bright."""
-    scene = scene_of_everything()
-    with make_renderer(device, scene, SIZE, **FEW) as renderer:
-        ours = results(renderer, scene)
-    with make_renderer(device, scene, SIZE, **{**QUALITIES["solari"], **FEW}) as renderer:
-        solari = results(renderer, scene)
-    lobes = OUTPUTS[:2]
-    for name in lobes:
-        assert np.isfinite(solari[name]).all()
-        assert not np.array_equal(solari[name], ours[name])
-    assert 0.7 < sum(solari[name].mean() for name in lobes) / sum(ours[name].mean() for name in lobes) < 1.3
+@pytest.mark.parametrize(("settings", "darkest", "error"), [
+    ({"lighting": "split"}, 0.97, 0.02), (QUALITIES["solari"], 0.88, 0.15),
+], ids=["split", "solari"])  # fmt: skip
+def test_separate_passes_are_denoised(device, settings, darkest, error):
+    """Frame 16 of a Cornell box: its light and relMSE against the path tracer, and that of the same raw frame.
+
+    The preset loses light by its layering, its bounds of Jacobians and its one visibility test (docs/accuracy.md).
+    """
+    scene = cornell_box()
+    truth = trace(device, scene, 1024, (64, 64))
+    with sv.Renderer(device, scene, (64, 64), sv.Settings(**settings)) as renderer:
+        for _ in range(16):
+            frame = renderer.render()
+        denoised, raw = frame["radiance"].astype(np.float64), frame["raw_radiance"].astype(np.float64)
+        assert frame["error"].mean() > 0
+    found, noisy = (relative_mse(picture, truth) for picture in (denoised, raw))
+    print(f"{denoised.mean() / truth.mean():.3f} of the light, relMSE {found:.4f}, raw {noisy:.3f}")
+    assert darkest < denoised.mean() / truth.mean() < 1.01
+    assert found < error
+    assert found < 0.1 * noisy
