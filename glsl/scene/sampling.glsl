@@ -22,11 +22,12 @@ struct LightContribution {
 bool is_at_infinity(uint kind) { return (KINDS_AT_INFINITY >> kind & 1u) != 0u; }
 bool can_be_hit_by_rays(uint kind) { return (KINDS_HIT_BY_RAYS >> kind & 1u) != 0u; }
 
-LightSample generate_random_light_sample(inout uint rng) {
-    uint light_index = choose_light(rng);
+LightSample sample_part(uint light_index, inout uint rng) {
     uint part = choose_part(light_sources.at[light_index], rng);
     return LightSample(light_index, part, rand_u(rng));
 }
+
+LightSample generate_random_light_sample(inout uint rng) { return sample_part(choose_light(rng), rng); }
 
 // The probability that a light sample has this light and part.
 float light_sample_probability(LightSample light_sample) {

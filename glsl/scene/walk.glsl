@@ -2,7 +2,7 @@
 //
 //     Walk walk = start_walk(origin, direction);
 //     while (true) {
-//         Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
+//         Segment segment = trace_segment(walk, receiver, rng);
 //         if (!accumulate_segment(walk, segment, radiance)) { break; }
 //         SurfaceInteraction surface = resolve_surface(walk, segment.hit);
 //         radiance += emitted_light(walk, surface, light_pdf);
@@ -166,6 +166,14 @@ vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     return surface.emits_towards_ray ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
+// The density in solid angle with which a receiver samples the point of a light where a ray from there has hit it.
+float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3 direction) {
+    float pdf = emissive_hit_pdf(surface, direction, hit.t);
+    if (!(pdf > 0.0) || receiver.normal == vec3(0.0)) { return pdf; }
+    uint light = instances.at[hit.instance].light_index;
+    return pdf * light_choice_probability(light, receiver) / light_sources.at[light].by_power.probability;
+}
+
 // Where rays that go in a direction leave a surface.
 vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
     bool transmits = SCENE_TRANSMISSION && dot(direction, surface.geometric_world_normal) < 0.0;
@@ -219,14 +227,17 @@ vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
     return visible * transmittance(medium, far ? INFINITY : distance(origin, end));
 }
 
-// One sample of a light chosen by power. `mis`: weighted against the walk's meeting the light.
+// One sample of a light that the receiver chooses. `mis`: weighted against the walk's meeting the light.
 NextEvent sample_light(
-    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, bool mis, inout uint rng
+    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, Receiver receiver, bool mis,
+    inout uint rng
 ) {
     NextEvent event;
     event.radiance = vec3(0.0);
     if (scene_info.light_count == 0u) { return event; }
-    event.light_sample = resolve_light_sample(generate_random_light_sample(rng));
+    ChosenLight chosen = choose_light(receiver, rng);
+    LightSample light_sample = sample_part(chosen.light_index, rng);
+    event.light_sample = resolve_light_sample(light_sample, chosen.probability);
     LightContribution light = calculate_resolved_light_contribution(event.light_sample, surface.world_position);
     vec3 wi = light.wi * frame;
     if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal)) { return event; }

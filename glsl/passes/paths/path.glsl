@@ -227,7 +227,7 @@ bool advance(inout Path path) {
     path.footprint += sqrt(path.inverse_pdf_sum) * path.hit.t;
     SurfaceInteraction surface = resolve_surface(path.walk, path.hit);
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
-    float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.walk.direction);
+    float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
     add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_first_hit);
     make_path_vertex(path, surface);
     return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.specular_bounces;

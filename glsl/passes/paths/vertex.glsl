@@ -82,8 +82,7 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_s
     float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
         ChosenLight light = choose_light(receiver(vertex), rng);
-        uint part = choose_part(light_sources.at[light.light_index], rng);
-        LightSample light_sample = LightSample(light.light_index, part, rand_u(rng));
+        LightSample light_sample = sample_part(light.light_index, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
         LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
         float weight = luminance(sum(reflected));
@@ -95,14 +94,6 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_s
     float ris_weight = chosen_weight > 0.0 ? weight_sum / (float(candidates) * chosen_weight) : 0.0;
     ris_sample.contribution = scale(ris_sample.contribution, vec3(ris_weight));
     return ris_sample;
-}
-
-// The density in solid angle with which a vertex samples the point of a light where a ray has hit it.
-float hit_light_pdf(Vertex vertex, Hit hit, SurfaceInteraction surface, vec3 direction) {
-    float pdf = emissive_hit_pdf(surface, direction, hit.t);
-    if (!(pdf > 0.0)) { return 0.0; }
-    uint light = instances.at[hit.instance].light_index;
-    return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].by_power.probability;
 }
 
 #endif

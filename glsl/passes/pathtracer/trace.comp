@@ -38,6 +38,7 @@ void main() {
     uint rng;
     vec3 radiance;
     Walk walk;
+    Receiver receiver;  // where the light samples were chosen that compete with the walk's direction
     while (true) {
         if (path_ended) {
             if (sample_index == last_sample_index) { break; }
@@ -46,11 +47,12 @@ void main() {
             if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
             walk = start_walk(ray);
             walk.cone_width = walk.cone_spread = 0.0;  // textures are as fine as they can be: samples average them
+            receiver = CHOSEN_BY_POWER;
             bounce = 0u;
             radiance = vec3(0.0);
         }
 
-        Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
+        Segment segment = trace_segment(walk, receiver, rng);
         rays += segment.rays;
         path_ended = !accumulate_segment(walk, segment, radiance);
         if (!path_ended) {
@@ -59,7 +61,8 @@ void main() {
                 radiance += shown_emission(surface);
             } else {
                 remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
-                radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, segment.hit.t));
+                float light_pdf = hit_light_pdf(receiver, segment.hit, surface, walk.direction);
+                radiance += emitted_light(walk, surface, light_pdf);
             }
             path_ended = bounce == path_sampling.max_bounces;
             if (!path_ended) {
@@ -67,12 +70,13 @@ void main() {
                 vec3 wo = -walk.direction * frame;
                 Brdf brdf = prepare_brdf(surface.material, wo);
                 Medium below = medium_below(segment.hit.instance, surface.material);
+                receiver = Receiver(surface.world_position, surface.world_normal);
 
                 NextEvent event;
                 event.radiance = vec3(0.0);
                 if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF) {
                     bool mis = path_sampling.light_strategy == LIGHT_STRATEGY_MIS;
-                    event = sample_light(walk, surface, brdf, frame, wo, below, mis, rng);
+                    event = sample_light(walk, surface, brdf, frame, wo, below, receiver, mis, rng);
                 }
                 bool possible = scatter(walk, sample_brdf(brdf, wo, rng), frame, surface.geometric_world_normal, below);
                 walk.bounce_pdf = mis_pdf(walk.bounce_pdf);

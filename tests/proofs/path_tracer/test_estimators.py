@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -67,6 +68,14 @@ def test_light_strategies_agree(device):
     )
     same(nee, mis, 0.015, "nee")
     same(brdf, mis, 0.03, "brdf")
+
+
+def test_light_strategies_agree_among_many_lamps(device):
+    """Near a lamp the tree chooses it much more often than its power would."""
+    places = itertools.product((-1.8, -0.6, 0.6, 1.8), (0.4,), (-1, 0.3, 1.6))
+    scene = room([sv.Instance(shapes.sphere(0.15, 8), lamp(4.0), place(at=at)) for at in places])
+    mis, nee = (take(device, scene, 256, seed, light_strategy=name) for seed, name in enumerate(("mis", "nee")))
+    same(nee, mis, 0.015)
 
 
 def test_scaled_scenes_give_the_same_picture(device):
@@ -142,6 +151,10 @@ def test_instances_equal_their_baked_meshes(device):
 
 test_a_seeded_bug_is_noticed = bug_tests(
     {
+        "lights are chosen as MIS believes": (
+            test_light_strategies_agree_among_many_lamps,
+            Bug("scene/walk.glsl", "hit_light_pdf(Receiver", "return emissive_hit_pdf(surface, direction, hit.t);"),
+        ),
         "mirrored instances: front and back are exchanged": (
             test_instances_equal_their_baked_meshes,
             Bug(

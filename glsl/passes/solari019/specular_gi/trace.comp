@@ -46,11 +46,12 @@ bool may_end(SurfaceInteraction surface, float spread_width, float ray_t, inout 
 // The radiance that arrives along the path's first ray, and that ray's length.
 vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
     vec3 radiance = vec3(0.0);
+    Receiver receiver = CHOSEN_BY_POWER;  // where the light samples were chosen that compete with the walk's direction
     first_t = 0.0;
     uint visited = 0u, mirrors = 0u;
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
-        Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
+        Segment segment = trace_segment(walk, receiver, rng);
         count_rays(segment.rays);
         first_t = first_t == 0.0 ? segment.hit.t : first_t;
         if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
@@ -58,7 +59,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
         SurfaceInteraction surface = resolve_surface(walk, segment.hit);
         remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
-        radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, ray_t));
+        radiance += emitted_light(walk, surface, hit_light_pdf(receiver, segment.hit, surface, walk.direction));
 
         bool mirror = continues_specular_chain(surface.material);
         mirrors += mirror ? 1u : 0u;
@@ -83,10 +84,11 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
 
         Brdf brdf = prepare_brdf(surface.material, wo);
         Medium below = medium_below(segment.hit.instance, surface.material);
+        receiver = Receiver(surface.world_position, surface.world_normal);
         NextEvent event;
         event.radiance = vec3(0.0);
         if (!brdf.specular.mirror || brdf.specular_probability < 1.0) {
-            event = sample_light(walk, surface, brdf, frame, wo, below, true, rng);
+            event = sample_light(walk, surface, brdf, frame, wo, below, receiver, true, rng);
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
         spread(cone, next, brdf.specular.roughness);
