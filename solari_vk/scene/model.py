@@ -17,7 +17,8 @@ from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
-from solari_vk.scene.framing import default_camera, extent
+from solari_vk.scene.enclosures import extent, find_dome
+from solari_vk.scene.framing import default_camera
 from solari_vk.scene.group import Group, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
@@ -257,10 +258,12 @@ class Scene(Observable):
     def camera_for(self, aspect: float, clip: Animation | int | str | None = None) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
-        It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
-        one that shows all of it from above at an angle, or a room from inside, which is created on the first call and
-        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip, or its number or name in
-        `animations`, the scene is posed as at its start, and a camera that is created shows all that the clip does.
+        It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is one that shows
+        all of it from above at an angle, a room from inside, and what stands in a dome, such as a modelled sky, from
+        within the dome. It is created on the first call and kept, but not added to `cameras`. For an empty scene it is
+        Camera(). With a clip, or its number or name in `animations`, the scene is posed as at its start, and a camera
+        that is created shows all that the clip does.
+
         Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
         if not (isinstance(aspect, (int, float, np.number)) and 0 < aspect < np.inf):
@@ -270,6 +273,9 @@ class Scene(Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
+            if clip is not None:
+                clip.apply(self, 0.0, loop=False)
+            dome = find_dome(self._subject())
             visible: list[Instance] = []
             points = []
             for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
@@ -277,10 +283,10 @@ class Scene(Observable):
                     clip.apply(self, seconds, loop=False)
                 if shown := self._subject():
                     visible = shown
-                    points.append(extent(visible))
+                    points.append(extent([instance for instance in shown if dome is None or instance in dome.inside]))
             if not visible:
                 return Camera()
-            self._camera = default_camera(visible, np.concatenate(points), aspect)
+            self._camera = default_camera(visible, np.concatenate(points), aspect, dome)
             self._camera.auto_exposure = self._meters
         return self._camera
 
