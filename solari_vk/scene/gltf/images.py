@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Container
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -29,10 +30,13 @@ class Images:
         self._made: dict[Source, TextureImage | None] = {}
         self._read: dict[int, TextureImage | None] = {}
 
-    def read(self, users: dict[Choice, Entry]) -> None:
-        """Read an image of each choice: the first, and where that fails the next. users: what refers to them."""
+    def read(self, users: dict[Choice, Entry], linear: Container[int] = ()) -> None:
+        """Read an image of each choice: the first, and where that fails the next. users: what refers to them.
+
+        linear: the images that hold data and not colors.
+        """
         while users:
-            self._read_all({choice[0]: user for choice, user in users.items()})
+            self._read_all({choice[0]: user for choice, user in users.items()}, linear)
             failed = (choice for choice in users if self._read[choice[0]] is None and len(choice) > 1)
             users = {choice[1:]: users[choice] for choice in failed}
 
@@ -40,15 +44,18 @@ class Images:
         """The image of a choice, after `read`; None if there is none that can be read."""
         return next((image for number in choice if (image := self._read.get(number)) is not None), None)
 
-    def _read_all(self, users: dict[int, Entry]) -> None:
+    def _read_all(self, users: dict[int, Entry], linear: Container[int]) -> None:
         sources: dict[int, Source] = {}
         opened: dict[Source, tuple[Any, str, str]] = {}
+        data: set[Source] = set()
         for number, user in users.items():
             entry = self._document.item("image", number, user)
             try:
                 source = sources[number] = self._source(entry)
                 if source not in self._made and source not in opened:
                     opened[source] = self._open(entry, source)
+                if number in linear:
+                    data.add(source)
             except BudgetError:
                 raise
             except SolariError as error:
@@ -57,7 +64,7 @@ class Images:
         def decoded(source: Source) -> TextureImage | SolariError:
             image, who, name = opened[source]
             try:
-                return TextureImage(pixels=image_files.decode(image, who), name=name)
+                return TextureImage(pixels=image_files.decode(image, who, linear=source in data), name=name)
             except SolariError as error:
                 return error
 
