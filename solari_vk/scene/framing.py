@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.enclosures import Dome, Floats, find_room, largest_triangles, trace
+from solari_vk.scene.enclosures import Floats, extent, find_dome, find_room, largest_triangles, trace
 
 if TYPE_CHECKING:
     from solari_vk.scene.objects import Instance
@@ -19,17 +20,24 @@ MARGIN = 1.08
 WIDEST_FOV = math.radians(100)  # in a dome that leaves no room to step back
 
 
-def default_camera(
-    instances: list[Instance], points: Floats, aspect: float, dome: Dome | None = None
-) -> Camera:  # fmt: skip
-    """A camera that shows visible instances, and points (N, 3) that are theirs. aspect: width / height of the picture.
+def default_camera(poses: Iterable[list[Instance]], aspect: float) -> Camera | None:
+    """A camera that shows instances in several poses, of which the last one stays; None if there are no instances.
 
-    A room is seen from inside. With a dome around them the points are those of what is in it, and the camera is in it.
+    aspect: width / height of the picture. A room is seen from inside, and what is in a dome from within the dome.
     """
+    visible: list[Instance] = []
+    points, dome = [], None
+    for shown in filter(None, poses):
+        dome = dome if visible else find_dome(shown)
+        visible = shown
+        points.append(extent([instance for instance in shown if dome is None or instance in dome.inside] or shown))
+    if not visible:
+        return None
+    every = np.concatenate(points)
     if dome is not None:
-        return _in_dome(fit(points, VIEW, aspect), points, largest_triangles(dome.shells), aspect)
-    room = find_room(instances, points)
-    return fit(points, VIEW, aspect) if room is None else _inside(room.center, room.triangles)
+        return _in_dome(fit(every, VIEW, aspect), every, largest_triangles(dome.shells), aspect)
+    room = find_room(visible, every)
+    return fit(every, VIEW, aspect) if room is None else _inside(room.center, room.triangles)
 
 
 def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:

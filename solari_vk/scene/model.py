@@ -17,7 +17,6 @@ from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
-from solari_vk.scene.enclosures import extent, find_dome
 from solari_vk.scene.framing import default_camera
 from solari_vk.scene.group import Group, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
@@ -273,22 +272,19 @@ class Scene(Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            if clip is not None:
-                clip.apply(self, 0.0, loop=False)
-            dome = find_dome(self._subject())
-            visible: list[Instance] = []
-            points = []
-            for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
-                if clip is not None:
-                    clip.apply(self, seconds, loop=False)
-                if shown := self._subject():
-                    visible = shown
-                    points.append(extent([instance for instance in shown if dome is None or instance in dome.inside]))
-            if not visible:
+            camera = default_camera(self._poses(clip), aspect)
+            if camera is None:
                 return Camera()
-            self._camera = default_camera(visible, np.concatenate(points), aspect, dome)
-            self._camera.auto_exposure = self._meters
+            camera.auto_exposure = self._meters
+            self._camera = camera
         return self._camera
+
+    def _poses(self, clip: Animation | None) -> Iterator[list[Instance]]:
+        """What the default camera shows, in poses of a clip of which the last is its start."""
+        for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
+            if clip is not None:
+                clip.apply(self, seconds, loop=False)
+            yield self._subject()
 
     @property
     def camera(self) -> Camera:
