@@ -13,6 +13,7 @@ from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.images import image_files
+from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import TextureImage
 
 Source = tuple[str, str | int]  # equal sources are the same image
@@ -83,7 +84,8 @@ class Images:
         if self._strict:
             raise error
         place = str(error).removeprefix(f"{self._document.file}: ")
-        self._report.add("textures whose image can't be read are replaced by another image or their factor", place)
+        why = "needs a missing library" if INSTALL in place else "can't be read"  # which is to be named in any case
+        self._report.add(f"textures whose image {why} are replaced by another image or their factor", place)
 
     def _source(self, entry: Entry) -> Source:
         if "uri" not in entry:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from solari_vk.scene.gltf.skies import EXTENSION as SKY
 from solari_vk.scene.gltf.skies import read_sky
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
-from solari_vk.scene.libraries import INSTALL
+from solari_vk.scene.libraries import warn_of_missing
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = (
@@ -127,9 +126,7 @@ class _Loader:
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
         self._scene.warnings.extend(self._report.lines())
-        for remark in self._scene.warnings:
-            if INSTALL in remark:  # what a library would show mustn't be missed
-                warnings.warn(remark, stacklevel=2)
+        warn_of_missing(self._scene.warnings)
         return self._scene
 
     def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:
