@@ -47,7 +47,7 @@ class Geometry:
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
-        self._uploaded: dict[Mesh, tuple[NDArray[Any], NDArray[Any]]] = {}  # positions and triangles
+        self._uploaded: dict[Mesh, tuple[NDArray[Any], NDArray[Any]]] = {}  # positions and triangles, if nothing failed
         self.centers: dict[Shape, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded shape's bounds, in object space."""
         self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
@@ -107,7 +107,8 @@ class Geometry:
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
                 self.posed.forget(mesh)
-                del self._uploaded[mesh], self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
+                self._uploaded.pop(mesh, None)
+                del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
         """Take note of an edit of a mesh, which must be uploaded again; returns the instances that use it."""
@@ -180,6 +181,9 @@ class Geometry:
             flags |= MESH_HAS_COLORS
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
         before, self._buffers[mesh] = self._buffers.get(mesh), buffer
+        uploaded = self._uploaded.pop(mesh, None)
+        if before is not None:
+            self._replace(mesh, before, uploaded, revision)
         addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
         offset = 0
         for name, part in parts.items():
@@ -187,8 +191,6 @@ class Geometry:
             uploads.buffer(buffer, part, offset)
             offset += part.nbytes
         record = self.table.records[self.rows[mesh]]
-        if before is not None:
-            self._replace(mesh, before, int(record["positions"]), addresses["positions"], revision)
         self._uploaded[mesh] = mesh.positions, mesh.triangles
         for name, address in addresses.items():
             record[name] = address
@@ -202,14 +204,17 @@ class Geometry:
             triangle_count=len(triangles), no_duplicate_any_hit=mesh in self._met_once,
         )  # fmt: skip
 
-    def _replace(self, mesh: Mesh, before: Buffer, was: int, now: int, revision: int) -> None:
-        """Keep the buffer of before an edit of a mesh for motion vectors, or free it. was, now: addresses of positions."""
-        positions, triangles = self._uploaded[mesh]
-        same = len(positions) == len(mesh.positions) and np.array_equal(triangles, mesh.triangles)
-        if same and self.posed.is_seen and not np.array_equal(positions, mesh.positions):
-            self.posed.edit(mesh, self.rows[mesh], (before, was), now, revision)
-            self._features.add("SCENE_POSES")
-            return
+    def _replace(
+        self, mesh: Mesh, before: Buffer, uploaded: tuple[NDArray[Any], NDArray[Any]] | None, revision: int
+    ) -> None:
+        """Keep the buffer of a mesh before an edit for motion vectors, or free it. uploaded: what it has."""
+        if uploaded is not None and self.posed.is_seen:
+            positions, triangles = uploaded
+            moves = len(positions) == len(mesh.positions) and not np.array_equal(positions, mesh.positions)
+            if moves and np.array_equal(triangles, mesh.triangles):
+                self.posed.edit(mesh, self.rows[mesh], before, self._buffers[mesh].address, revision)
+                self._features.add("SCENE_POSES")
+                return
         self.posed.forget(mesh)
         before.destroy()
 

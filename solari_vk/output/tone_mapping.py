@@ -95,7 +95,8 @@ def tonemap(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -
     """Linear colors (..., 3) in [0, 1] of radiance (..., 3) in cd/m^2 times exposure. They aren't sRGB codes yet.
 
     Saved or shown as they are, they look too dark: `encode_picture` gives the 8-bit sRGB codes of pictures, and
-    `RenderedFrame.image` those of a frame. exposure: such as `camera.exposure`. curve is a name of `CURVES`. NaN becomes black, infinity white. Raises SolariError for an unknown curve.
+    `RenderedFrame.image` those of a frame. exposure: such as `camera.exposure`. curve: a name of `CURVES`. NaN becomes
+    black, infinity white. Raises SolariError for an unknown curve.
     """
     if curve not in CURVES:
         raise SolariError(f"there is no tone mapping '{curve}'; there are {', '.join(CURVES)}")

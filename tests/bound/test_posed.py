@@ -118,7 +118,7 @@ def test_previous_positions_are_those_of_the_same_renderer(bound):
 
 
 def test_previous_positions_of_edited_meshes(bound):
-    """Of each renderer those that it saw last; none for edits of other vertices, and none are kept that nobody needs."""
+    """They are those that each renderer saw last; none with other triangles, and none are kept that nobody needs."""
     mesh, _ = tube()
     mesh.deformation = None
     instance, other = sv.Instance(mesh), sv.Instance(tube()[0])

@@ -17,23 +17,23 @@ class EditedMesh:
         self.row = row
         self.address = address
         self.revision = 0
-        self._earlier: dict[int, tuple[int, Buffer]] = {}  # addresses and their buffers, by the first revision
+        self._earlier: dict[int, Buffer] = {}  # which begin with the positions, by their first revision
 
     def edit(self, buffer: Buffer, address: int, revision: int) -> None:
-        """Take note of other positions from a revision on. buffer: has the current ones, and is owned from now on."""
-        self._earlier[self.revision] = self.address, buffer
+        """Take note of other positions from a revision on. buffer: of the current ones, is owned from now on."""
+        self._earlier[self.revision] = buffer
         self.address, self.revision = address, revision
 
     def address_at(self, revision: float) -> int | None:
         """The address of the positions at a revision, None if they aren't known."""
-        known = {first: address for first, (address, _) in self._earlier.items()} | {self.revision: self.address}
+        known = {first: buffer.address for first, buffer in self._earlier.items()} | {self.revision: self.address}
         return known.get(max((first for first in known if first <= revision), default=-1))
 
     def keep(self, seen: Iterable[int]) -> None:
         """Free the positions that were current at none of some revisions."""
         needed = {self.address_at(revision) for revision in seen}
-        for first, (address, buffer) in list(self._earlier.items()):
-            if address not in needed:
+        for first, buffer in list(self._earlier.items()):
+            if buffer.address not in needed:
                 buffer.destroy()
                 del self._earlier[first]
 

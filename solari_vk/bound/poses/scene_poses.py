@@ -126,11 +126,11 @@ class ScenePoses:
         """Whether a user of the scene has seen it, who needs previous positions."""
         return bool(self._seen)
 
-    def edit(self, mesh: Mesh, row: int, before: tuple[Buffer, int], address: int, revision: int) -> None:
+    def edit(self, mesh: Mesh, row: int, before: Buffer, address: int, revision: int) -> None:
         """Take note of other positions of a mesh, at an address, from a revision of the scene on. row: in `meshes`.
-        before: the buffer with the earlier positions, which is owned from now on, and their address."""
-        edited = self._edited.setdefault(mesh, EditedMesh(row, before[1]))
-        edited.edit(before[0], address, revision)
+        before: begins with the earlier positions, and is owned from now on."""
+        edited = self._edited.setdefault(mesh, EditedMesh(row, before.address))
+        edited.edit(before, address, revision)
         edited.keep(self._seen.values())
         self._latest.pop(edited, None)
         self._latest[edited] = None
@@ -273,8 +273,10 @@ class ScenePoses:
         """Free everything."""
         for shape in self._rows:
             shape.destroy()
-        for owned in (*self._sources.values(), *self._edited.values()):
-            owned.destroy()
+        for source in self._sources.values():
+            source.destroy()
+        for edited in self._edited.values():
+            edited.destroy()
         self._commands.destroy()
 
 

@@ -67,7 +67,7 @@ def test_edited_vertices_move_as_a_moved_instance_does(device, gbuffer):
     """By 0.1 m each frame from the second on; the last frame is one without an edit, which is at rest."""
     made = []
     for edits in (False, True):
-        scene = sv.Scene(sv.DirectionalLight(), sv.Camera.look_at((0, 0, 4), (0, 0, 0)))
+        scene = sv.Scene(sv.DirectionalLight((0, -1, -1)), sv.Camera.look_at((0, 0, 4), (0, 0, 0)))
         instance = scene.add(shapes.sphere(0.8, 32))
         with guide_renderer(device, scene, gbuffer=gbuffer) as renderer:
             made.append([read(renderer.render(scene.camera))["motion"]])
