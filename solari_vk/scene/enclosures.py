@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 MAX_POINTS = 2**20  # beyond that the corners of bounding boxes stand for vertices
 MAX_TRIANGLES = 2**16  # that rays see: the largest
 DIRECTION_COUNT = 192
+FEW_DIRECTIONS, SLACK_OF_FEW = 24, 0.25  # which settle most places
 # The center of a room sees front faces in this share of directions, and has a ceiling at a height in meters. Jars and
 # boxes enclose their center too, but are smaller.
 ROOM_SHARE = 0.8
@@ -81,6 +82,8 @@ def find_room(instances: list[Instance], points: Floats) -> Room | None:
         below, above = trace(place, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles).distance.tolist()
         if not math.isfinite(below + above):
             continue
+        if trace(place, _directions(FEW_DIRECTIONS), triangles).front.mean() < ROOM_SHARE - SLACK_OF_FEW:
+            continue
         seen = trace(place, _directions(DIRECTION_COUNT), triangles)
         if seen.front.mean() < ROOM_SHARE:
             continue
@@ -135,6 +138,9 @@ def place_of(camera: Camera, instances: list[Instance]) -> tuple[Room, bool]:
 
 def _is_dome(instance: Instance, low: Floats, high: Floats) -> bool:
     center, triangles = (low + high) / 2, largest_triangles([instance])
+    few = trace(center, _directions(FEW_DIRECTIONS), triangles)
+    if (np.isfinite(few.distance) if instance.material.unlit else few.front).mean() < DOME_SHARE - SLACK_OF_FEW:
+        return False
     seen = trace(center, _directions(DIRECTION_COUNT), triangles)
     if instance.material.unlit:
         return bool(np.isfinite(seen.distance).mean() >= DOME_SHARE)

@@ -137,6 +137,8 @@ def test_previous_positions_of_edited_meshes(bound):
             before = buffers[int(record["previous_positions"])]
             np.testing.assert_array_equal(before, shown.get(name, mesh.positions), err_msg=f"{frame} {name}")
             shown[name] = mesh.positions
+            edited = binder._geometry.posed._edited.get(mesh)
+            assert edited is None or len(edited._earlier) <= len(shown)
     assert "SCENE_POSES" in binder.features
     mesh.uvs = mesh.uvs * 2
     longer = tube(5, rings=20)[0]
