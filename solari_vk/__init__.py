@@ -42,7 +42,7 @@ _HOMES = {
     "scene.studio": ("studio_lights",),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
-    "output.tone_mapping": ("auto_exposure", "tonemap"),
+    "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
     "reference": ("PathTracer",),
     "rendered": ("RenderedFrame",),
     "renderer": ("Renderer",),
@@ -59,8 +59,8 @@ __all__ = [
     "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "kelvin", "list_devices", "load", "load_gltf",
-    "notebook", "open", "rt", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
+    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "kelvin", "list_devices",
+    "load", "load_gltf", "notebook", "open", "rt", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
     from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
-    from solari_vk.output.tone_mapping import auto_exposure, tonemap
+    from solari_vk.output.tone_mapping import auto_exposure, encode_picture, tonemap
     from solari_vk.reference import PathTracer
     from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer

@@ -77,6 +77,8 @@ def test_auto_exposure_leaves_black_and_broken_pixels_out():
 def test_png(tmp_path):
     save_image(tmp_path / "a.png", RADIANCE, exposure=0.3, tonemap="aces")
     expected = encode_srgb(tonemap(RADIANCE, exposure=0.3, curve="aces")) * 255
+    codes = sv.encode_picture(RADIANCE, exposure=0.3, curve="aces")
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), codes)
     np.testing.assert_allclose(np.asarray(Image.open(tmp_path / "a.png")), expected, atol=0.501)
 
 

@@ -63,6 +63,10 @@ class Features:
         self.constants: frozenset[str] = frozenset()
         """The constants that are true."""
 
+    def add(self, constant: str) -> None:
+        """Take note of a feature by its constant."""
+        self.constants |= {constant}
+
     def note(self, item: Any) -> None:
         """Take note of a new or changed object of the scene."""
         self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.held_by(item)}

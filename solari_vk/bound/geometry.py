@@ -47,6 +47,7 @@ class Geometry:
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
+        self._uploaded: dict[Mesh, tuple[NDArray[Any], NDArray[Any]]] = {}  # positions and triangles, if nothing failed
         self.centers: dict[Shape, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded shape's bounds, in object space."""
         self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
@@ -105,6 +106,8 @@ class Geometry:
             self._met_once.discard(mesh)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
+                self.posed.forget(mesh)
+                self._uploaded.pop(mesh, None)
                 del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
@@ -128,7 +131,7 @@ class Geometry:
         revision: of the scene. Returns the instances that have other acceleration structures now.
         """
         self.table.reserve(self.rows.limit)
-        users = self._update_meshes() if self._to_upload else []
+        users = self._update_meshes(revision) if self._to_upload else []
         for shape in self.posed.update(revision, self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
             record = self.table.records[self.rows[shape]]
             low, high = record["bounds_min"], record["bounds_max"]
@@ -139,12 +142,12 @@ class Geometry:
                 users.append(shape.instance)
         return users
 
-    def _update_meshes(self) -> list[Any]:
+    def _update_meshes(self, revision: int) -> list[Any]:
         geometries = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
                 self._features.note(mesh)
-                geometries[mesh] = self._upload(mesh, uploads)
+                geometries[mesh] = self._upload(mesh, uploads, revision)
         with self._device.undone_on_error():
             blases = {mesh: Blas(self._device, [geometry], name=mesh.name or "mesh")
                       for mesh, geometry in geometries.items() if mesh in self._ray_users}  # fmt: skip
@@ -157,7 +160,7 @@ class Geometry:
         self._to_upload.clear()
         return [user for mesh in blases for user in self._ray_users.users(mesh)]
 
-    def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
+    def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
@@ -177,9 +180,10 @@ class Geometry:
             parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
             flags |= MESH_HAS_COLORS
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
-        if mesh in self._buffers:
-            self._buffers[mesh].destroy()
-        self._buffers[mesh] = buffer
+        before, self._buffers[mesh] = self._buffers.get(mesh), buffer
+        uploaded = self._uploaded.pop(mesh, None)
+        if before is not None:
+            self._replace(mesh, before, uploaded, revision)
         addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
         offset = 0
         for name, part in parts.items():
@@ -187,6 +191,7 @@ class Geometry:
             uploads.buffer(buffer, part, offset)
             offset += part.nbytes
         record = self.table.records[self.rows[mesh]]
+        self._uploaded[mesh] = mesh.positions, mesh.triangles
         for name, address in addresses.items():
             record[name] = address
         record["previous_positions"] = record["positions"]
@@ -198,6 +203,20 @@ class Geometry:
             positions=addresses["positions"], position_count=len(mesh.positions), indices=addresses["triangles"],
             triangle_count=len(triangles), no_duplicate_any_hit=mesh in self._met_once,
         )  # fmt: skip
+
+    def _replace(
+        self, mesh: Mesh, before: Buffer, uploaded: tuple[NDArray[Any], NDArray[Any]] | None, revision: int
+    ) -> None:
+        """Keep the buffer of a mesh before an edit for motion vectors, or free it. uploaded: what it has."""
+        if uploaded is not None and self.posed.is_seen:
+            positions, triangles = uploaded
+            moves = len(positions) == len(mesh.positions) and not np.array_equal(positions, mesh.positions)
+            if moves and np.array_equal(triangles, mesh.triangles):
+                self.posed.edit(mesh, self.rows[mesh], before, self._buffers[mesh].address, revision)
+                self._features.add("SCENE_POSES")
+                return
+        self.posed.forget(mesh)
+        before.destroy()
 
     def _pack_attributes(self, mesh: Mesh) -> tuple[int, NDArray[Any] | None]:
         """The flags of the attributes that a mesh has, and the attributes if there are any."""

@@ -19,7 +19,8 @@ from solari_vk.cluster.tasks import Style, View
 from solari_vk.errors import SolariError
 from solari_vk.files import read_json, remove_unfinished, write_whole
 from solari_vk.output.animation import MAX_CAMERAS, orbit
-from solari_vk.scene.framing import ROOM_FOV, extent, find_room, fit, trace
+from solari_vk.scene.enclosures import extent, find_room, trace
+from solari_vk.scene.framing import ROOM_FOV, fit
 from solari_vk.scene.model import Camera, Scene
 
 LOWEST, HIGHEST = math.radians(5), math.radians(75)  # of random cameras above the horizon
@@ -70,7 +71,7 @@ def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> 
     while len(places) < 2 or np.linalg.norm(far - near) < LEAST_APART * np.linalg.norm(near - center):
         direction = random.normal(size=3)
         direction /= np.linalg.norm(direction)
-        distance = float(trace(center, direction[None], triangles)[0][0])
+        distance = float(trace(center, direction[None], triangles).distance[0])
         if math.isfinite(distance):  # no window or door
             near, far = far, center + distance * direction
             places.append(far)

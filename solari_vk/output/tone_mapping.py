@@ -92,9 +92,11 @@ def glsl_header() -> str:
 
 
 def tonemap(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -> Colors:
-    """Display-linear colors (..., 3) in [0, 1] of radiance (..., 3) times exposure.
+    """Linear colors (..., 3) in [0, 1] of radiance (..., 3) in cd/m^2 times exposure. They aren't sRGB codes yet.
 
-    curve is a name of `CURVES`. NaN becomes black, infinity white. Raises SolariError for an unknown curve.
+    Saved or shown as they are, they look too dark: `encode_picture` gives the 8-bit sRGB codes of pictures, and
+    `RenderedFrame.image` those of a frame. exposure: such as `camera.exposure`. curve: a name of `CURVES`. NaN becomes
+    black, infinity white. Raises SolariError for an unknown curve.
     """
     if curve not in CURVES:
         raise SolariError(f"there is no tone mapping '{curve}'; there are {', '.join(CURVES)}")
@@ -119,7 +121,10 @@ def decode_srgb(encoded: ArrayLike) -> Colors:
 
 
 def encode_picture(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -> NDArray[np.uint8]:
-    """What a screen shows of radiance (..., 3) in cd/m^2: tone-mapped sRGB codes (..., 3) from 0 to 255."""
+    """The picture of radiance (..., 3) in cd/m^2 times exposure: tone-mapped sRGB codes (..., 3) from 0 to 255.
+
+    exposure: such as `camera.exposure`. curve: as for `tonemap`, as are the errors.
+    """
     encoded = encode_srgb(tonemap(radiance, exposure=exposure, curve=curve))
     return np.round(encoded * 255).astype(np.uint8)
 

@@ -3,72 +3,41 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.enclosures import Floats, extent, find_dome, find_room, largest_triangles, trace
 
 if TYPE_CHECKING:
-    from solari_vk.scene.objects import Instance, Mesh
+    from solari_vk.scene.objects import Instance
 
-Floats = NDArray[np.float64]
 VIEW = (-0.55, -0.4, -1.0)  # the direction in which objects are seen: a three-quarter view from above
 OBJECT_FOV, ROOM_FOV = math.radians(35), math.radians(65)
 MARGIN = 1.08
-MAX_POINTS = 2**20  # beyond that the corners of bounding boxes stand for vertices
-MAX_TRIANGLES = 2**16  # that rays see: the largest
-DIRECTION_COUNT = 192
-# The center of a room sees front faces in this share of directions, and has a ceiling at a height in meters. Jars and
-# boxes enclose their center too, but are smaller.
-ROOM_SHARE = 0.8
-LOWEST_ROOM, HIGHEST_ROOM = 1.8, 100.0
-# Where a room is looked for: shares of the scene's bounds, and a height above them in meters that replaces the share.
-PLACES = (((0.5, 0.5, 0.5), None), *(((x, 0.0, z), 1.6) for x in (0.5, 0.25, 0.75) for z in (0.5, 0.25, 0.75)))
+WIDEST_FOV = math.radians(100)  # in a dome that leaves no room to step back
 
 
-def default_camera(instances: list[Instance], points: Floats, aspect: float) -> Camera:
-    """A camera that shows visible instances, and points (N, 3) that are theirs. aspect: width / height of the picture.
+def default_camera(poses: Iterable[list[Instance]], aspect: float) -> Camera | None:
+    """A camera that shows instances in several poses, of which the last one stays; None if there are no instances.
 
-    A room is seen from inside.
+    aspect: width / height of the picture. A room is seen from inside, and what is in a dome from within the dome.
     """
-    room = find_room(instances, points)
-    return fit(points, VIEW, aspect) if room is None else _inside(room.center, room.triangles)
-
-
-class Room(NamedTuple):
-    """A point that walls, a floor and a ceiling enclose."""
-
-    center: Floats
-    """The point, (3,) in meters."""
-    below: float
-    """The distance to the floor, or what stands on it, in meters."""
-    above: float
-    """The distance to the ceiling, or what hangs from it, in meters."""
-    triangles: Floats
-    """Corners (N, 3, 3) of the scene's largest triangles."""
-
-
-def find_room(instances: list[Instance], points: Floats) -> Room | None:
-    """A room among visible instances, and points (N, 3) that are theirs; None if there is none.
-
-    Rays from the center of the points, and from some places at the height of a visitor's eyes, decide whether the
-    instances enclose the place.
-    """
-    low, high = points.min(axis=0), points.max(axis=0)
-    triangles = _largest_triangles(instances)
-    for share, height in PLACES:
-        place = low + np.array(share) * (high - low)
-        if height is not None:
-            place[1] = low[1] + height
-        below, above = trace(place, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles)[0].tolist()
-        if LOWEST_ROOM <= below + above <= HIGHEST_ROOM:
-            _, front = trace(place, _directions(DIRECTION_COUNT), triangles)
-            if front.mean() >= ROOM_SHARE:
-                return Room(place, below, above, triangles)
-    return None
+    visible: list[Instance] = []
+    points, dome = [], None
+    for shown in filter(None, poses):
+        dome = dome if visible else find_dome(shown)
+        visible = shown
+        points.append(extent([instance for instance in shown if dome is None or instance in dome.inside] or shown))
+    if not visible:
+        return None
+    every = np.concatenate(points)
+    if dome is not None:
+        return _in_dome(fit(every, VIEW, aspect), every, largest_triangles(dome.shells), aspect)
+    room = find_room(visible, every)
+    return fit(every, VIEW, aspect) if room is None else _inside(room.center, room.triangles)
 
 
 def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:
@@ -98,11 +67,27 @@ def _middle(across: Floats, depth: Floats) -> float:
     return (low + high) / 2
 
 
+def _in_dome(camera: Camera, points: Floats, triangles: Floats, aspect: float) -> Camera:
+    """The camera, moved towards the points (N, 3) and with a wider view if triangles (M, 3, 3) would stand between."""
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    eye = camera.transform[:3, 3].astype(np.float64)
+    free = 0.9 * float(trace(center, (eye - center)[None], triangles).distance[0])
+    if free >= 1:
+        return camera
+    transform = camera.transform.copy()
+    transform[:3, 3] = center + free * (eye - center)
+    x, y, z = ((points - transform[:3, 3]) @ transform[:3, :3]).T
+    slopes = np.maximum(np.abs(y), np.abs(x) / aspect) / np.maximum(-z, 1e-9)
+    fov = min(2 * math.atan(float(slopes.max()) * MARGIN), WIDEST_FOV)
+    camera.update(transform=transform, vertical_fov=fov, near=camera.near * free)
+    return camera
+
+
 def _inside(center: Floats, triangles: Floats) -> Camera:
     """A camera in a room: at one end of the longest way through the center, towards the other end."""
     turns = 2 * math.pi * np.arange(48) / 48
     level = np.stack([np.sin(turns), 0 * turns, np.cos(turns)], axis=1)
-    free, _ = trace(center, level, triangles)
+    free = trace(center, level, triangles).distance
     longest = 4 * np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0))
     free = np.minimum(free, longest)
     ahead = int(np.argmax(free + np.roll(free, -24)))  # the opposite direction is half a turn away
@@ -113,70 +98,3 @@ def _inside(center: Floats, triangles: Floats) -> Camera:
     target = center + 0.8 * free[ahead] * level[ahead]
     target[1] -= 0.1 * (free[ahead] + behind)
     return Camera.look_at(eye, target, vertical_fov=ROOM_FOV, near=max(1e-3 * float(behind + free[ahead]), 1e-9))
-
-
-def trace(origin: Floats, directions: Floats, triangles: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Distances (N,) from a point (3,) to the nearest triangle in each direction (N, 3), and whether its front is hit.
-
-    triangles: corners (M, 3, 3). Distances are infinite without a hit. Möller and Trumbore, "Fast, Minimum Storage
-    Ray/Triangle Intersection" (1997).
-    """
-    corner = triangles[:, 0]
-    edges = triangles[:, 1:] - corner[:, None]
-    normal = np.cross(edges[:, 0], edges[:, 1])
-    offset = origin - corner
-    turned = np.cross(offset, edges[:, 0])
-    ahead = (edges[:, 1] * turned).sum(axis=1)
-    distance = np.full(len(directions), np.inf)
-    front = np.zeros(len(directions), np.bool_)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for index, direction in enumerate(directions):
-            facing = normal @ direction
-            across = np.cross(direction, edges[:, 1])
-            u, v = (offset * across).sum(axis=1) / -facing, turned @ direction / -facing
-            t = np.where((u >= 0) & (v >= 0) & (u + v <= 1), ahead / -facing, np.inf)
-            t[~(t > 0)] = np.inf
-            nearest = int(np.argmin(t)) if len(t) else 0
-            if len(t) and np.isfinite(t[nearest]):
-                distance[index] = t[nearest]
-                front[index] = facing[nearest] < 0
-    return distance, front
-
-
-def _directions(count: int) -> Floats:
-    """Unit vectors (count, 3) spread evenly over the sphere: Fibonacci's lattice."""
-    z = 1 - (2 * np.arange(count) + 1) / count
-    turn = math.pi * (3 - math.sqrt(5)) * np.arange(count)
-    ring = np.sqrt(1 - z * z)
-    return np.stack([ring * np.cos(turn), z, ring * np.sin(turn)], axis=1)
-
-
-def extent(instances: list[Instance]) -> Floats:
-    """Points (N, 3) that have the extent of the instances: their vertices, or of many the corners of their boxes."""
-    every = sum(len(instance.mesh.positions) for instance in instances) <= MAX_POINTS
-    points = []
-    for instance in instances:
-        positions = instance.posed_mesh().positions
-        low, high = positions.min(axis=0), positions.max(axis=0)
-        corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-        points.append(transform_points(instance.transform, positions if every else corners))
-    return np.concatenate(points).astype(np.float64)
-
-
-def _largest_triangles(instances: list[Instance]) -> Floats:
-    """Corners (N, 3, 3) of the largest triangles of each instance, as many in proportion to how many it has."""
-    share = MAX_TRIANGLES / max(sum(len(instance.mesh.triangles) for instance in instances), 1)
-    largest: dict[Mesh, Floats] = {}
-    corners = []
-    for instance in instances:
-        mesh = instance.mesh
-        if mesh not in largest:
-            found = mesh.positions[mesh.triangles]
-            count = max(math.ceil(len(found) * share), 12)
-            if count < len(found):
-                area = np.linalg.norm(np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0]), axis=1)
-                found = found[np.argpartition(-area, count)[:count]]
-            largest[mesh] = found.astype(np.float64)
-        placed = transform_points(instance.transform, largest[mesh])
-        corners.append(placed[:, ::-1] if np.linalg.det(instance.transform[:3, :3]) < 0 else placed)
-    return np.concatenate(corners)

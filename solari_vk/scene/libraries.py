@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterable
 from importlib import import_module, util
 from typing import Any
 
 from solari_vk.errors import SolariError
 
 INSTALL = "pip install 'solari-vk[formats]'"
+
+
+def warn_of_missing(remarks: Iterable[str]) -> None:
+    """Warn of those remarks about a file of which a library would show more: they mustn't be missed."""
+    for remark in remarks:
+        if INSTALL in remark:
+            warnings.warn(remark, stacklevel=3)
 
 
 def is_installed(module: str) -> bool:

@@ -17,7 +17,7 @@ from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
-from solari_vk.scene.framing import default_camera, extent
+from solari_vk.scene.framing import default_camera
 from solari_vk.scene.group import Group, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
@@ -257,10 +257,12 @@ class Scene(Observable):
     def camera_for(self, aspect: float, clip: Animation | int | str | None = None) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
-        It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
-        one that shows all of it from above at an angle, or a room from inside, which is created on the first call and
-        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip, or its number or name in
-        `animations`, the scene is posed as at its start, and a camera that is created shows all that the clip does.
+        It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is one that shows
+        all of it from above at an angle, a room from inside, and what stands in a dome, such as a modelled sky, from
+        within the dome. It is created on the first call and kept, but not added to `cameras`. For an empty scene it is
+        Camera(). With a clip, or its number or name in `animations`, the scene is posed as at its start, and a camera
+        that is created shows all that the clip does.
+
         Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
         if not (isinstance(aspect, (int, float, np.number)) and 0 < aspect < np.inf):
@@ -270,19 +272,19 @@ class Scene(Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            visible: list[Instance] = []
-            points = []
-            for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
-                if clip is not None:
-                    clip.apply(self, seconds, loop=False)
-                if shown := self._subject():
-                    visible = shown
-                    points.append(extent(visible))
-            if not visible:
+            camera = default_camera(self._poses(clip), aspect)
+            if camera is None:
                 return Camera()
-            self._camera = default_camera(visible, np.concatenate(points), aspect)
-            self._camera.auto_exposure = self._meters
+            camera.auto_exposure = self._meters
+            self._camera = camera
         return self._camera
+
+    def _poses(self, clip: Animation | None) -> Iterator[list[Instance]]:
+        """What the default camera shows, in poses of a clip of which the last is its start."""
+        for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
+            if clip is not None:
+                clip.apply(self, seconds, loop=False)
+            yield self._subject()
 
     @property
     def camera(self) -> Camera:

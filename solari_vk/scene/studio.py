@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
-from solari_vk.scene.framing import Room
+from solari_vk.scene.enclosures import Room
 from solari_vk.scene.lights.environment import Environment, directions, solid_angles
 from solari_vk.scene.lights.punctual import PointLight
 from solari_vk.scene.model import Camera, Scene

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from solari_vk.scene.emission import mean_emission
-from solari_vk.scene.framing import extent, find_room
+from solari_vk.scene.enclosures import extent, find_dome, find_room, place_of
 from solari_vk.scene.lights.environment import Environment
 from solari_vk.scene.lights.sky import Sky
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.studio import add_floor, add_lamp, heading, studio_lights
 
 # In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls. Weaker ones are signs and screens.
@@ -20,7 +20,7 @@ SUN_HEADING, SUN_HEIGHT = math.radians(-50), math.radians(40)  # from the camera
 
 def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     """Surround a scene by "studio", "sky", "none" or a picture in a file; "auto" keeps what the scene has, and gives a
-    scene without light a studio, or a lamp if it is a closed room.
+    scene without light a studio, or a lamp if it is a closed room, or if the camera is in a dome or a closed shell.
 
     camera: what turns with it. Returns what the scene got for want of light, "" if it has some, and whether a studio
     alone lights it, which suits EV100 0.
@@ -28,10 +28,7 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     lit, given = any(light.emits for light in scene.lights) or mean_emission(scene) >= LEAST_EMISSION, ""
     if kind == "auto" and not lit:
         visible = [instance for instance in scene if instance.visible]
-        room = find_room(visible, extent(visible)) if visible else None
-        kind, given = ("studio", "shown in a studio") if room is None else ("auto", "a room, and gets a lamp")
-        if room is not None:
-            add_lamp(scene, room)
+        kind, given = _light_within(scene, visible, camera) if visible else ("studio", "shown in a studio")
     if kind == "none":
         scene.environment = None
     elif kind == "studio":
@@ -41,6 +38,20 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     elif kind != "auto":
         scene.environment = Environment(kind)
     return given, kind == "studio" and not lit
+
+
+def _light_within(scene: Scene, visible: list[Instance], camera: Camera) -> tuple[str, str]:
+    """A lamp, where the light of a studio doesn't get in. Returns the surroundings, and words for what was given."""
+    dome = find_dome(visible)
+    room = find_room(visible, extent(visible)) if dome is None else None
+    if room is not None:
+        add_lamp(scene, room)
+        return "auto", "a room, and gets a lamp"
+    place, closed = place_of(camera, visible)
+    if dome is None and not closed:
+        return "studio", "shown in a studio"
+    add_lamp(scene, place)
+    return "auto", f"seen within a {'dome' if dome else 'closed shell'}, and gets a lamp"
 
 
 def _add_sky(scene: Scene, camera: Camera, lit: bool) -> None:

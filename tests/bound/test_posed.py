@@ -117,6 +117,41 @@ def test_previous_positions_are_those_of_the_same_renderer(bound):
     assert not shape_of(binder, instance).copies, "nobody needs them"
 
 
+def test_previous_positions_of_edited_meshes(bound):
+    """They are those that each renderer saw last; none with other triangles, and none are kept that nobody needs."""
+    mesh, _ = tube()
+    mesh.deformation = None
+    instance, other = sv.Instance(mesh), sv.Instance(tube()[0])
+    binder = bound(instance, other)
+    users = {name: User() for name in "abc"}
+    buffers, shown = {}, {}
+    for frame, names in enumerate(["", "a", "ab", "a", "a", "", "ac", "b", "a", "aa", "bc", "ab", "c", "ba"]):
+        other.transform = [frame, 0, 0]
+        if frame % 5 != 4:
+            mesh.positions = mesh.positions + np.float32(0.1)
+        for name in names:
+            binder.update(users[name])
+            buffer, record = binder._geometry._buffers[mesh], record_of(binder, mesh)
+            buffers[buffer.address] = mesh.positions
+            assert int(record["positions"]) == buffer.address
+            before = buffers[int(record["previous_positions"])]
+            np.testing.assert_array_equal(before, shown.get(name, mesh.positions), err_msg=f"{frame} {name}")
+            shown[name] = mesh.positions
+            edited = binder._geometry.posed._edited.get(mesh)
+            assert edited is None or len(edited._earlier) <= len(shown)
+    assert "SCENE_POSES" in binder.features
+    mesh.uvs = mesh.uvs * 2
+    longer = tube(5, rings=20)[0]
+    mesh.update(**{name: getattr(longer, name) for name in ("positions", "triangles", "normals", "tangents", "uvs")})
+    binder.update(users["a"])
+    record = record_of(binder, mesh)
+    assert record["positions"] == record["previous_positions"]
+    mesh.positions = mesh.positions + np.float32(0.1)
+    users.clear()
+    binder.update()
+    assert not binder._geometry.posed._edited
+
+
 def test_equal_poses_are_at_rest(bound):
     """An array of the same numbers is the same pose, for which the device has nothing to do."""
     mesh, rest = tube(targets=1)

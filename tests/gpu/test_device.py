@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -83,6 +85,28 @@ def test_why_the_processor_renders(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "let this user open /dev/dri/renderD" in why([soft], software.CARDS)
     monkeypatch.setenv("VK_DRIVER_FILES", "lvp.json")
     assert not why([soft], software.NVIDIA)
+
+
+@pytest.mark.parametrize(
+    ("vendor", "kind", "words"),
+    [("0x10de", "0x030200", "of NVIDIA.*--gpus all"), ("0x1002", "0x038000", "of AMD.*--device /dev/dri"),
+     ("0x8086", "0x020000", None), ("0x1af4", "0x030000", None)],
+)  # fmt: skip
+def test_a_card_that_no_driver_shows(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, vendor: str, kind: str, words: str | None
+) -> None:
+    """A network adapter and a virtual display aren't cards, nor is the device file of such a display."""
+    for name, text in (("vendor", vendor), ("class", kind)):
+        (tmp_path / name).write_text(text + "\n")
+    monkeypatch.setattr(software, "glob", lambda pattern: [str(tmp_path)] if pattern == software.PCI else [])
+    for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
+        monkeypatch.delenv(name, raising=False)
+    said = software.why_software(MACHINE[:1], MACHINE[0], "auto")
+    assert "\n" not in said
+    assert re.search(words, said) if words else not said
+    monkeypatch.setattr(software, "glob", lambda pattern: ["renderD128"] if pattern == software.CARDS else [])
+    monkeypatch.setattr(software, "_read", lambda folder, name: vendor)
+    assert bool(software.why_software(MACHINE[:1], MACHINE[0], "auto")) == (vendor in software.MAKERS)
 
 
 def test_choice_by_the_way_to_trace() -> None:

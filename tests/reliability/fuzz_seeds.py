@@ -5,10 +5,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import OpenEXR
 import trimesh
+from PIL import Image
 from support import ktx2_files
 from support.compressed_gltf import draco_file, meshopt_file
 from support.gltf_writer import TRIANGLE, GltfWriter, encoded
@@ -79,6 +81,10 @@ def everything() -> GltfWriter:
     samplers[2]["interpolation"] = "CUBICSPLINE"
     channels = [{"sampler": n, "target": {"node": node, "path": path}} for n, (node, path, _) in enumerate(keys)]
     writer.add("animations", channels=channels, samplers=samplers)
+    gradient = {name: [1, 0.5, 0] for name in ("topColor", "horizonColor", "bottomColor")}
+    writer.json["extensions"]["OMI_environment_sky"] = {"skies": [
+        {"type": "panorama", "panorama": {"equirectangular": texture, "cubemap": [texture] * 6}},
+        {"type": "gradient", "gradient": gradient}]}  # fmt: skip
     writer.json["extensionsUsed"] = ["KHR_materials_ior", "KHR_lights_punctual"]
     writer.json["extensionsRequired"] = ["KHR_mesh_quantization"]
     writer.add("scenes", nodes=[root, *joints], name="main")
@@ -165,6 +171,17 @@ def _ktx2() -> list[tuple[bytes, str]]:
     return [(file, "KHR_texture_basisu") for file in files]
 
 
+def _exr_textures() -> list[tuple[bytes, str]]:
+    with TemporaryDirectory() as folder:
+        return [(file, "EXT_texture_exr") for file in _exr(Path(folder))]
+
+
+def _dds() -> list[tuple[bytes, str]]:
+    noise = Image.fromarray(np.random.default_rng(3).integers(0, 255, (8, 8, 3), np.uint8))
+    files = [encoded(noise, "DDS"), *(encoded(noise, "DDS", pixel_format=name) for name in ("DXT1", "DXT5", "BC5"))]
+    return [(file, "MSFT_texture_dds") for file in files]
+
+
 def _png() -> list[tuple[bytes, str]]:
     """One has something after its end, which readers skip: nearly all other damage breaks a checksum."""
     whole = encoded(np.random.default_rng(3).integers(0, 255, (8, 8, 3)))
@@ -179,6 +196,8 @@ def _pictures(kind: str, extension: str, *options: dict[str, object]) -> Callabl
 IMAGES: dict[str, Callable[[], list[tuple[bytes, str]]]] = {
     "ktx2": _ktx2,
     "webp": _pictures("WEBP", "EXT_texture_webp", {}, {"lossless": True}),
+    "exr_textures": _exr_textures,
+    "dds": _dds,
     "png": _png,
     "jpeg": _pictures("JPEG", "", {}, {"progressive": True}),
 }

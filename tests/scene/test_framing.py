@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.scene import framing, shapes
+from solari_vk.scene import enclosures, framing, shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import transform_points
 
@@ -117,7 +117,7 @@ def test_rooms_are_found_beside_the_center_of_the_bounds():
     scene.add(shapes.box((2, 3, 1), (3, 4, 2)), WHITE)
     eye = scene.camera.transform[:3, 3]
     assert (np.abs(eye) < (3, 3, 2)).all()
-    found = framing.find_room(list(scene), framing.extent(list(scene)))
+    found = enclosures.find_room(list(scene), enclosures.extent(list(scene)))
     assert found.center[1] == pytest.approx(1.6)
     assert (found.below, found.above) == pytest.approx((1.6, 1.4))
 

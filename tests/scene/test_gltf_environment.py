@@ -1,8 +1,9 @@
-"""EXT_lights_image_based: the cube's faces lie where the extension says, its values are unpacked, errors are named."""
+"""EXT_lights_image_based and OMI_environment_sky: what is in a direction, its values, and errors with their place."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from support.oracles import environments
 
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
@@ -84,3 +85,82 @@ def test_errors_name_the_place(writer):
         assert writer.load_with_loss(message).environment is None
         fields.clear()
         fields |= right
+
+
+# ---- OMI_environment_sky ----------------------------------------------------------------------------
+
+
+def sky_of(writer, *skies, scene=True, **use):
+    """The scene of a file with these skies."""
+    writer.json["extensions"] = {"OMI_environment_sky": {"skies": list(skies)}} | use.pop("extensions", {})
+    writer.json["extensionsUsed"] = ["OMI_environment_sky"]
+    nodes = [writer.node(mesh=writer.mesh())]
+    if scene:
+        writer.add("scenes", nodes=nodes, extensions={"OMI_environment_sky": use})
+    return writer.load()
+
+
+def test_plain_skies_and_which_of_several(writer):
+    scene = sky_of(writer, {"type": "plain"}, {"type": "plain", "plain": {"color": [1, 2, 3]}}, sky=1)
+    assert (scene.environment.image[0, 0].tolist(), scene.warnings) == ([1, 2, 3], [])
+
+
+def test_the_first_sky_is_that_of_scenes_without_one(writer):
+    assert sky_of(writer, {"type": "plain", "plain": {"color": [1, 2, 3]}}, scene=False).environment.image.max() == 3
+
+
+def test_gradient_skies(writer):
+    colors = {"topColor": [1, 0, 0], "horizonColor": [0, 1, 0], "bottomColor": [0, 0, 4]}
+    curves = {"topCurve": 1, "bottomCurve": 0.5}
+    environment = sky_of(writer, {"type": "gradient", "gradient": {**colors, **curves}}).environment
+    half = np.sqrt(0.5)
+    seen = environments.radiance(environment, [(0, 1, 0), (half, half, 0), (0, 0, -1), (0, -half, half), (0, -1, 0)])
+    share = 1 - 0.5**2  # of the nadir's color, half-way down
+    expected = [(1, 0, 0), (0.5, 0.5, 0), (0, 1, 0), (0, 1 - share, 4 * share), (0, 0, 4)]
+    np.testing.assert_allclose(seen, expected, atol=0.02)
+
+
+def test_panoramas_have_z_in_the_middle_and_x_at_its_left(writer):
+    """Quarters of the horizon: what is seen from inside along +z lies in the middle, and +x at its left."""
+    quarters = np.repeat(np.array([(50, 0, 0), (100, 0, 0), (150, 0, 0), (200, 0, 0)], np.uint8), 8, axis=0)
+    picture = np.roll(np.tile(quarters, (16, 1, 1)), -4, axis=1)  # the quarter of 150 around the middle
+    scene = sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": writer.image(picture)}})
+    seen = environments.radiance(scene.environment, AXES[[0, 4, 1, 5]])[:, 0]
+    np.testing.assert_allclose(seen, LINEAR_OF_SRGB[[100, 150, 200, 50]], rtol=1e-5)
+
+
+def test_cubes_of_skies(writer):
+    faces = [writer.image(face[..., :3]) for face in flat_faces()]
+    scene = sky_of(writer, {"type": "panorama", "panorama": {"cubemap": faces}})
+    seen = environments.radiance(scene.environment, AXES)[:, 0]
+    np.testing.assert_allclose(seen, LINEAR_OF_SRGB[np.arange(40, 241, 40)], rtol=1e-5)
+
+
+GRADIENT = {key: [1, 1, 1] for key in ("topColor", "horizonColor", "bottomColor")}
+
+
+@pytest.mark.parametrize(
+    ("sky", "use", "warning", "lit"),
+    [
+        ({"type": "physical"}, {}, "physical skies are left out: give another light", False),
+        ({"type": "plain", "ambientSkyContribution": 0.5}, {}, "ambient light apart from that of the sky", True),
+        ({"type": "gradient", "gradient": GRADIENT}, {"extensions": {"KHR_lights_punctual": {"lights": []}}},
+         "the glow of gradient skies", True),
+        ({"type": "gradient"}, {}, "sky 0 has a wrong field: 'horizonColor' is missing", False),
+        ({"type": "green"}, {}, "'type' is 'green', but must be one of gradient, panorama, physical, plain", False),
+        ({"type": "plain"}, {"sky": 4}, "refers to sky 4, but the file has only 1", False),
+        ({"type": "panorama", "panorama": {"cubemap": [0]}}, {}, "a list of six textures", False),
+        ({"type": "panorama", "panorama": {"equirectangular": 7}}, {}, "refers to texture 7", False),
+    ],
+)  # fmt: skip
+def test_what_of_skies_is_left_out_is_named(writer, sky, use, warning, lit):
+    scene = sky_of(writer, sky, **use)
+    assert (scene.environment is not None) == lit
+    assert any(warning in line for line in scene.warnings), scene.warnings
+
+
+def test_a_sky_without_its_image_is_left_out(writer):
+    texture = writer.add("textures", source=writer.add("images", uri="missing.jpg"))
+    scene = sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": texture}})
+    assert scene.environment is None
+    assert any("skies whose images can't be read" in line for line in scene.warnings)

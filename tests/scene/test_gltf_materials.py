@@ -237,10 +237,10 @@ def test_two_sets_of_uvs(writer):
 
 
 def test_textures_in_other_formats_are_reported(writer):
-    texture = writer.add("textures", name="wood", **extension("MSFT_texture_dds", source=0))
+    texture = writer.add("textures", name="wood", **extension("EXT_texture_avif", source=0))
     material, warnings = load(writer, emissiveTexture={"index": texture})
     assert material.emissive_texture is None
-    expected = "textures have no image in a format that can be read (MSFT_texture_dds) and are left out"
+    expected = "textures have no image in a format that can be read (EXT_texture_avif) and are left out"
     assert warnings == [f"{expected}: texture 0 'wood'"]
 
 

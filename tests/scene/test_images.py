@@ -83,7 +83,7 @@ def test_plain_pixels(scheme):
 # ---- files that are refused -------------------------------------------------------------------------
 
 CLAIM = ktx2_files.UASTC_ZSTD[:96] + struct.pack("<Q", 2**40) + ktx2_files.UASTC_ZSTD[104:]
-OTHER_FORMAT = "is not a PNG, JPEG, WebP or KTX2 image, or is damaged"
+OTHER_FORMAT = "is not a PNG, JPEG, WebP, KTX2, DDS or EXR image, or is damaged"
 
 
 @pytest.mark.parametrize(

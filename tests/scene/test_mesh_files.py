@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from support import ktx2_files
 from support.gltf_writer import encoded
 
 import solari_vk as sv
@@ -152,6 +153,16 @@ def test_given_normals_and_colors_of_vertices_are_kept(tmp_path, format):
     right = mesh.positions[:, 0] > 0
     np.testing.assert_allclose(mesh.colors[right], np.tile([0.503, 0, 1], (right.sum(), 1)), atol=2e-3)
     np.testing.assert_allclose(mesh.colors[~right], 1)
+
+
+def test_textures_that_need_a_missing_library_are_warned_of(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
+    (tmp_path / "plane.obj").write_text(PLANE)
+    (tmp_path / "plane.mtl").write_text("newmtl red\nmap_Kd wood.ktx2\nnewmtl lamp\n")
+    (tmp_path / "wood.ktx2").write_bytes(ktx2_files.ETC1S)
+    with pytest.warns(UserWarning, match="textures are left out: .*wood.ktx2.*pip install 'solari-vk") as warned:
+        scene = sv.load(tmp_path / "plane.obj")
+    assert [str(one.message) for one in warned] == scene.warnings
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,16 @@ class PosedMesh:
         growth = self.area / self.built_area if self.built_area > 0 else 2 * MAX_GROWTH
         return self.refits >= MAX_REFITS or not 1 / MAX_GROWTH <= growth <= MAX_GROWTH
 
+    @property
+    def revision(self) -> int:
+        """The revision of the scene from which on the newest pose is current."""
+        return self.revisions[self.side]
+
+    @property
+    def address(self) -> int:
+        """The address of the positions in the newest pose."""
+        return self.addresses[self.side]
+
     def revision_at(self, revision: float) -> int:
         """The revision of the latest known pose that is not newer than a revision; -1 if there is none."""
         return max((known for known in (*self.revisions, *self.copies) if known <= revision), default=-1)

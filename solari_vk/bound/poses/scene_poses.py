@@ -7,6 +7,7 @@ of its tree as they were grouped; after some poses, and when the bounds have gro
 
 The previous frame of one renderer of the scene may be older than that of another one. Before each frame the records
 name the positions that its renderer showed last, and a pose that a renderer showed last is copied before it is lost.
+Meshes whose positions were edited have the buffers of earlier ones for the same purpose.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.poses.edited_mesh import EditedMesh
 from solari_vk.bound.poses.pose_commands import TIMED, PoseCommands
 from solari_vk.bound.poses.posed_mesh import PosedMesh
 from solari_vk.bound.table import Table
@@ -48,8 +50,9 @@ class ScenePoses:
         self._rows: dict[PosedMesh, tuple[int, bool]] = {}  # in `meshes`, and whether rays meet it
         self._changed: dict[PosedMesh, None] = {}
         self._to_do: dict[PosedMesh, None] = {}  # whose vertices are to be computed by `submit`
-        self._moving: dict[PosedMesh, None] = {}  # whose records name other previous positions than positions
-        self._latest: dict[PosedMesh, None] = {}  # those whose pose is the newest are last
+        self._edited: dict[Mesh, EditedMesh] = {}
+        self._moving: dict[PosedMesh | EditedMesh, None] = {}  # whose previous positions are others than the positions
+        self._latest: dict[PosedMesh | EditedMesh, None] = {}  # those whose pose is the newest are last
         self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()  # the latest revision, by user
 
     def add(self, shape: PosedMesh, row: int, traced: bool) -> None:
@@ -118,6 +121,27 @@ class ScenePoses:
 
     # ---- motion -------------------------------------------------------------------------------------
 
+    @property
+    def is_seen(self) -> bool:
+        """Whether a user of the scene has seen it, who needs previous positions."""
+        return bool(self._seen)
+
+    def edit(self, mesh: Mesh, row: int, before: Buffer, address: int, revision: int) -> None:
+        """Take note of other positions of a mesh, at an address, from a revision of the scene on. row: in `meshes`.
+        before: begins with the earlier positions, and is owned from now on."""
+        edited = self._edited.setdefault(mesh, EditedMesh(row, before.address))
+        edited.edit(before, address, revision)
+        edited.keep(self._seen.values())
+        self._latest.pop(edited, None)
+        self._latest[edited] = None
+
+    def forget(self, mesh: Mesh) -> None:
+        """Free the earlier positions of a mesh, which have nothing to do with its current ones or aren't used."""
+        if (edited := self._edited.pop(mesh, None)) is not None:
+            for known in (self._moving, self._latest):
+                known.pop(edited, None)
+            edited.destroy()
+
     def show(self, user: Any) -> bool:
         """Have the previous positions be those that a user of the scene has seen last; returns whether records changed.
 
@@ -128,19 +152,21 @@ class ScenePoses:
         seen = self._seen.get(user, math.inf)
         moved = {}
         for shape in reversed(self._latest):
-            if shape.revisions[shape.side] <= seen:
+            if shape.revision <= seen:
                 break
             if (address := shape.address_at(seen)) is not None:
                 moved[shape] = address
-        targets = {shape: shape.addresses[shape.side] for shape in self._moving} | moved
+        targets = {shape: shape.address for shape in self._moving} | moved
         self._moving = dict.fromkeys(moved)
         changed = False
         for shape, address in targets.items():
-            row, _ = self._rows[shape]
+            row = shape.row if isinstance(shape, EditedMesh) else self._rows[shape][0]
             record = self._meshes.records[row]
             if record["previous_positions"] != address:
                 record["previous_positions"], changed = address, True
                 self._meshes.mark([row])
+            if isinstance(shape, EditedMesh) and shape not in moved:
+                shape.keep(self._seen.values())
         return changed
 
     def note_seen(self, user: Any, revision: int) -> None:
@@ -249,6 +275,8 @@ class ScenePoses:
             shape.destroy()
         for source in self._sources.values():
             source.destroy()
+        for edited in self._edited.values():
+            edited.destroy()
         self._commands.destroy()
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from glob import glob
+from pathlib import Path
 
 from solari_vk.gpu.device.physical import PhysicalDevice
 
 # Device files of graphics cards: NVIDIA's own, and those of the kernel's drivers.
 NVIDIA, CARDS = "/dev/nvidia[0-9]*", "/dev/dri/renderD*"
+PCI = "/sys/bus/pci/devices/*"  # the machine's devices, in containers too
+MAKERS = {"0x10de": "NVIDIA", "0x1002": "AMD", "0x8086": "Intel"}
 
 
 def why_software(devices: Sequence[PhysicalDevice], chosen: PhysicalDevice, rays: str) -> str:
@@ -24,10 +27,35 @@ def why_software(devices: Sequence[PhysicalDevice], chosen: PhysicalDevice, rays
     elif glob(NVIDIA):
         why = ("an NVIDIA card is here, but not its Vulkan driver: start the container with "
                "NVIDIA_DRIVER_CAPABILITIES=all, or install the driver's package with libGLX_nvidia.so")  # fmt: skip
-    elif found := glob(CARDS):
+    elif found := [path for path in glob(CARDS) if _is_known(path)]:
         closed = [path for path in found if not os.access(path, os.R_OK | os.W_OK)]
         remedy = f"let this user open {closed[0]} (group render)" if closed else "install its Vulkan driver"
         why = f"a graphics card is here, but no Vulkan driver has it: {remedy}"
+    elif maker := _maker():
+        passed = "--gpus all" if maker == "NVIDIA" else "--device /dev/dri"
+        why = (f"the machine has a graphics card of {maker}, but no driver of the kernel shows it here: install the "
+               f"driver, or start the container with {passed}")  # fmt: skip
     else:
         return ""
     return f"rendering on the processor, by {chosen.properties.name}, which is slow: {why}; solari-vk info says more"
+
+
+def _maker() -> str:
+    """Who made the first graphics card among the machine's PCI devices; "" without a card of `MAKERS`."""
+    for device in sorted(glob(PCI)):
+        if _read(device, "class").startswith("0x03") and (maker := MAKERS.get(_read(device, "vendor"))):
+            return maker
+    return ""
+
+
+def _is_known(card: str) -> bool:
+    """Whether a device file is that of a card of `MAKERS`, other than of a virtual machine's display; True if the
+    kernel doesn't say."""
+    return _read(f"/sys/class/drm/{os.path.basename(card)}/device", "vendor") in ("", *MAKERS)
+
+
+def _read(folder: str, name: str) -> str:
+    try:
+        return Path(folder, name).read_text("ascii", "replace").strip()
+    except OSError:
+        return ""

@@ -132,6 +132,7 @@ EXTENSIONS = (
     Extension("KHR_node_selectability", "no", "for interaction only"),
     Extension("KHR_node_visibility", "works", ""),
     Extension("KHR_texture_basisu", "works", "with the extra `formats`"),
+    Extension("KHR_texture_ktx", "part", "KTX2 of one layer with 8 bits a channel; `ktx2ktx2` converts KTX 1"),
     Extension("KHR_texture_transform", "works", ""),
     Extension("KHR_xmp_json_ld", "works", "metadata, which pictures don't show"),
     # Drafts of Khronos.
@@ -154,6 +155,7 @@ EXTENSIONS = (
     Extension("EXT_meshopt_compression", "works", "with the extra `formats`"),
     Extension("EXT_structural_metadata", "no", "metadata, which pictures don't show"),
     Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
+    Extension("EXT_texture_exr", "works", "values above 1 are 1, in 8 bits"),
     Extension("EXT_texture_webp", "works", ""),
     # Of one vendor, and withdrawn ones.
     Extension("CESIUM_RTC", "works", "positions are left relative to the center, which a warning names"),
@@ -163,7 +165,9 @@ EXTENSIONS = (
               "three.js; the file's metallic-roughness values are ignored", specular_glossiness.read,
               specular_glossiness.TEXTURES),
     Extension("MSFT_lod", "works", "the most detailed level is shown at all distances"),
-    Extension("MSFT_texture_dds", "no", "the texture's other image is used, if it has one"),
+    Extension("MSFT_texture_dds", "works", "not BC6H"),
+    Extension("OMI_environment_sky", "part", "gradient, plain and panorama skies; a color of 1 is 1 cd/m²; physical "
+              "skies, the glow around suns and ambient light apart from the sky are left out"),
     Extension("VRMC_vrm", "no", "avatars are shown as any other model"),
 )
 

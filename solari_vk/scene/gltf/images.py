@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Container
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -12,6 +13,7 @@ from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.images import image_files
+from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import TextureImage
 
 Source = tuple[str, str | int]  # equal sources are the same image
@@ -29,10 +31,13 @@ class Images:
         self._made: dict[Source, TextureImage | None] = {}
         self._read: dict[int, TextureImage | None] = {}
 
-    def read(self, users: dict[Choice, Entry]) -> None:
-        """Read an image of each choice: the first, and where that fails the next. users: what refers to them."""
+    def read(self, users: dict[Choice, Entry], linear: Container[int] = ()) -> None:
+        """Read an image of each choice: the first, and where that fails the next. users: what refers to them.
+
+        linear: the images that hold data and not colors.
+        """
         while users:
-            self._read_all({choice[0]: user for choice, user in users.items()})
+            self._read_all({choice[0]: user for choice, user in users.items()}, linear)
             failed = (choice for choice in users if self._read[choice[0]] is None and len(choice) > 1)
             users = {choice[1:]: users[choice] for choice in failed}
 
@@ -40,15 +45,18 @@ class Images:
         """The image of a choice, after `read`; None if there is none that can be read."""
         return next((image for number in choice if (image := self._read.get(number)) is not None), None)
 
-    def _read_all(self, users: dict[int, Entry]) -> None:
+    def _read_all(self, users: dict[int, Entry], linear: Container[int]) -> None:
         sources: dict[int, Source] = {}
         opened: dict[Source, tuple[Any, str, str]] = {}
+        data: set[Source] = set()
         for number, user in users.items():
             entry = self._document.item("image", number, user)
             try:
                 source = sources[number] = self._source(entry)
                 if source not in self._made and source not in opened:
                     opened[source] = self._open(entry, source)
+                if number in linear:
+                    data.add(source)
             except BudgetError:
                 raise
             except SolariError as error:
@@ -57,7 +65,7 @@ class Images:
         def decoded(source: Source) -> TextureImage | SolariError:
             image, who, name = opened[source]
             try:
-                return TextureImage(pixels=image_files.decode(image, who), name=name)
+                return TextureImage(pixels=image_files.decode(image, who, linear=source in data), name=name)
             except SolariError as error:
                 return error
 
@@ -76,7 +84,8 @@ class Images:
         if self._strict:
             raise error
         place = str(error).removeprefix(f"{self._document.file}: ")
-        self._report.add("textures whose image can't be read are replaced by another image or their factor", place)
+        why = "needs a missing library" if INSTALL in place else "can't be read"  # which is to be named in any case
+        self._report.add(f"textures whose image {why} are replaced by another image or their factor", place)
 
     def _source(self, entry: Entry) -> Source:
         if "uri" not in entry:

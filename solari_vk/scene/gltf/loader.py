@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from typing import Any
 
 import numpy as np
@@ -26,9 +25,11 @@ from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions
 from solari_vk.scene.gltf.poses import Pose
 from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.skies import EXTENSION as SKY
+from solari_vk.scene.gltf.skies import read_sky
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
-from solari_vk.scene.libraries import INSTALL
+from solari_vk.scene.libraries import warn_of_missing
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = (
@@ -98,9 +99,12 @@ class _Loader:
         first, owner = roots(self._document, which)
         self._scene.name = owner.name or self._document.path.stem
         if owner is not self._document.root:
-            self._report.add_extensions(owner, (ENVIRONMENT,))
+            self._report.add_extensions(owner, (ENVIRONMENT, SKY))
             with self._report.costs("wrong environments are left out"):
-                self._scene.environment = read_environment(self._document, owner, self._report, strict=self._strict)
+                self._scene.environment = read_environment(self._document, owner, self._report, self._strict)
+        if self._scene.environment is None:
+            with self._report.costs("wrong skies are left out"):
+                self._scene.environment = read_sky(self._document, owner, self._report, self._strict)
         placed = walk(self._document, first, owner)
         self._animations = Animations(self._document, self._accessors, placed, self._report)
         self._check_instance_count(placed)
@@ -122,9 +126,7 @@ class _Loader:
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
         self._scene.warnings.extend(self._report.lines())
-        for remark in self._scene.warnings:
-            if INSTALL in remark:  # what a library would show mustn't be missed
-                warnings.warn(remark, stacklevel=2)
+        warn_of_missing(self._scene.warnings)
         return self._scene
 
     def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:

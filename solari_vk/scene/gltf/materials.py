@@ -18,6 +18,7 @@ from solari_vk.scene.gltf.nodes import LEVELS
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
 from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.material import TEXTURES
 from solari_vk.scene.model import Material
 
 _UNLIT = "KHR_materials_unlit"
@@ -50,7 +51,8 @@ class Materials:
         for index, user in users.items():
             with self._report.costs(_WRONG):
                 parsed[index] = self._parse(self._document.item("material", index, user))
-        self._textures.decode([slot for _, slots in parsed.values() for slot in slots.values()])
+        every = [item for _, slots in parsed.values() for item in slots.items()]
+        self._textures.decode([(slot, TEXTURES[name]) for name, slot in every])
         for index, (entry, slots) in parsed.items():
             readable = {name: slot for name, slot in slots.items() if slot in self._textures}
             with self._report.costs(_WRONG):

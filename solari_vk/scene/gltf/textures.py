@@ -21,8 +21,10 @@ _MINIFICATION = {
     9728: ("nearest", False), 9729: ("linear", False), 9984: ("nearest", True), 9985: ("linear", True),
     9986: ("nearest", True), 9987: ("linear", True),
 }  # fmt: skip
-_PREFERRED_SOURCES = ("KHR_texture_basisu", "EXT_texture_webp")
-_UNREAD_SOURCES = ("EXT_texture_avif", "MSFT_texture_dds")
+_PREFERRED_SOURCES = (
+    "KHR_texture_basisu", "KHR_texture_ktx", "EXT_texture_exr", "EXT_texture_webp", "MSFT_texture_dds",
+)  # fmt: skip
+_UNREAD_SOURCES = ("EXT_texture_avif",)
 
 Choice = TypeVar("Choice")
 
@@ -55,8 +57,7 @@ class Textures:
             return None
         index, uv_set = info.integer("index"), info.integer("texCoord", 0, high=255)
         texture = self._document.item("texture", index, info)
-        users = (*map(texture.extension, _PREFERRED_SOURCES), texture)
-        images = tuple(image for user in users if user is not None and (image := user.index("source")) is not None)
+        images = images_of(texture)
         if not images:
             why = next((name for name in _UNREAD_SOURCES if texture.extension(name)), None)
             remark = f"no image in a format that can be read ({why})" if why else "no image"
@@ -74,9 +75,11 @@ class Textures:
         matrix = (cos * scale_u, sin * scale_v, u, -sin * scale_u, cos * scale_v, v)
         return Slot(info, index, images, transform.integer("texCoord", uv_set, high=255), matrix)
 
-    def decode(self, slots: list[Slot]) -> None:
-        """Read the images of all slots of the scene."""
-        self._images.read({slot.images: slot.entry for slot in slots})
+    def decode(self, slots: list[tuple[Slot, bool]]) -> None:
+        """Read the images of all slots of the scene, each with whether its values are colors."""
+        colors = {image for slot, is_color in slots if is_color for image in slot.images}
+        data = {image for slot, is_color in slots if not is_color for image in slot.images}
+        self._images.read({slot.images: slot.entry for slot, _ in slots}, data - colors)
 
     def __contains__(self, slot: Slot) -> bool:
         """Whether a slot has an image that could be read, after `decode`."""
@@ -107,6 +110,12 @@ class Textures:
                 uv_set=uv_set,
             )
         return self._textures[key]
+
+
+def images_of(texture: Entry) -> tuple[int, ...]:
+    """The numbers of a texture's images, the preferred one first."""
+    users = (*map(texture.extension, _PREFERRED_SOURCES), texture)
+    return tuple(image for user in users if user is not None and (image := user.index("source")) is not None)
 
 
 def _choice(sampler: Entry | None, key: str, default: int, choices: dict[int, Choice]) -> Choice:

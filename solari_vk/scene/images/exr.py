@@ -1,15 +1,67 @@
-"""What the OpenEXR library doesn't check: whether a picture was written to its end, and how large its chunks are."""
+"""Pictures in EXR files, and what the OpenEXR library doesn't check: whether one was written to its end, and how large
+its chunks are."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from io import BytesIO
 
 import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.budget import charge
+from solari_vk.errors import SolariError
+
+IDENTIFIER = b"\x76\x2f\x31\x01"
+_COPIES_OF_CHUNKS = 3  # packed, unpacked, and by channels
 
 # Of a chunk, by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A, DWAA, DWAB, HTJ2K
 # with 256 and with 32, LJ2K, and ZSTD.
 _LINES = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256, 256, 32, 256, 1)
+_HALF = 1
 _TILED, _DEEP, _SEVERAL_PARTS = 0x200, 0x800, 0x1000
+
+
+class ExrImage:
+    """An opened picture: its header, from which `colors` reads the pixels."""
+
+    def __init__(self, data: bytes, who: str) -> None:
+        """Raises SolariError for a damaged header. who: names the picture in errors."""
+        try:
+            _, attributes, _ = _header(data)
+            left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
+            self._channels = [name.decode() for name, _ in _channels(attributes[b"channels"])]
+        except (struct.error, IndexError, KeyError, ValueError) as error:
+            raise _damaged(who, error) from None
+        self.width, self.height, self._data = right - left + 1, bottom - top + 1, data
+        if min(self.width, self.height) < 1:
+            raise SolariError(f"{who} is an EXR picture without pixels: save it again")
+
+    def colors(self, who: str) -> NDArray[np.float32]:
+        """Linear colors (height, width, 3), 4 with alpha. Raises SolariError for a picture that is damaged, cut off, or
+        without the channels of colors or gray."""
+        import Imath
+        import OpenEXR
+
+        names = ["R", "G", "B"] if "R" in self._channels else ["Y", "Y", "Y"]
+        if not all(name in self._channels for name in names):
+            raise SolariError(f"{who} has no channels R, G and B, nor Y, but {', '.join(sorted(self._channels)[:8])}")
+        charge(0, who, "the tiles or lines", working=_COPIES_OF_CHUNKS * chunk_bytes(self._data))
+        if not is_whole(self._data):
+            raise _damaged(who, "it is cut off")
+        try:
+            picture = OpenEXR.InputFile(BytesIO(self._data))
+            kind, size = Imath.PixelType(Imath.PixelType.FLOAT), (self.height, self.width)
+            every = [*names, "A"] if "A" in self._channels else names
+            values = [np.frombuffer(picture.channel(name, kind), np.float32).reshape(size) for name in every]
+            return np.stack(values, axis=-1)
+        except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
+            raise _damaged(who, error) from None
+
+
+def _damaged(who: str, reason: object) -> SolariError:
+    return SolariError(f"{who} is a damaged EXR picture ({str(reason)[:100]}): save it again")
 
 
 def chunk_bytes(data: bytes) -> int:
@@ -17,11 +69,7 @@ def chunk_bytes(data: bytes) -> int:
     try:
         flags, attributes, _ = _header(data)
         left, _, right, _ = struct.unpack("<4i", attributes[b"dataWindow"])
-        channels, place, pixel_bytes = attributes[b"channels"], 0, 0
-        while channels[place]:
-            place = channels.index(0, place) + 1
-            pixel_bytes += 2 if channels[place] == 1 else 4  # half, or float and integer
-            place += 16
+        pixel_bytes = sum(2 if kind == _HALF else 4 for _, kind in _channels(attributes[b"channels"]))
         width, lines = right - left + 1, max(_LINES)
         if flags & _TILED:
             width, lines = struct.unpack_from("<II", attributes[b"tiles"])
@@ -30,6 +78,15 @@ def chunk_bytes(data: bytes) -> int:
         return int(width * lines * pixel_bytes)
     except (struct.error, IndexError, KeyError, ValueError):
         return 0  # damaged, or of several parts
+
+
+def _channels(attribute: bytes) -> Iterator[tuple[bytes, int]]:
+    """The names of the channels, and the numbers of their types."""
+    place = 0
+    while attribute[place]:
+        end = attribute.index(0, place)
+        yield attribute[place:end], attribute[end + 1]
+        place = end + 17
 
 
 def _header(data: bytes) -> tuple[int, dict[bytes, bytes], int]:

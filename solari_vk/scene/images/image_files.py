@@ -1,4 +1,4 @@
-"""Pictures from files, as 8-bit RGBA."""
+"""Pictures from files, as 8-bit RGBA: PNG, JPEG, WebP and DDS by Pillow, KTX2 and EXR."""
 
 from __future__ import annotations
 
@@ -11,19 +11,30 @@ from numpy.typing import NDArray
 
 from solari_vk.budget import charge
 from solari_vk.errors import SolariError
-from solari_vk.scene.images import ktx2
+from solari_vk.scene.images import dds, exr, ktx2
+from solari_vk.scene.images.mip_chain import srgb_of_linear
 
 Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
 LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
 _BYTES_PER_PIXEL = 8  # RGBA, and what it is decoded to
-_WORKING_BYTES, _WORKING_BYTES_OF_WEBP = 12, 20  # of a pixel, while it is decoded
+# Of a pixel, while it is decoded.
+_WORKING_BYTES, _WORKING_BYTES_OF = 12, {"WEBP": 20, "DDS": 40, "EXR": 40}
 _BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 
 
 def open_image(data: bytes | memoryview, who: str) -> Any:
     """Open an image, check its header and charge its pixels; `decode` reads them. `who` names the image in errors."""
-    image = ktx2.Ktx2Image(bytes(data), who) if data[:12] == ktx2.IDENTIFIER else _open_by_pillow(data, who)
+    image: Any
+    if data[:12] == ktx2.IDENTIFIER:
+        image = ktx2.Ktx2Image(bytes(data), who)
+    elif data[:12] == ktx2.IDENTIFIER_OF_KTX_1:
+        raise SolariError(f"{who} is a KTX 1 file, which isn't read: convert it by ktx2ktx2 (of KTX-Software), or save "
+                          "it as PNG")  # fmt: skip
+    elif data[:4] == exr.IDENTIFIER:
+        image = exr.ExrImage(bytes(data), who)
+    else:
+        image = _open_by_pillow(data, who)
     if max(image.width, image.height) > LARGEST_SIDE or image.width * image.height > LARGEST_PIXEL_COUNT:
         raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
     count = image.width * image.height
@@ -34,8 +45,8 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
 
 def working_bytes(image: Any) -> int:
     """The bytes that decoding an opened image takes beside the pixels."""
-    of_webp = getattr(image, "format", "") == "WEBP"
-    return int((_WORKING_BYTES_OF_WEBP if of_webp else _WORKING_BYTES) * image.width * image.height)
+    kind = "EXR" if isinstance(image, exr.ExrImage) else getattr(image, "format", "")
+    return int(_WORKING_BYTES_OF.get(kind, _WORKING_BYTES) * image.width * image.height)
 
 
 def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
@@ -45,10 +56,10 @@ def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
         with warnings.catch_warnings():
             # The limits below replace Pillow's warning.
             warnings.simplefilter("ignore")
-            return Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP"))
+            return Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP", "DDS"))
     except UnidentifiedImageError:
         raise SolariError(
-            f"{who} is not a PNG, JPEG, WebP or KTX2 image, or is damaged: save it again as one of these"
+            f"{who} is not a PNG, JPEG, WebP, KTX2, DDS or EXR image, or is damaged: save it again as one of these"
         ) from None
     except (Image.DecompressionBombError, MemoryError):
         raise SolariError(_too_large(who)) from None
@@ -56,11 +67,19 @@ def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
 
 
-def decode(image: Any, who: str) -> Pixels:
-    """The pixels (height, width, 4) of an opened image; 16-bit values are rounded to 8, no color profile applied."""
+def decode(image: Any, who: str, *, linear: bool = False) -> Pixels:
+    """The pixels (height, width, 4) of an opened image; 16-bit values are rounded to 8, no color profile applied.
+
+    The values of EXR images, which are floating-point numbers, are clipped to [0, 1]. Their colors become sRGB codes,
+    as all others are; with `linear` they are data, such as normals, and stay linear.
+    """
     try:
         if isinstance(image, ktx2.Ktx2Image):
             return image.decode(who)
+        if isinstance(image, exr.ExrImage):
+            return _codes(image.colors(who), linear)
+        if image.format == "DDS":
+            return dds.decode(image, who)
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
             # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
             gray = np.asarray(image)
@@ -74,6 +93,16 @@ def decode(image: Any, who: str) -> Pixels:
         raise SolariError(_too_large(who)) from None
     except Exception as error:  # Pillow raises many types of exceptions for damaged pixels too
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
+
+
+def _codes(values: NDArray[np.float32], linear: bool) -> Pixels:
+    """The pixels (H, W, 4) of linear values (H, W, 3 or 4); NaN is 0."""
+    light = np.nan_to_num(values, nan=0.0).clip(0, 1)
+    pixels = np.full((*light.shape[:2], 4), 255, np.uint8)
+    pixels[..., : light.shape[2]] = np.rint(light * 255)
+    if not linear:
+        pixels[..., :3] = srgb_of_linear(light[..., :3])
+    return pixels
 
 
 def _too_large(who: str, size: str = "is too large; ") -> str:

@@ -13,6 +13,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene.libraries import library, zstd
 
 IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"
+IDENTIFIER_OF_KTX_1 = b"\xabKTX 11\xbb\r\n\x1a\n"
 # Channels of a pixel by VkFormat, in the order of the file: UNORM and SRGB.
 _CHANNELS = {
     9: "r", 15: "r", 16: "rg", 22: "rg", 23: "rgb", 29: "rgb", 30: "bgr", 36: "bgr", 37: "rgba", 43: "rgba",

@@ -26,7 +26,6 @@ CALLER = 7  # stack frames from `read_radiance` to the code that makes an Enviro
 SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
 _LONGEST_HEADER = 2**16
 _BYTES_PER_PIXEL = 48
-_COPIES_OF_CHUNKS = 3  # of an EXR picture: packed, unpacked, and by channels
 _LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
 
 
@@ -84,27 +83,9 @@ def _read_8_bits(source: Path) -> FloatArray:
 
 
 def _read_exr(source: Path) -> FloatArray:
-    import Imath
-    import OpenEXR
-
-    data = read_regular(source, str(source))
-    try:
-        header = OpenEXR.File(str(source), header_only=True).header()
-        (left, top), (right, bottom) = header["dataWindow"]
-        _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
-        charge(0, str(source), "the tiles or lines", working=_COPIES_OF_CHUNKS * exr.chunk_bytes(data))
-        if not exr.is_whole(data):
-            raise ValueError("it is cut off")
-        channels = [channel.name for channel in header["channels"]]  # InputFile.header crashes if one isn't UTF-8
-        picture = OpenEXR.InputFile(str(source))
-        names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
-        if not all(name in channels for name in names):
-            raise SolariError(f"{source} has no channels R, G and B, nor Y, but {', '.join(sorted(channels)[:8])}")
-        kind = Imath.PixelType(Imath.PixelType.FLOAT)
-        size = bottom - top + 1, right - left + 1
-        return np.stack([np.frombuffer(picture.channel(name, kind), np.float32).reshape(size) for name in names], -1)
-    except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
-        raise SolariError(f"{source} is a damaged EXR picture ({str(error)[:100]}): save it again") from None
+    picture = exr.ExrImage(read_regular(source, str(source)), str(source))
+    _check_size(picture.width, picture.height, source)
+    return picture.colors(str(source))[..., :3]
 
 
 # ---- Radiance: Ward, "Real Pixels", Graphics Gems II (1991) ------------------------------------------

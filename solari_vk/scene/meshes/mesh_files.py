@@ -18,7 +18,7 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
-from solari_vk.scene.libraries import library
+from solari_vk.scene.libraries import library, warn_of_missing
 from solari_vk.scene.matrices import rotation, unit
 from solari_vk.scene.meshes.mtl import MtlFiles
 from solari_vk.scene.meshes.ply_header import check_ply
@@ -84,6 +84,7 @@ def load_mesh_file(
     if strict and files.failures:
         raise SolariError(f"{path}: {files.failures[0]}")
     scene.warnings.extend(files.failures)
+    warn_of_missing(files.failures)
     used = re.findall(rb"(?m)^usemtl[ \t]+([^\r\n]+)", data) if kind == "obj" else ()
     unknown = {" ".join(name.decode("utf-8", "replace").split()) for name in used} - files.fields.keys()
     if unknown:

@@ -62,6 +62,27 @@ def test_surfaces_are_the_path_tracers(device, scene_name):
     assert (guides["depth"][~there] == 0).all()
 
 
+@pytest.mark.parametrize("gbuffer", ["traced", "raster"])
+def test_edited_vertices_move_as_a_moved_instance_does(device, gbuffer):
+    """By 0.1 m each frame from the second on; the last frame is one without an edit, which is at rest."""
+    made = []
+    for edits in (False, True):
+        scene = sv.Scene(sv.DirectionalLight((0, -1, -1)), sv.Camera.look_at((0, 0, 4), (0, 0, 0)))
+        instance = scene.add(shapes.sphere(0.8, 32))
+        with guide_renderer(device, scene, gbuffer=gbuffer) as renderer:
+            made.append([read(renderer.render(scene.camera))["motion"]])
+            for frame in (1, 2, 3):
+                if frame < 3 and edits:
+                    instance.mesh.positions = instance.mesh.positions + np.float32((0.1, 0, 0))
+                elif frame < 3:
+                    instance.transform = (0.1 * frame, 0, 0)
+                made[-1].append(read(renderer.render(scene.camera))["motion"])
+    moved, edited = np.array(made)
+    assert (np.abs(moved[[1, 2]]).max(axis=(1, 2, 3)) > PIXEL / SIZE[0]).all()
+    assert (edited[[0, 3]] == 0).all()
+    np.testing.assert_allclose(edited, moved, atol=0.1 * PIXEL / SIZE[0])
+
+
 def test_specular_albedo_is_the_directional_albedo(device):
     """It is 1 for a white metal at every angle and roughness, and Schlick's Fresnel term for a smooth dielectric."""
     scene = sv.Scene(sv.Camera.look_at((0, 1.0, 4), (0, 0, 0), vertical_fov=0.6))
