@@ -138,8 +138,9 @@ def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str
     ):
         return {"type": "diffuse", "parameters": {"reflectance": color}}
     texture, root = material.metallic_roughness_texture, np.sqrt(_f0(material))
+    eta = float(max((1 + root) / (1 - root), LEAST_ETA))
     parameters = {
-        "base_color": color, "eta": float(max((1 + root) / (1 - root), LEAST_ETA)),
+        "base_color": color, "eta": eta,
         "roughness": textures.channel(texture, 1, material.perceptual_roughness),
         "metallic": textures.channel(texture, 2, material.metallic),
     }  # fmt: skip
