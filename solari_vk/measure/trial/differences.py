@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.measure.trial.translation import USED, leading_texture
+from solari_vk.measure.trial.translation import USED
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
 from solari_vk.scene.material import TEXTURES, Material
@@ -41,9 +41,9 @@ def _is_interpolated(material: Material) -> bool:
 
 
 def _moves_uvs_apart(material: Material) -> bool:
-    lead = leading_texture(material)
-    return any((t.uv_set, t.uv_transform.tobytes()) != (lead.uv_set, lead.uv_transform.tobytes()) or t.wrap_u != t.wrap_v
-               for name, t in _textures(material).items() if lead is not None and name in USED)  # fmt: skip
+    used = [texture for name, texture in _textures(material).items() if name in USED]
+    ways = {(texture.uv_set, texture.uv_transform.tobytes()) for texture in used}
+    return len(ways) > 1 or any(texture.wrap_u != texture.wrap_v for texture in used)
 
 
 def _is_layered(material: Material) -> bool:
@@ -81,8 +81,9 @@ DIFFERENCES = (
                _with(lambda m: m.anisotropy > 0)),
     Difference("cycles", "spotlights", "between its cones a Blender spotlight falls off by another curve",
                _light(_is_spot)),
-    Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe is "
-               "brighter at grazing angles, and rough metals lose what they reflect more than once", _with(_is_layered)),
+    Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
+               "is brighter at grazing angles, and rough metals lose what they reflect more than once",
+               _with(_is_layered)),
     Difference("mitsuba", "attenuation", "left out: the solid is clear there",
                _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
     Difference("mitsuba", "sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
@@ -105,6 +106,10 @@ DIFFERENCES = (
                _light(lambda light: isinstance(light, PunctualLight) and light.range is not None)),
     Difference("all", "both sides", "emissive surfaces shine on both sides in Cycles and on the front in Mitsuba; ours "
                "on both if the material is double-sided", _with(lambda m: m.emits)),
+    Difference(
+        "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
+        "seen at grazing angles are brighter or darker, also where the surface is matte",
+        _with(lambda m: m.normal_texture)),
     Difference("all", "poses", "skins and morph targets are in the pose of the file, which importers may see "
                "differently", _is_animated),
 )  # fmt: skip

@@ -11,16 +11,19 @@ import subprocess
 import sys
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from solari_vk.measure.trial.subject import Picture
+from numpy.typing import NDArray
 
 CHILD = Path(__file__).parent / "judges" / "child.py"
 PACKAGES = Path(__file__).parents[3]  # where solari_vk is
+
+
+Picture = NDArray[np.float64]
 
 
 class Failure(Exception):
@@ -99,11 +102,9 @@ class Process:
         """A picture of so many samples a pixel. Raises Failure, after which the process is of no use."""
         output = self._folder / f"{self._name}.npy"
         assert self._child.stdin is not None
-        try:
+        with suppress(OSError):  # it has ended: `_answer` says how
             self._child.stdin.write(json.dumps({"samples": samples, "seed": seed, "output": str(output)}) + "\n")
             self._child.stdin.flush()
-        except OSError:
-            pass  # it has ended: `_answer` says how
         found = self._answer(f"at {samples} samples")
         picture = np.load(output).astype(np.float64)
         if not np.isfinite(picture).all():
@@ -139,7 +140,5 @@ class Process:
         self._child.wait()
         for pipe in (self._child.stdin, self._child.stdout):
             if pipe is not None:
-                try:
+                with suppress(OSError):
                     pipe.close()
-                except OSError:
-                    pass

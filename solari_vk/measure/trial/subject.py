@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.measure.trial import translation
@@ -75,5 +74,3 @@ def described(light: Light) -> dict[str, Any]:
     found = {name: getattr(light, name) for name in names if hasattr(light, name)}
     return {"kind": kind} | {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in found.items()}
 
-
-Picture = NDArray[np.float64]

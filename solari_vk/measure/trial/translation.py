@@ -31,7 +31,7 @@ def write(scene: Scene, folder: Path) -> None:
     textures = _Textures(folder)
     shapes = []
     for index, instance in enumerate(instance for instance in scene if instance.visible):
-        np.savez(folder / f"mesh{index}.npz", **arrays(instance))
+        np.savez(folder / f"mesh{index}.npz", allow_pickle=False, **arrays(instance))
         shapes.append({"file": f"mesh{index}.npz", "material": materials.index(instance.material)})
     colored = {instance.material for instance in scene if instance.mesh.colors is not None}
     made = [translated(material, textures, material in colored) for material in materials]

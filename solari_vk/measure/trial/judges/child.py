@@ -15,6 +15,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def main(module: str, folder: Path) -> int:
 
     if not answer(load):
         return 1
-    return 0 if all(answer(lambda line=line: render(json.loads(line))) for line in sys.stdin) else 1
+    return 0 if all(answer(partial(render, json.loads(line))) for line in sys.stdin) else 1
 
 
 if __name__ == "__main__":

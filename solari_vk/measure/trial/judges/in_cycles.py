@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
@@ -80,6 +81,27 @@ def _add_light(scene: Any, light: dict[str, Any]) -> None:
         outer, inner = math.cos(light["outer_cone_angle"]), math.cos(light["inner_cone_angle"])
         data.spot_blend = min(max((inner - outer) / max(1 - outer, 1e-6), 0.0), 1.0)
     _link(scene, "light", data, matrix)
+    if light.get("radius"):
+        _add_seen_sphere(scene, light, matrix)
+
+
+def _add_seen_sphere(scene: Any, light: dict[str, Any], matrix: Any) -> None:
+    """What the camera sees of a light with a radius: Cycles hides lights from cameras."""
+    form, mesh = bmesh.new(), bpy.data.meshes.new("lamp")
+    bmesh.ops.create_uvsphere(form, u_segments=64, v_segments=32, radius=light["radius"])
+    form.to_mesh(mesh)
+    material = bpy.data.materials.new("lamp")
+    material.use_nodes, material.cycles.emission_sampling = True, "NONE"
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    emission.inputs["Color"].default_value = (*light["color"], 1)
+    emission.inputs["Strength"].default_value = light["intensity"] / (math.pi * light["radius"] ** 2)
+    material.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    mesh.materials.append(material)
+    sphere = _link(scene, "lamp", mesh, matrix)
+    for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(sphere, f"visible_{rays}", False)
 
 
 def _add_environment(scene: Any, environment: dict[str, Any] | None, folder: Path) -> None:

@@ -85,6 +85,7 @@ class Builder:
         if light["kind"] == "point" and light["radius"] > 0:
             radiance = intensity / (np.pi * light["radius"] ** 2)
             return {"type": "sphere", "center": light["position"], "radius": light["radius"],
+                    "bsdf": {"type": "diffuse", "reflectance": 0.0},
                     "emitter": {"type": "area", "radiance": rgb(radiance)}}  # fmt: skip
         if light["kind"] == "point":
             return {"type": "point", "position": light["position"], "intensity": rgb(intensity)}
