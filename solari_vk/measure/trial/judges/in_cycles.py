@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
@@ -87,6 +86,8 @@ def _add_light(scene: Any, light: dict[str, Any]) -> None:
 
 def _add_seen_sphere(scene: Any, light: dict[str, Any], matrix: Any) -> None:
     """What the camera sees of a light with a radius: Cycles hides lights from cameras."""
+    import bmesh  # which only bpy makes importable
+
     form, mesh = bmesh.new(), bpy.data.meshes.new("lamp")
     bmesh.ops.create_uvsphere(form, u_segments=64, v_segments=32, radius=light["radius"])
     form.to_mesh(mesh)
