@@ -105,7 +105,7 @@ class Process:
         with suppress(OSError):  # it has ended: `_answer` says how
             self._child.stdin.write(json.dumps({"samples": samples, "seed": seed, "output": str(output)}) + "\n")
             self._child.stdin.flush()
-        found = self._answer(f"at {samples} samples")
+        found = self._answer(f"at {samples} sample{'s' * (samples != 1)}")
         picture = np.load(output).astype(np.float64)
         if not np.isfinite(picture).all():
             raise Failure(f"its picture has values that aren't finite, at {samples} samples")
