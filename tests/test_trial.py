@@ -103,6 +103,7 @@ def fakes(tmp_path, monkeypatch):
 # ---- the page and the processes ---------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.*twice as wide")
 def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
     found = fakes(error=0.01)["scenes"]["floor"]
     pairs = {tuple(row["pair"]): row for row in found["distances"]}
