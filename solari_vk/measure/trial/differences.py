@@ -82,7 +82,8 @@ DIFFERENCES = (
     Difference(
         "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
         "directions, which is reciprocal: at a roughness of 0.5 ours is 1 to 3 % brighter under steep light and 9 to "
-        "13 % darker under light 5 to 10 degrees above the surface", _with(lambda m: _is_layered(m) and m.metallic < 1)),
+        "13 % darker under light 5 to 10 degrees above the surface",
+        _with(lambda m: _is_layered(m) and m.metallic < 1)),
     Difference("cycles", "spotlights", "between its cones a Blender spotlight falls off by another curve",
                _light(_is_spot)),
     Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
