@@ -102,8 +102,11 @@ class Page:
         """For each pair a row of both pictures and the error map."""
         rows = []
         for a, b in found.distances():
-            cells = [(f"{a}.png", KINDS[a].title), (f"{b}.png", KINDS[b].title),
-                     (f"{a}-{b}.png", f"{KINDS[a].title} brighter: red, darker: blue, {MOST_SHOWN:.0%} at most")]
+            cells = [
+                (f"{a}.png", KINDS[a].title),
+                (f"{b}.png", KINDS[b].title),
+                (f"{a}-{b}.png", f"{KINDS[a].title} brighter: red, darker: blue, {MOST_SHOWN:.0%} at most"),
+            ]
             figures = (f"<figure><img src='{html.escape(name)}/{file}' alt='{html.escape(text)}'><figcaption>"
                        f"{html.escape(text)}</figcaption></figure>" for file, text in cells)  # fmt: skip
             rows.append(f"<div>{''.join(figures)}</div>")

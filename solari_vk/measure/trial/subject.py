@@ -73,4 +73,3 @@ def described(light: Light) -> dict[str, Any]:
              "outer_cone_angle", "color")  # fmt: skip
     found = {name: getattr(light, name) for name in names if hasattr(light, name)}
     return {"kind": kind} | {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in found.items()}
-

@@ -93,6 +93,7 @@ class _Textures:
 
     def normal(self, texture: Texture, scale: float) -> Any:
         """A normal texture, whose scale is applied."""
+
         def values() -> NDArray[Any]:
             x, y = np.moveaxis(texture.image.pixels[..., :2] / 127.5 - 1, -1, 0)
             z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
@@ -133,8 +134,10 @@ def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str
         given = {"specular_transmittance": color, "int_ior": material.ior}
         return {"type": kind, "parameters": given | ({"alpha": material.perceptual_roughness**2}
                                                      if kind == "roughdielectric" else {})}  # fmt: skip
-    if material.specular == 0 and material.metallic == 0 and not max(
-        material.transmission, material.clearcoat, float(material.sheen_color.max())
+    if (
+        material.specular == 0
+        and material.metallic == 0
+        and not max(material.transmission, material.clearcoat, float(material.sheen_color.max()))
     ):
         return {"type": "diffuse", "parameters": {"reflectance": color}}
     texture, root = material.metallic_roughness_texture, np.sqrt(_f0(material))

@@ -127,7 +127,7 @@ class Builder:
         bsdf |= {name: self.texture(value) for name, value in given["parameters"].items()}
         if "normal" in given:
             bsdf = {"type": "normalmap", "normalmap": self.texture(given["normal"]), "bsdf": bsdf}
-        if given["type"] != "dielectric" and not given["parameters"].get("spec_trans"):
+        if not given["type"].endswith("dielectric") and not given["parameters"].get("spec_trans"):
             bsdf = {"type": "twosided", "bsdf": bsdf}
         if "opacity" in given:
             bsdf = {"type": "mask", "opacity": self.texture(given["opacity"]), "bsdf": bsdf}
