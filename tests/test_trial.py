@@ -194,7 +194,8 @@ def test_noise_cancels_out_of_distances():
     assert abs(far.relative_mse) < 1e-3  # with the noise it would be 0.04
     assert noisy[0].noise == pytest.approx(0.02, rel=0.1)
     assert abs(noisy[0].error(np.ones((200, 200, 3)))) < 0.005
-    assert far.ratio == pytest.approx((1, 1, 1), abs=0.01)
+    assert far.ratio == pytest.approx((1, 1, 1), abs=5 * far.ratio_error)
+    assert far.ratio_error == pytest.approx(0.2 / 200, rel=0.1)  # two pictures of two halves of 200 x 200 pixels
 
 
 def test_error_maps_are_red_where_the_first_is_brighter():

@@ -48,10 +48,15 @@ class Result:
     def noise(self) -> float:
         """The relMSE of the picture that is noise, from what its halves differ by."""
         first, second = (half.picture for half in self.halves)
-        return float(np.mean((first - second) ** 2 / self._weight()) / 4)
+        return float(np.mean((first - second) ** 2 / weight(self.picture)) / 4)
 
-    def _weight(self) -> Picture:
-        return weight(self.picture)
+    @property
+    def mean_error(self) -> Picture:
+        """The standard error (3,) of the means of red, green and blue, over the means."""
+        first, second = (half.picture for half in self.halves)
+        spread = np.sqrt(((first - second) ** 2).sum(axis=(0, 1))) / 2
+        found: Picture = spread / np.maximum((first + second).sum(axis=(0, 1)) / 2, 1e-12)
+        return found
 
     def error(self, picture: Picture) -> float:
         """The relMSE of another picture of the same renderer; the noise of the halves cancels out."""
@@ -74,11 +79,12 @@ def weight(mean: Picture) -> Picture:
 @dataclass(frozen=True)
 class Distance:
     """How far a picture is from another: the relMSE without both noises, the mean FLIP (NaN without its package), and
-    the ratio of the means of red, green and blue."""
+    the ratio of the means of red, green and blue, with the largest of its three standard errors."""
 
     relative_mse: float
     flip: float
     ratio: tuple[float, ...]
+    ratio_error: float
 
 
 def distance(first: Result, second: Result, exposure: float) -> Distance:
@@ -89,7 +95,9 @@ def distance(first: Result, second: Result, exposure: float) -> Distance:
     a, b = ([half.picture for half in result.halves] for result in (first, second))
     product = (a[0] - b[0]) * (a[1] - b[1]) / weight((first.picture + second.picture) / 2)
     ratio = first.picture.mean(axis=(0, 1)) / np.maximum(second.picture.mean(axis=(0, 1)), 1e-12)
-    return Distance(float(product.mean()), flip(first.picture, second.picture, exposure), tuple(map(float, ratio)))
+    error = float((ratio * np.hypot(first.mean_error, second.mean_error)).max())
+    far = flip(first.picture, second.picture, exposure)
+    return Distance(float(product.mean()), far, tuple(map(float, ratio)), error)
 
 
 @dataclass
