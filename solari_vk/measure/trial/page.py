@@ -28,8 +28,8 @@ INTRO = (
     "The same glTF file, camera, environment and lights through several path tracers.",
     "A picture is the mean of two halves with independent noise. Distances are relMSE without noise: the product of "
     "the differences of both halves, over the squared mean of both renderers plus 1 % of its squared average. It may "
-    "be a little below 0 where two renderers agree. `noise` is the relMSE of a renderer's own picture that is noise. The "
-    "ratio of means has its standard error: single bright pixels (fireflies) move it.",
+    "be a little below 0 where two renderers agree. `noise` is the relMSE of a renderer's own picture that is noise. "
+    "The ratio of means has its standard error: single bright pixels (fireflies) move it.",
     "Time to equal error: the samples double, from one on, until the relMSE against the renderer's own picture, whose "
     "noise cancels out, is at most the error asked for. Renderers take turns; errors and seconds are medians of three "
     "pictures with different seeds. Loading, compiling and building structures are not in it: `loading` has them, and "
