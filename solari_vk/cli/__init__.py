@@ -1,4 +1,5 @@
-"""The command line: solari-vk render | view | dataset | settings | views | info (or doctor) | bench | conformance.
+"""The command line: solari-vk render | view | dataset | settings | views | info (or doctor) | bench | trial |
+conformance.
 
 Exit codes: 0 done, 1 an internal error, a conformance rule that doesn't hold, or a data set or an animation of several
 devices that isn't finished, 2 bad input or usage, 3 no device, 130 Ctrl-C before there was anything to keep.

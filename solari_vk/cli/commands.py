@@ -8,6 +8,7 @@ from solari_vk.cli import bench
 from solari_vk.cli.conformance import EXIT_CODES, ConformanceJob
 from solari_vk.cli.jobs import DatasetJob, RenderOptions, ViewJob
 from solari_vk.cli.options import Command
+from solari_vk.cli.trial import TrialJob
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,12 @@ COMMANDS = (
             _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
         ),
+    ),
+    Command(
+        "trial", "render glTF files by other renderers too, and compare: Cycles, Mitsuba", "trial:run", TrialJob,
+        "Render glTF files by the path tracer and by other renderers, with the same camera, environment and lights, "
+        "and write a page of pictures, distances and times. Each renderer has a process of its own, so that a crash or "
+        "a hang of one is a line of the page. Those that aren't installed are left out.",
     ),
     Command(
         "conformance", "measure whether a device keeps the rules of the specification", "conformance:run",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +18,7 @@ from solari_vk.bound.projection import Projection
 from solari_vk.files import make_folder, whole_file
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import measuring
-from solari_vk.measure.statistics import true_relative_mse
+from solari_vk.measure.statistics import flip, true_relative_mse
 from solari_vk.measure.subjects import from_file
 from solari_vk.output import oidn
 from solari_vk.output.animation import orbit
@@ -223,25 +222,13 @@ def _row(looks: Sequence[Look], references: Picture, exposure: float) -> list[st
     errors = [[error(picture) for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)]
               for look in looks]  # fmt: skip
     raw, mean, denoised, by_oidn, plus = np.mean(errors, axis=0)
-    flips = [np.mean([_flip(picture, truth, exposure) for picture in pictures])
+    flips = [np.mean([flip(picture, truth, exposure) for picture in pictures])
              for pictures in ([look.denoised for look in looks], [look.oidn for look in looks])]  # fmt: skip
     cells = [
         *(f"{value:.3g}" for value in (raw, mean, denoised, by_oidn)), f"{denoised / by_oidn:.2f}",
         f"{plus:.3g}", f"{denoised / plus:.2f}", *(f"{flip:.3f}" for flip in flips),
     ]  # fmt: skip
     return [str(looks[0].frame), *("" if cell == "nan" else cell for cell in cells)]
-
-
-def _flip(picture: Picture | None, truth: Picture, exposure: float) -> float:
-    """The mean FLIP at five exposures around the camera's, a stop apart; NaN without its package."""
-    if picture is None or importlib.util.find_spec("flip_evaluator") is None:
-        return math.nan
-    import flip_evaluator
-
-    given = (np.maximum(image, 0.0).astype(np.float32) for image in (truth, picture))
-    middle = math.log2(exposure)
-    exposures = {"startExposure": middle - 2, "stopExposure": middle + 2, "numExposures": 5}
-    return float(flip_evaluator.evaluate(*given, "HDR", applyMagma=False, parameters=exposures)[1])
 
 
 def _sheet(looks: Sequence[Look], truth: Picture, exposure: float) -> Image.Image:

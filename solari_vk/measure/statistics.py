@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from functools import lru_cache
 from typing import Any
@@ -51,3 +52,15 @@ def true_relative_mse(image: NDArray[Any], first: NDArray[Any], second: NDArray[
     mean = (first + second) / 2
     floor = 1e-2 * float(np.mean(mean)) ** 2 + 1e-12
     return float(((image - first) * (image - second) / (mean**2 + floor)).mean())
+
+
+def flip(image: NDArray[Any] | None, reference: NDArray[Any], exposure: float) -> float:
+    """The mean FLIP at five exposures around the camera's, a stop apart; NaN without its package or an image."""
+    if image is None or importlib.util.find_spec("flip_evaluator") is None:
+        return math.nan
+    import flip_evaluator
+
+    given = (np.maximum(picture, 0.0).astype(np.float32) for picture in (reference, image))
+    middle = math.log2(exposure)
+    exposures = {"startExposure": middle - 2, "stopExposure": middle + 2, "numExposures": 5}
+    return float(flip_evaluator.evaluate(*given, "HDR", applyMagma=False, parameters=exposures)[1])

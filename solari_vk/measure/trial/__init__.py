@@ -1,0 +1,1 @@
+"""The same scenes through other renderers: `solari-vk trial`."""

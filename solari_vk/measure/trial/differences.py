@@ -1,0 +1,128 @@
+"""Differences between renderers whose reasons are known: the page names those that apply to a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from solari_vk.measure.trial.translation import USED
+from solari_vk.scene.lights.directional import DirectionalLight
+from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
+from solari_vk.scene.material import TEXTURES, Material
+from solari_vk.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Whose pictures differ from ours, why, and whether that is so in a scene. docs/guides/trial.md shows all."""
+
+    judge: str
+    what: str
+    why: str
+    applies: Callable[[Scene], bool]
+
+
+def _with(test: Callable[[Material], Any]) -> Callable[[Scene], bool]:
+    return lambda scene: any(test(material) for material in scene.materials)
+
+
+def _light(test: Callable[[Any], Any]) -> Callable[[Scene], bool]:
+    return lambda scene: any(test(light) for light in scene.lights)
+
+
+def _textures(material: Material) -> dict[str, Any]:
+    found = {name: getattr(material, name) for name in TEXTURES}
+    return {name: texture for name, texture in found.items() if texture is not None}
+
+
+def _is_interpolated(material: Material) -> bool:
+    return any(TEXTURES[name] and t.magnification == "linear" for name, t in _textures(material).items())
+
+
+def _moves_uvs_apart(material: Material) -> bool:
+    used = [texture for name, texture in _textures(material).items() if name in USED]
+    ways = {(texture.uv_set, texture.uv_transform.tobytes()) for texture in used}
+    return len(ways) > 1 or any(texture.wrap_u != texture.wrap_v for texture in used)
+
+
+def _is_layered(material: Material) -> bool:
+    """Whether it becomes Mitsuba's `principled`."""
+    glass = material.transmission == 1 and material.transmission_texture is None and material.metallic == 0
+    return not glass and not material.unlit and (material.specular > 0 or material.metallic > 0)
+
+
+def _is_spot(light: Any) -> bool:
+    return isinstance(light, SpotLight)
+
+
+def _is_animated(scene: Scene) -> bool:
+    return any(instance.posed for instance in scene)
+
+
+DIFFERENCES = (
+    Difference(
+        "cycles", "textures", "Cycles interpolates 8-bit sRGB textures before it decodes them: contrasty textures that "
+        "are magnified are up to 6 % darker than in linear light; with nearest filtering both agree within 0.8 %",
+        _with(_is_interpolated)),
+    Difference(
+        "cycles", "colored glass", "glTF tints light at each surface of a solid, so twice; Blender takes the root of "
+        "the color, so solids are lighter there: with squared colors TransmissionRoughnessTest agrees within 0.5 %",
+        _with(lambda m: m.transmission > 0 and m.solid)),
+    Difference("cycles", "thin glass", "Blender has no thin glass: shadows of panes have no light through them",
+               _with(lambda m: m.transmission > 0 and not m.solid)),
+    Difference(
+        "cycles", "attenuation", "Blender's importer makes it a Volume Absorption node, whose coefficient is "
+        "(1 - color) / distance and not -ln(color) / distance",
+        _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
+    Difference("cycles", "sheen", "Blender's sheen is another model, of Zeltner et al.; ours equals that of "
+               "KHR_materials_sheen", _with(lambda m: m.sheen_color.max() > 0)),
+    Difference("cycles", "anisotropy", "Blender makes another pair of roughnesses of an anisotropy",
+               _with(lambda m: m.anisotropy > 0)),
+    Difference(
+        "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
+        "directions, which is reciprocal: at a roughness of 0.5 ours is 1 to 3 % brighter under steep light and 9 to "
+        "13 % darker under light 5 to 10 degrees above the surface",
+        _with(lambda m: _is_layered(m) and m.metallic < 1)),
+    Difference("cycles", "specular", "Blender's importer makes the weight of reflections one at normal incidence: rims "
+               "reflect fully there; glTF weights them too",
+               _with(lambda m: 0 < m.specular < 1 or m.specular_texture)),
+    Difference("cycles", "spotlights", "between its cones a Blender spotlight falls off by another curve",
+               _light(_is_spot)),
+    Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
+               "is brighter at grazing angles, and rough metals lose what they reflect more than once",
+               _with(_is_layered)),
+    Difference("mitsuba", "attenuation", "left out: the solid is clear there",
+               _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
+    Difference("mitsuba", "sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
+    Difference("mitsuba", "anisotropy", "left out", _with(lambda m: m.anisotropy > 0)),
+    Difference("mitsuba", "clearcoat", "Disney's coat: a quarter as strong, with another roughness, and without its "
+               "normal texture", _with(lambda m: m.clearcoat > 0)),
+    Difference("mitsuba", "reflectance", "colors and textures of a dielectric's reflections are left out",
+               _with(lambda m: m.specular_texture or m.specular_color_texture or m.reflectance.std() > 0)),
+    Difference("mitsuba", "diffuse transmission", "left out", _with(lambda m: m.diffuse_transmission > 0)),
+    Difference("mitsuba", "unlit", "left out: black there", _with(lambda m: m.unlit)),
+    Difference("mitsuba", "uvs", "all textures of a material take the uvs, and one way to wrap, of the first",
+               _with(_moves_uvs_apart)),
+    Difference("mitsuba", "vertex colors", "with a base color texture they are left out, as is their alpha",
+               lambda scene: any(instance.mesh.colors is not None for instance in scene)),
+    Difference("mitsuba", "suns", "a sun has no disk: its shadows are sharp",
+               _light(lambda light: isinstance(light, DirectionalLight))),
+    Difference("mitsuba", "spotlights", "their light falls off linearly with the angle, and they have no size",
+               _light(_is_spot)),
+    Difference("all", "range of lights", "light without an end, as real light",
+               _light(lambda light: isinstance(light, PunctualLight) and light.range is not None)),
+    Difference("all", "both sides", "emissive surfaces shine on both sides in Cycles and on the front in Mitsuba; ours "
+               "on both if the material is double-sided", _with(lambda m: m.emits)),
+    Difference(
+        "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
+        "seen at grazing angles are brighter or darker, also where the surface is matte",
+        _with(lambda m: m.normal_texture)),
+    Difference("all", "poses", "skins and morph targets are in the pose of the file, which importers may see "
+               "differently", _is_animated),
+)  # fmt: skip
+
+
+def that_apply(scene: Scene) -> list[Difference]:
+    """The differences that a scene has reasons for."""
+    return [difference for difference in DIFFERENCES if difference.applies(scene)]

@@ -1,0 +1,143 @@
+"""Cycles, in Blender as a module of Python (`pip install bpy`), with Blender's own glTF importer.
+
+Of the file come meshes and materials; the camera, the lights and the environment are those of the job. Blender's z
+points up: (x, y, z) of glTF is (x, -z, y) there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+UPRIGHT = Matrix.Rotation(math.pi / 2, 4, "X")
+
+
+def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
+    """A function that renders the scene; see child.py."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=job["file"])
+    scene = bpy.context.scene
+    for thing in list(scene.objects):
+        thing.animation_data_clear()
+        if thing.type in ("LIGHT", "CAMERA"):
+            bpy.data.objects.remove(thing)
+    _add_camera(scene, job["camera"])
+    for light in job["lights"]:
+        _add_light(scene, light)
+    _add_environment(scene, job["environment"], folder)
+    _set_up(scene, job)
+    file = folder / "cycles.exr"
+
+    def render(samples: int, seed: int) -> Any:
+        scene.cycles.samples, scene.cycles.seed, scene.render.filepath = samples, seed, str(file)
+        bpy.ops.render.render(write_still=True)
+        image = bpy.data.images.load(str(file))
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        pixels = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(pixels)
+        bpy.data.images.remove(image)
+        return pixels.reshape(height, width, -1)[::-1, :, :3]
+
+    return render
+
+
+def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:
+    thing = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(thing)
+    thing.matrix_world = matrix
+    return thing
+
+
+def _add_camera(scene: Any, camera: dict[str, Any]) -> None:
+    data = bpy.data.cameras.new("camera")
+    data.sensor_fit, data.angle = "VERTICAL", camera["vertical_fov"]
+    data.clip_start, data.clip_end = camera["near"], 1e6
+    scene.camera = _link(scene, "camera", data, UPRIGHT @ Matrix(camera["transform"]))
+
+
+def _add_light(scene: Any, light: dict[str, Any]) -> None:
+    data = bpy.data.lights.new("light", {"directional": "SUN", "point": "POINT", "spot": "SPOT"}[light["kind"]])
+    data.color = light["color"]
+    matrix = Matrix.Identity(4)
+    if "direction" in light:
+        down = UPRIGHT.to_3x3() @ Vector(light["direction"])
+        matrix = down.to_track_quat("-Z", "Y").to_matrix().to_4x4()
+    if light["kind"] == "directional":
+        data.energy, data.angle = light["illuminance"], light["angular_diameter"]
+    else:
+        data.energy, data.shadow_soft_size = 4 * math.pi * light["intensity"], light["radius"]
+        data.use_soft_falloff = False
+        matrix.translation = UPRIGHT @ Vector(light["position"])
+    if light["kind"] == "spot":
+        data.spot_size = 2 * light["outer_cone_angle"]
+        outer, inner = math.cos(light["outer_cone_angle"]), math.cos(light["inner_cone_angle"])
+        data.spot_blend = min(max((inner - outer) / max(1 - outer, 1e-6), 0.0), 1.0)
+    _link(scene, "light", data, matrix)
+    if light.get("radius"):
+        _add_seen_sphere(scene, light, matrix)
+
+
+def _add_seen_sphere(scene: Any, light: dict[str, Any], matrix: Any) -> None:
+    """What the camera sees of a light with a radius: Cycles hides lights from cameras."""
+    import bmesh  # which only bpy makes importable
+
+    form, mesh = bmesh.new(), bpy.data.meshes.new("lamp")
+    bmesh.ops.create_uvsphere(form, u_segments=64, v_segments=32, radius=light["radius"])
+    form.to_mesh(mesh)
+    material = bpy.data.materials.new("lamp")
+    material.use_nodes, material.cycles.emission_sampling = True, "NONE"
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    emission.inputs["Color"].default_value = (*light["color"], 1)
+    emission.inputs["Strength"].default_value = light["intensity"] / (math.pi * light["radius"] ** 2)
+    material.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    mesh.materials.append(material)
+    sphere = _link(scene, "lamp", mesh, matrix)
+    for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(sphere, f"visible_{rays}", False)
+
+
+def _add_environment(scene: Any, environment: dict[str, Any] | None, folder: Path) -> None:
+    world = bpy.data.worlds.new("world")
+    scene.world, world.use_nodes = world, True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    background = nodes["Background"]
+    background.inputs["Color"].default_value = (0, 0, 0, 1)
+    if environment is None:
+        return
+    picture = nodes.new("ShaderNodeTexEnvironment")
+    picture.image = bpy.data.images.load(str(folder / environment["picture"]))
+    picture.image.colorspace_settings.name = "Linear Rec.709"
+    place, mapping = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
+    turn = UPRIGHT.to_3x3() @ Matrix(environment["rotation"]) @ UPRIGHT.to_3x3().inverted()
+    mapping.inputs["Rotation"].default_value = turn.inverted().to_euler()
+    links.new(place.outputs["Generated"], mapping.inputs["Vector"])
+    links.new(mapping.outputs["Vector"], picture.inputs["Vector"])
+    links.new(picture.outputs["Color"], background.inputs["Color"])
+    background.inputs["Strength"].default_value = environment["intensity"]
+
+
+def _set_up(scene: Any, job: dict[str, Any]) -> None:
+    """A plain path tracer: nothing is clamped, blurred, denoised or stopped early."""
+    render, cycles = scene.render, scene.cycles
+    render.engine = "CYCLES"
+    render.resolution_x, render.resolution_y = job["size"]
+    render.resolution_percentage, render.film_transparent, render.use_persistent_data = 100, False, True
+    render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
+    scene.view_settings.view_transform = "Raw"
+    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
+    bounces = max(job["max_bounces"] - 1, 0)  # Cycles doesn't count the first surface
+    for name in ("max", "diffuse", "glossy", "transmission", "volume"):
+        setattr(cycles, f"{name}_bounces", bounces)
+    cycles.transparent_max_bounces = 64
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0
+    cycles.caustics_reflective = cycles.caustics_refractive = True
+    cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0

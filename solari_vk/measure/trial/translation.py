@@ -1,0 +1,161 @@
+"""A scene's meshes and materials in the words of Mitsuba 3, as files: what judges/in_mitsuba.py reads.
+
+What has no counterpart there is left out, and named by differences.py. Mitsuba's diffuse, dielectric, roughdielectric
+and thindielectric mean the same as our materials; its `principled` is Disney's model, which is near to glTF's.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.output.tone_mapping import decode_srgb
+from solari_vk.scene.material import MIRROR_ROUGHNESS, Material, Texture
+from solari_vk.scene.matrices import transform_points, unit
+from solari_vk.scene.model import Scene
+from solari_vk.scene.objects import Instance
+
+WRAPS = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clamp"}
+FILTERS = {"linear": "bilinear", "nearest": "nearest"}
+LEAST_ETA = 1.001
+USED = ("base_color_texture", "metallic_roughness_texture", "normal_texture", "emissive_texture")
+
+
+def write(scene: Scene, folder: Path) -> None:
+    """Write mitsuba.json and the arrays that it names into a folder."""
+    materials = list(scene.materials)
+    textures = _Textures(folder)
+    shapes = []
+    for index, instance in enumerate(instance for instance in scene if instance.visible):
+        np.savez(folder / f"mesh{index}.npz", allow_pickle=False, **arrays(instance))
+        shapes.append({"file": f"mesh{index}.npz", "material": materials.index(instance.material)})
+    colored = {instance.material for instance in scene if instance.mesh.colors is not None}
+    made = [translated(material, textures, material in colored) for material in materials]
+    (folder / "mitsuba.json").write_text(json.dumps({"materials": made, "shapes": shapes}), encoding="utf-8")
+
+
+def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
+    """A mesh in world space: triangles (M, 3), positions (N, 3), and normals (N, 3), uvs (N, 2), colors (N, 3)."""
+    mesh, transform = instance.posed_mesh(), instance.transform
+    mirrored = np.linalg.det(transform[:3, :3]) < 0
+    triangles = mesh.triangles[:, ::-1] if mirrored else mesh.triangles
+    found = {"triangles": triangles.astype(np.uint32), "positions": transform_points(transform, mesh.positions)}
+    if mesh.normals is not None:
+        found["normals"] = unit(mesh.normals @ np.linalg.inv(transform[:3, :3]))
+    texture = leading_texture(instance.material)
+    uvs = mesh.uvs_for(texture.uv_set if texture else 0)
+    if uvs is not None:
+        turn = np.eye(2, 3) if texture is None else texture.uv_transform
+        found["uvs"] = uvs @ turn[:, :2].T + turn[:, 2]
+    if mesh.colors is not None:
+        found["colors"] = mesh.colors[:, :3] * instance.material.base_color
+    return {name: np.ascontiguousarray(a, np.uint32 if name == "triangles" else np.float32)
+            for name, a in found.items()}  # fmt: skip
+
+
+def leading_texture(material: Material) -> Texture | None:
+    """The texture whose uvs a mesh gets, as Mitsuba's meshes have one set: the first of USED."""
+    found = (getattr(material, name) for name in USED)
+    return next((texture for texture in found if texture is not None), None)
+
+
+class _Textures:
+    """Writes textures of linear values, each once."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._written: dict[tuple[Any, ...], str] = {}
+
+    def add(self, texture: Texture, kind: str, values: Any, *key: Any) -> dict[str, Any]:
+        """A texture as judges/in_mitsuba.py takes it. values: a function that gives (height, width, 1 or 3)."""
+        name = self._written.setdefault((texture.image, kind, *key), f"texture{len(self._written)}.npy")
+        if not (self.folder / name).exists():
+            np.save(self.folder / name, np.ascontiguousarray(values(), np.float32))
+        return {"file": name, "wrap": WRAPS[texture.wrap_u], "filter": FILTERS[texture.magnification]}
+
+    def color(self, texture: Texture | None, factor: NDArray[Any]) -> Any:
+        """A color (3,) times an sRGB texture."""
+        if texture is None:
+            return [float(value) for value in factor]
+        pixels = texture.image.pixels
+        return self.add(texture, "color", lambda: decode_srgb(pixels[..., :3] / 255) * factor, factor.tobytes())
+
+    def channel(self, texture: Texture | None, channel: int, factor: float) -> Any:
+        """A number times a channel of a texture."""
+        if texture is None:
+            return factor
+        pixels = texture.image.pixels[..., channel, None]
+        return self.add(texture, "channel", lambda: pixels / 255 * factor, channel, factor)
+
+    def normal(self, texture: Texture, scale: float) -> Any:
+        """A normal texture, whose scale is applied."""
+
+        def values() -> NDArray[Any]:
+            x, y = np.moveaxis(texture.image.pixels[..., :2] / 127.5 - 1, -1, 0)
+            z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+            made: NDArray[Any] = unit(np.stack([x * scale, y * scale, z], axis=-1)) / 2 + 0.5
+            return made
+
+        return self.add(texture, "normal", values, scale)
+
+    def opacity(self, material: Material) -> Any:
+        """The alpha of a material: 0 or 1 where it is cut out."""
+        texture, cutoff = material.base_color_texture, material.alpha_cutoff
+        masked = material.alpha_mode == "mask"
+        if texture is None:
+            return float(material.alpha >= cutoff) if masked else material.alpha
+        alpha = texture.image.pixels[..., 3, None] / 255 * material.alpha
+        return self.add(texture, "alpha", lambda: alpha >= cutoff if masked else alpha, material.alpha, masked, cutoff)
+
+
+def translated(material: Material, textures: _Textures, colored: bool = False) -> dict[str, Any]:
+    """A material: the type and the parameters of its BSDF, and what is around it. colored: meshes have colors."""
+    made = {"type": "diffuse", "parameters": {}} if material.unlit else _surface(material, textures, colored)
+    if material.normal_texture is not None and not material.unlit:
+        made["normal"] = textures.normal(material.normal_texture, material.normal_scale)
+    if material.alpha_mode != "opaque":
+        made["opacity"] = textures.opacity(material)
+    if material.emits:
+        made["radiance"] = textures.color(material.emissive_texture, material.emissive)
+    return made
+
+
+def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str, Any]:
+    color = textures.color(material.base_color_texture, material.base_color)
+    if colored and material.base_color_texture is None:
+        color = {"attribute": "vertex_color"}
+    is_rough = material.perceptual_roughness**2 > MIRROR_ROUGHNESS
+    if material.transmission == 1 and material.transmission_texture is None and material.metallic == 0:
+        kind = "thindielectric" if not material.solid else "roughdielectric" if is_rough else "dielectric"
+        given = {"specular_transmittance": color, "int_ior": material.ior}
+        return {"type": kind, "parameters": given | ({"alpha": material.perceptual_roughness**2}
+                                                     if kind == "roughdielectric" else {})}  # fmt: skip
+    if (
+        material.specular == 0
+        and material.metallic == 0
+        and not max(material.transmission, material.clearcoat, float(material.sheen_color.max()))
+    ):
+        return {"type": "diffuse", "parameters": {"reflectance": color}}
+    texture, root = material.metallic_roughness_texture, np.sqrt(_f0(material))
+    eta = float(max((1 + root) / (1 - root), LEAST_ETA))
+    parameters = {
+        "base_color": color, "eta": eta,
+        "roughness": textures.channel(texture, 1, material.perceptual_roughness),
+        "metallic": textures.channel(texture, 2, material.metallic),
+    }  # fmt: skip
+    if material.transmission > 0:
+        parameters |= {"spec_trans": textures.channel(material.transmission_texture, 0, material.transmission)}
+    if material.clearcoat > 0:
+        parameters |= {"clearcoat": textures.channel(material.clearcoat_texture, 0, material.clearcoat),
+                       "clearcoat_gloss": 1 - material.clearcoat_roughness}  # fmt: skip
+    return {"type": "principled", "parameters": parameters}
+
+
+def _f0(material: Material) -> float:
+    """The reflection straight on of a dielectric, of one color."""
+    reflected = 0.16 * float((material.relative_reflectance**2).mean()) * material.specular
+    return float(min(reflected, 0.9))
