@@ -195,7 +195,7 @@ one, several, cached = (functools.partial(brief, kind) for kind in ("one", "seve
 test_a_seeded_bug_is_noticed = bug_tests({
     # light samples without MIS weight, hits without it
     ONE: (one, Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, 1e9 * light_samples);")),
-    ONE_TILES: (one, Bug(VERTEX, "hit_light_pdf", "return 0.0;")),
+    ONE_TILES: (one, Bug("scene/walk.glsl", "hit_light_pdf(Receiver", "return 0.0;")),
     # several light samples are weighted as one
     SEVERAL_TILES: (several, Bug(
         VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, min(light_samples, 1.0));")),
