@@ -83,7 +83,7 @@ DIFFERENCES = (
         "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
         "directions, which is reciprocal: at a roughness of 0.5 ours is 1 to 3 % brighter under steep light and 9 to "
         "13 % darker under light 5 to 10 degrees above the surface",
-        _with(lambda m: _is_layered(m) and m.metallic < 1)),
+        _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture))),
     Difference("cycles", "specular", "Blender's importer makes the weight of reflections one at normal incidence: rims "
                "reflect fully there; glTF weights them too",
                _with(lambda m: 0 < m.specular < 1 or m.specular_texture)),
