@@ -118,6 +118,9 @@ DIFFERENCES = (
         "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
         "seen at grazing angles are brighter or darker, also where the surface is matte",
         _with(lambda m: m.normal_texture)),
+    Difference("all", "back sides", "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
+               "others see it through blended and cut out ones",
+               _with(lambda m: m.alpha_mode != "opaque" and not m.double_sided)),
     Difference("all", "poses", "skins and morph targets are in the pose of the file, which importers may see "
                "differently", _is_animated),
 )  # fmt: skip
