@@ -267,6 +267,9 @@ def test_differences_name_those_that_apply():
         ("cycles", "colored glass"), ("cycles", "attenuation"), ("cycles", "sheen"), ("cycles", "spotlights"),
         ("mitsuba", "attenuation"), ("mitsuba", "sheen"), ("mitsuba", "spotlights"), ("all", "range of lights"),
     }  # fmt: skip
+    textured = sv.Material(metallic=1, metallic_roughness_texture=np.zeros((1, 1, 3), np.uint8))
+    plain.instances[0].material = textured  # not a metal everywhere
+    assert ("cycles", "layering") in {(d.judge, d.what) for d in that_apply(plain)}
     assert all(difference.judge in {*KINDS, "all"} for difference in DIFFERENCES)
 
 

@@ -83,7 +83,7 @@ DIFFERENCES = (
         "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
         "directions, which is reciprocal: at a roughness of 0.5 ours is 1 to 3 % brighter under steep light and 9 to "
         "13 % darker under light 5 to 10 degrees above the surface",
-        _with(lambda m: _is_layered(m) and m.metallic < 1)),
+        _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture))),
     Difference("cycles", "specular", "Blender's importer makes the weight of reflections one at normal incidence: rims "
                "reflect fully there; glTF weights them too",
                _with(lambda m: 0 < m.specular < 1 or m.specular_texture)),
@@ -118,6 +118,9 @@ DIFFERENCES = (
         "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
         "seen at grazing angles are brighter or darker, also where the surface is matte",
         _with(lambda m: m.normal_texture)),
+    Difference("all", "back sides", "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
+               "others see it through blended and cut out ones",
+               _with(lambda m: m.alpha_mode != "opaque" and not m.double_sided)),
     Difference("all", "poses", "skins and morph targets are in the pose of the file, which importers may see "
                "differently", _is_animated),
 )  # fmt: skip
