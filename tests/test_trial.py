@@ -265,7 +265,8 @@ def test_differences_name_those_that_apply():
     plain.add(sv.SpotLight((0, 1, 0), direction=(0, -1, 0), range=2.0))
     assert {(d.judge, d.what) for d in that_apply(plain)} == {
         ("cycles", "colored glass"), ("cycles", "attenuation"), ("cycles", "sheen"), ("cycles", "spotlights"),
-        ("mitsuba", "attenuation"), ("mitsuba", "sheen"), ("mitsuba", "spotlights"), ("all", "range of lights"),
+        ("mitsuba", "rough glass"), ("mitsuba", "attenuation"), ("mitsuba", "sheen"), ("mitsuba", "spotlights"),
+        ("all", "range of lights"),
     }  # fmt: skip
     textured = sv.Material(metallic=1, metallic_roughness_texture=np.zeros((1, 1, 3), np.uint8))
     plain.instances[0].material = textured  # not a metal everywhere

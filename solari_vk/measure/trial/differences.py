@@ -92,6 +92,9 @@ DIFFERENCES = (
     Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
                "is brighter at grazing angles, and rough metals lose what they reflect more than once",
                _with(_is_layered)),
+    Difference("mitsuba", "rough glass", "its roughdielectric loses light that a rough surface scatters more than "
+               "once: solids darken with their roughness",
+               _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0)),
     Difference("mitsuba", "attenuation", "left out: the solid is clear there",
                _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
     Difference("mitsuba", "sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
