@@ -34,19 +34,21 @@ def test_keys_cycle_through_views_and_tone_mappings(viewer):
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
     assert viewer.pictures.view == views[-1]
-    viewer.pictures.view, viewer.settings.lighting = "paths_distance", "split"
+    viewer.settings.lighting = "split"
+    viewer.pictures.view, viewer.settings.lighting = "di_light", "paths"
     assert viewer.pictures.view == "picture", "a view that the lighting lacks"
 
 
 @pytest.mark.slow
 def test_a_view_that_the_lighting_lacks_is_the_picture(viewer):
-    viewer.pictures.mode, viewer.pictures.view = "realtime", "paths_distance"
     viewer.settings.lighting = "split"
-    viewer.run(frames=1)
-    assert (viewer.pictures.view, viewer.pictures.realtime.view, viewer.message) == ("picture", "picture", "")
+    viewer.pictures.mode, viewer.pictures.view = "realtime", "di_light"
     viewer.settings.lighting = "paths"
     viewer.run(frames=1)
-    assert viewer.pictures.realtime.view == "paths_distance"
+    assert (viewer.pictures.view, viewer.pictures.realtime.view, viewer.message) == ("picture", "picture", "")
+    viewer.settings.lighting = "split"
+    viewer.run(frames=1)
+    assert viewer.pictures.realtime.view == "di_light"
 
 
 def test_a_camera_may_choose_its_exposure(open_viewer):
