@@ -56,7 +56,7 @@ def pane(step, frames):
     scene = scene_under_lamp((1.5, 1.5, 3.0), 40.0)
     dark = sv.Material(base_color=(0.05, 0.05, 0.05), alpha=0.5, alpha_mode="blend", roughness=1.0)
     scene.add(shapes.quad((0, 0, 0), (1.2, 0, 0), (0, 1.2, 0)), dark)
-    scene.add(shapes.quad((0, 0, -0.5), (4, 0, 0), (0, 4, 0)), sv.Material(base_color=(0.42, 0.42, 0.42), roughness=1.0))
+    scene.add(shapes.quad((0, 0, -0.5), (4, 0, 0), (0, 4, 0)), sv.Material(base_color=0.42, roughness=1.0))
     places = [step * frame for frame in range(1 - frames, 1)]
     return scene, [sv.Camera.look_at((x, 0, 2.5), (x, 0, 0), vertical_fov=0.5) for x in places]
 
