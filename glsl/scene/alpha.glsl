@@ -4,8 +4,8 @@
 // A ray that looks for a surface hits a blended one with the probability alpha. What passes keeps its color, as in
 // glTF, which blends the picture of a surface over what lies behind it.
 //
-// Walls are as blended surfaces whose alpha is what they don't let pass, and light that passes takes a color: with the
-// weight alpha. Camera rays hit them always.
+// A wall of glass is like a blended surface. Its alpha is the share of light that doesn't pass, in the color that
+// passes best, and what passes is filtered by a color. Camera rays always hit it.
 #ifndef SCENE_ALPHA_GLSL
 #define SCENE_ALPHA_GLSL
 
@@ -59,7 +59,7 @@ vec4 resolve_thin_wall(
     return vec4(1.0 + (through / max(1.0 - opacity, 1e-9) - 1.0) / opacity, opacity);
 }
 
-// The filter and the opacity of a surface for rays: light that passes takes the color with the weight of the opacity.
+// The filter color of a surface and its opacity, in w: light that passes is multiplied by mix(1, filter, opacity).
 // Rays through the previous TLAS may meet instances that are hidden now, and such as are gone, which count as opaque.
 vec4 resolve_filter_opacity(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool is_camera_ray) {
     Instance instance = instances.at[instance_index];

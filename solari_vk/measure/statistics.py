@@ -37,10 +37,15 @@ def _student_quantile(degrees: int) -> float:
     return high
 
 
+def squared_scale(reference: NDArray[Any]) -> NDArray[Any]:
+    """What relMSE divides squared errors by: the squared reference, plus 1 % of its squared mean."""
+    scale: NDArray[Any] = reference**2 + (1e-2 * float(np.mean(reference)) ** 2 + 1e-12)
+    return scale
+
+
 def relative_mse(image: NDArray[Any], reference: NDArray[Any]) -> float:
     """The mean of the squared error over the squared reference, to which 1 % of its squared mean is added."""
-    floor = 1e-2 * float(np.mean(reference)) ** 2 + 1e-12
-    return float(((image - reference) ** 2 / (reference**2 + floor)).mean())
+    return float(((image - reference) ** 2 / squared_scale(reference)).mean())
 
 
 def true_relative_mse(image: NDArray[Any], first: NDArray[Any], second: NDArray[Any]) -> float:
@@ -49,9 +54,7 @@ def true_relative_mse(image: NDArray[Any], first: NDArray[Any], second: NDArray[
     The noise of a single reference adds its variance to the error. In the product of both differences it cancels out
     on average.
     """
-    mean = (first + second) / 2
-    floor = 1e-2 * float(np.mean(mean)) ** 2 + 1e-12
-    return float(((image - first) * (image - second) / (mean**2 + floor)).mean())
+    return float(((image - first) * (image - second) / squared_scale((first + second) / 2)).mean())
 
 
 def flip(image: NDArray[Any] | None, reference: NDArray[Any], exposure: float) -> float:

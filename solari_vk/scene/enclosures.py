@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene.bounds import Bounds
 from solari_vk.scene.matrices import transform_points
 
 if TYPE_CHECKING:
@@ -165,8 +166,7 @@ def _has_outside(center: Floats, triangles: Floats) -> bool:
 def _box(instance: Instance) -> Floats:
     """The lowest and the highest corner of the bounds of an instance, (2, 3)."""
     positions = instance.posed_mesh().positions
-    corners = np.stack(np.meshgrid(*zip(positions.min(axis=0), positions.max(axis=0), strict=True)), axis=-1)
-    placed = transform_points(instance.transform, corners.reshape(-1, 3))
+    placed = transform_points(instance.transform, Bounds(positions.min(axis=0), positions.max(axis=0)).corners)
     return np.array((placed.min(axis=0), placed.max(axis=0)), np.float64)
 
 
@@ -213,9 +213,8 @@ def extent(instances: list[Instance]) -> Floats:
     points = []
     for instance in instances:
         positions = instance.posed_mesh().positions
-        low, high = positions.min(axis=0), positions.max(axis=0)
-        corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-        points.append(transform_points(instance.transform, positions if every else corners))
+        box = Bounds(positions.min(axis=0), positions.max(axis=0))
+        points.append(transform_points(instance.transform, positions if every else box.corners))
     return np.concatenate(points).astype(np.float64)
 
 

@@ -46,7 +46,7 @@ void main() {
             CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
             if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
             walk = start_walk(ray);
-            walk.cone_width = walk.cone_spread = 0.0;  // textures are as fine as they can be: samples average them
+            walk.cone_width = walk.cone_spread = 0.0;  // the finest level of textures: samples average it
             receiver = CHOSEN_BY_POWER;
             bounce = 0u;
             radiance = vec3(0.0);

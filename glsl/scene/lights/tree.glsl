@@ -82,9 +82,7 @@ float leaf_probability(uint node, Receiver receiver) {
 ChosenLight choose_light(Receiver receiver, inout uint rng) {
     uint row = choose_light(rng);
     LightSource light = light_sources.at[row];
-    if (light.node == NO_INDEX || receiver.normal == vec3(0.0)) {
-        return ChosenLight(row, light.by_power.probability);
-    }
+    if (light.node == NO_INDEX) { return ChosenLight(row, light.by_power.probability); }
     ChosenLight chosen = descend_light_tree(receiver, rng);
     chosen.probability *= scene_info.finite_probability;
     return chosen;

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.measure.statistics import flip, true_relative_mse
+from solari_vk.measure.statistics import flip, squared_scale, true_relative_mse
 from solari_vk.measure.trial.process import OURS, Failure, Picture, Process, Render
 
 SEEDS_OF_PICTURES = 1, 2  # of the two halves; others are for the times
@@ -48,7 +48,7 @@ class Result:
     def noise(self) -> float:
         """The relMSE of the picture that is noise, from what its halves differ by."""
         first, second = (half.picture for half in self.halves)
-        return float(np.mean((first - second) ** 2 / weight(self.picture)) / 4)
+        return float(np.mean((first - second) ** 2 / squared_scale(self.picture)) / 4)
 
     @property
     def mean_error(self) -> Picture:
@@ -70,12 +70,6 @@ class Result:
                 **spent, "reached": reached}  # fmt: skip
 
 
-def weight(mean: Picture) -> Picture:
-    """What relMSE divides squared errors by: the squared radiance, plus 1 % of its squared mean."""
-    found: Picture = mean**2 + 1e-2 * float(mean.mean()) ** 2 + 1e-12
-    return found
-
-
 @dataclass(frozen=True)
 class Distance:
     """How far a picture is from another: the relMSE without both noises, the mean FLIP (NaN without its package), and
@@ -93,7 +87,7 @@ def distance(first: Result, second: Result, exposure: float) -> Distance:
     The product of the differences of independent halves has no noise on average, so it may be a little below 0.
     """
     a, b = ([half.picture for half in result.halves] for result in (first, second))
-    product = (a[0] - b[0]) * (a[1] - b[1]) / weight((first.picture + second.picture) / 2)
+    product = (a[0] - b[0]) * (a[1] - b[1]) / squared_scale((first.picture + second.picture) / 2)
     ratio = first.picture.mean(axis=(0, 1)) / np.maximum(second.picture.mean(axis=(0, 1)), 1e-12)
     error = float((ratio * np.hypot(first.mean_error, second.mean_error)).max())
     far = flip(first.picture, second.picture, exposure)

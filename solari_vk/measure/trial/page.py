@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from solari_vk.files import make_folder, write_whole
 from solari_vk.measure.page import head, markdown_list, markdown_table
-from solari_vk.measure.trial.compare import Comparison, Distance, weight
+from solari_vk.measure.statistics import squared_scale
+from solari_vk.measure.trial.compare import Comparison, Distance
 from solari_vk.measure.trial.differences import Difference
 from solari_vk.measure.trial.process import KINDS, OURS, Picture
 from solari_vk.output.picture import save_image, write_codes
@@ -131,7 +132,7 @@ class Page:
 def error_map(first: Picture, second: Picture) -> NDArray[np.uint8]:
     """Codes (height, width, 3): white where both are equal, red where the first is brighter, else blue."""
     luminances = [picture.mean(axis=2, keepdims=True) for picture in (first, second)]
-    relative = (luminances[0] - luminances[1]) / np.sqrt(weight((luminances[0] + luminances[1]) / 2))
+    relative = (luminances[0] - luminances[1]) / np.sqrt(squared_scale((luminances[0] + luminances[1]) / 2))
     share = np.clip(relative / MOST_SHOWN, -1, 1)
     colors = 1 - np.concatenate([np.maximum(-share, 0), np.abs(share), np.maximum(share, 0)], axis=2)
     return np.round(255 * colors).astype(np.uint8)
