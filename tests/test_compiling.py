@@ -11,7 +11,7 @@ import time
 import pytest
 
 import solari_vk as sv
-from solari_vk.cli import compiling
+from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import Compiling, announced
 
 
@@ -60,10 +60,9 @@ def test_an_error_ends_the_list():
 
 
 @pytest.mark.parametrize("patience", [60.0, 0.05])
-def test_only_what_takes_long_is_shown_until_it_is_done(monkeypatch, patience):
-    monkeypatch.setattr(compiling, "PATIENCE", patience)
+def test_only_what_takes_long_is_shown_until_it_is_done(patience):
     shown: list[str] = []
-    notes = compiling.CompileNotes()
+    notes = CompileNotes(patience)
     notes.show_by(shown.append)
     notes(Compiling("pipelines", 0, 3, "a"))
     while patience < 1 and not shown:
@@ -74,10 +73,23 @@ def test_only_what_takes_long_is_shown_until_it_is_done(monkeypatch, patience):
     assert shown == (["compiling pipelines 1 of 3: a", "compiling pipelines 2 of 3: b", ""] if patience < 1 else [])
 
 
+def test_a_device_says_what_takes_long_on_stderr(any_device, capsys):
+    """Unless it is asked not to."""
+    with sv.Device() as device:
+        device.on_compile.patience = 0
+        device.on_compile(Compiling("pipelines", 0, 2, "a"))
+        time.sleep(0.2)
+        device.on_compile(Compiling("pipelines", 2, 2, ""))
+    assert capsys.readouterr().err == "compiling pipelines 1 of 2: a\n"
+    with sv.Device(on_compile=None) as device:
+        assert device.on_compile is None
+
+
 def test_a_command_says_what_takes_long(any_device, tmp_path):
     """In a process without caches, in which the driver has a second of work; nothing counts as quick."""
     environment = os.environ | {"MESA_SHADER_CACHE_DISABLE": "true", "GALLIVM_PERF": "nopt"}
-    program = ("import sys; from solari_vk.cli import compiling, main; compiling.PATIENCE = compiling.PAUSE = 0; "
+    program = ("import sys; from solari_vk.cli import main; from solari_vk.gpu.device import compile_notes as notes; "
+               "notes.PATIENCE = notes.PAUSE = 0; "
                "sys.exit(main(sys.argv[1:]))")  # fmt: skip
     command = [sys.executable, "-c", program, "render", "builtin:cornell_box", "-o", str(tmp_path / "box.png"),
                "--mode", "reference", "--samples", "1", "--size", "32x32"]  # fmt: skip

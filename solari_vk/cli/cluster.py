@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from solari_vk.cli.compiling import CompileNotes
 from solari_vk.cli.progress import Progress, Stopped
+from solari_vk.gpu.device.compile_notes import CompileNotes
 
 if TYPE_CHECKING:
     from solari_vk.cli.jobs import DatasetJob, MovieJob, StillJob

@@ -1,77 +1,15 @@
-"""Says what is being compiled, which takes a software device up to a minute when it first renders."""
+"""Opens the device of a command, which says what is being compiled."""
 
 from __future__ import annotations
 
-import shutil
 import sys
-import threading
-import time
 import warnings
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from solari_vk.cli.jobs import PictureOptions
-    from solari_vk.gpu.device.compiling import Compiling
+    from solari_vk.gpu.device.compile_notes import CompileNotes
     from solari_vk.gpu.device.device import Device
-
-PATIENCE = 1.0  # seconds: what takes less isn't mentioned
-PAUSE = 5.0  # seconds between two lines where stderr is no terminal
-
-
-class CompileNotes:
-    """A device's `on_compile` that names on stderr what takes long: in a line that changes on a terminal, otherwise in
-    a line every few seconds.
-    """
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-        """How long compilations have taken."""
-        self.show_by(None)
-        self._lock = threading.Lock()
-        self._waiting: threading.Timer | None = None
-        self._state: Compiling | None = None
-        self._shown = False
-        self._printed = -PAUSE
-
-    def show_by(self, show: Callable[[str], object] | None) -> None:
-        """Call `show`, in place of writing to stderr, with the words, and with "" when they are out of date."""
-        self._show = show or (_show_in_place if sys.stderr.isatty() else self._print_sometimes)
-
-    @property
-    def after(self) -> str:
-        """" after compiling for 9.1 s", or nothing if that was quick."""
-        return f" after compiling for {self.seconds:.1f} s" if self.seconds >= PATIENCE else ""
-
-    def __call__(self, state: Compiling) -> None:
-        now = time.monotonic()
-        if state.done == 0:
-            self._began = now
-        if state.done == state.total:
-            self.seconds += now - self._began
-        with self._lock:
-            self._state = state if state.done < state.total else None
-            if self._state is None and self._waiting is not None:
-                self._waiting.cancel()
-                self._waiting = None
-            if self._shown:
-                self._show("" if self._state is None else str(state))
-                self._shown = self._state is not None
-            elif self._state is not None and self._waiting is None:
-                self._waiting = threading.Timer(PATIENCE, self._lose_patience)
-                self._waiting.daemon = True
-                self._waiting.start()
-
-    def _lose_patience(self) -> None:
-        with self._lock:
-            if self._state is not None:
-                self._show(str(self._state))
-                self._shown = True
-
-    def _print_sometimes(self, text: str) -> None:
-        if text and time.monotonic() - self._printed >= PAUSE:
-            self._printed = time.monotonic()
-            print(text, file=sys.stderr, flush=True)
 
 
 def open_device(job: PictureOptions, notes: CompileNotes | None = None) -> Device:
@@ -83,9 +21,3 @@ def open_device(job: PictureOptions, notes: CompileNotes | None = None) -> Devic
     for warning in caught:
         print(f"warning: {warning.message}", file=sys.stderr)
     return device
-
-
-def _show_in_place(text: str) -> None:
-    """Replace the line where the cursor is."""
-    width = shutil.get_terminal_size().columns - 1
-    print(f"\r\x1b[K{text[:width]}", end="", file=sys.stderr, flush=True)

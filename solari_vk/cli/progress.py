@@ -8,8 +8,8 @@ import sys
 import time
 from typing import Any
 
-from solari_vk.cli.compiling import CompileNotes
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.compile_notes import CompileNotes
 
 UNLIMITED = 1 << 24
 

@@ -9,12 +9,13 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from solari_vk.cli import animation
-from solari_vk.cli.compiling import CompileNotes, open_device
+from solari_vk.cli.compiling import open_device
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob, StillJob
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.errors import SolariError
 from solari_vk.frame_means import FrameMeans
+from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate

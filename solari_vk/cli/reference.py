@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.cli.cluster import Reporter, open_pool, words_on
-from solari_vk.cli.compiling import CompileNotes, open_device
+from solari_vk.cli.compiling import open_device
 from solari_vk.cli.jobs import StillJob
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load
+from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep

@@ -5,10 +5,11 @@ from __future__ import annotations
 import sys
 
 import solari_vk as sv
-from solari_vk.cli.compiling import CompileNotes, open_device
+from solari_vk.cli.compiling import open_device
 from solari_vk.cli.jobs import ViewJob
 from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.picture import write_codes
 from solari_vk.passes.debug_views import check_view

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from solari_vk.errors import checked_keywords
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import OnCompile
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
@@ -30,18 +31,19 @@ class Device(WorkQueue):
     staging: treat device memory as not mappable, as on a discrete GPU; by default SOLARI_VK_STAGING=1.
     rays: how shaders trace: "query" (VK_KHR_ray_query), "pipeline" (VK_KHR_ray_tracing_pipeline), or "auto", which
     takes queries where the device has them; by default SOLARI_VK_RAYS, else "auto". The attribute `rays` says which.
-    on_compile: called with a `Compiling` before each shader and pipeline that is compiled, and at the end of each list.
-    It may be assigned at any time. With it, the first frame's `render` waits while a software device compiles.
+    on_compile: called with a `Compiling` before each shader and pipeline that is compiled, and at the end of each list;
+    by default "stderr": there it is said what takes more than 3 seconds; None: nothing is said. The attribute may be
+    assigned at any time. Unless it is None, the first frame's `render` waits while a software device compiles.
     Raises DeviceError when no device fits, saying what each one lacks, and SolariError for another value of `rays`.
     """
 
     @checked_keywords()
     def __init__(
         self, select: str | int | None = None, *, validation: bool | None = None, staging: bool | None = None,
-        rays: str | None = None, on_compile: OnCompile | None = None,
+        rays: str | None = None, on_compile: OnCompile | Literal["stderr"] | None = "stderr",
     ) -> None:  # fmt: skip
         super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation, rays)
-        self.on_compile = on_compile
+        self.on_compile: OnCompile | None = CompileNotes() if on_compile == "stderr" else on_compile
         self.staging = _flag("SOLARI_VK_STAGING") if staging is None else staging
         self.memory = Allocator(self, map_device_memory=not self.staging)
         self.staging_pool = StagingPool(self.memory)
