@@ -9,12 +9,13 @@ from importlib import import_module
 from typing import Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
+from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.framing import default_camera
@@ -26,7 +27,6 @@ from solari_vk.scene.lights.light import Light as Light
 from solari_vk.scene.material import Material as Material
 from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage
-from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
@@ -304,17 +304,19 @@ class Scene(Observable):
     @property
     def bounds(self) -> Bounds:
         """The bounding box of all visible instances but the backdrop. Raises SolariError if there are none."""
-        corners = []
-        boxes: dict[Mesh, NDArray[Any]] = {}
-        for instance in self._subject():
-            mesh = instance.posed_mesh()
-            if mesh not in boxes:
-                boxes[mesh] = Bounds(mesh.positions.min(axis=0), mesh.positions.max(axis=0)).corners
-            corners.append(transform_points(instance.transform, boxes[mesh]))
-        if not corners:
+        bounds = bounds_of(self._subject())
+        if bounds is None:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
-        every = np.concatenate(corners)
-        return Bounds(every.min(axis=0), every.max(axis=0))
+        return bounds
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the scene as glTF 2.0: a .glb file, or a .gltf file with its data in a .bin file beside it.
+
+        `load` reads it back equal. Fields that glTF has no word for, such as a light's radius, are written as extras,
+        which other programs skip. What can't be written at all, such as meshes for rays, is named by warnings. Raises
+        SolariError for another ending, and when writing fails; the file at `path` is then as it was.
+        """
+        import_module("solari_vk.scene.gltf.saving.scene_file").save_gltf(self, path)  # which imports this module
 
 
 SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings", "backdrop")

@@ -17,7 +17,7 @@ from fuzz_commands import command_line, prepare, run_command
 from fuzz_mutants import mutate_bytes, mutate_json, mutate_text
 from fuzz_seeds import GLTF, IMAGES, MESHES, MTL, RADIANCE, mesh_file
 from hypothesis import strategies as st
-from support.gltf_writer import GltfWriter, encoded, glb
+from support.gltf_writer import GltfWriter, encoded
 
 import solari_vk as sv
 from solari_vk.cli.subject import _find_camera
@@ -26,6 +26,7 @@ from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
 from solari_vk.cluster.journal import Journal
 from solari_vk.errors import SolariError
 from solari_vk.output.animation import load_path
+from solari_vk.scene.gltf.saving.content import glb
 
 RANDOMS = st.randoms(use_true_random=False)
 Write = Callable[[random.Random], object]

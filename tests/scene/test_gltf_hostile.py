@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.gltf_writer import TRIANGLE, encoded, glb
+from support.gltf_writer import TRIANGLE, encoded
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.gltf.saving.content import glb
 
 GRAY = np.full((2, 2, 3), 128)
 

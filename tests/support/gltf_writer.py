@@ -4,13 +4,13 @@ import base64
 import io
 import json
 import re
-import struct
 
 import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.gltf.saving.content import glb
 
 COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -119,15 +119,6 @@ class GltfWriter:
         content["buffers"][0]["uri"] = uri
         path.write_text(json.dumps(content))
         return path
-
-
-def glb(text, binary):
-    text += b" " * (-len(text) % 4)
-    binary += b"\0" * (-len(binary) % 4)
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
-    if binary:
-        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def encoded(picture, format="PNG", **options):

@@ -45,24 +45,25 @@ class Rig:
         scales: ArrayLike, bases: Sequence[tuple[Matrix, bool]] | None = None, visible: Sequence[bool] | None = None,
     ) -> None:  # fmt: skip
         self.count = count = len(parents)
+        self.parents = list(parents)
         given = [(np.eye(4), True)] * count if bases is None else bases
-        self._transforms = np.reshape(np.asarray(transforms, np.float64), (count, 4, 4))
-        self._rest = {
+        self.transforms = np.reshape(np.asarray(transforms, np.float64), (count, 4, 4))
+        self.rest = {
             "translation": np.reshape(np.asarray(translations, np.float64), (count, 3)),
             "rotation": np.reshape(np.asarray(rotations, np.float64), (count, 4)),
             "scale": np.reshape(np.asarray(scales, np.float64), (count, 3)),
         }
-        self._visible = np.ones(count, bool) if visible is None else np.array(visible, bool)
-        self._bases = np.array([matrix for matrix, _ in given]).reshape(count, 4, 4)
-        self._bases_visible = np.array([shown for _, shown in given], bool)
+        self.visible = np.ones(count, bool) if visible is None else np.array(visible, bool)
+        self.bases = np.array([matrix for matrix, _ in given]).reshape(count, 4, 4)
+        self.bases_visible = np.array([shown for _, shown in given], bool)
         self._jumps = _jumps(parents)
         self._roots = np.flatnonzero(np.asarray(parents, np.int64).reshape(-1) < 0)
-        self._placed: list[tuple[Any, int, Matrix | None]] = []
-        self._skins: list[tuple[Instance, NDArray[np.int64], Matrix, Matrix]] = []
-        self._sides: dict[Instance, tuple[int, int]] = {}  # nodes, and the signs of their determinants
+        self.placed: list[tuple[Any, int, Matrix | None]] = []
+        self.skins: list[tuple[Instance, NDArray[np.int64], Matrix, Matrix]] = []
+        self.sides: dict[Instance, tuple[int, int]] = {}  # nodes, and the signs of their determinants
         self._inside_out: dict[Mesh, Mesh] = {}
-        self._weighted: list[tuple[Instance, int, Matrix]] = []
-        self._shown: dict[Any, bool] = {}
+        self.weighted: list[tuple[Instance, int, Matrix]] = []
+        self.shown: dict[Any, bool] = {}
 
     # ---- what hangs on the nodes --------------------------------------------------------------------
 
@@ -75,8 +76,8 @@ class Rig:
         transform: from the object's space to the node's, by default the identity. moves: not only the visibility
         follows. shown: whether it is visible now or, for a light, in the scene.
         """
-        self._placed.append((item, node, transform if moves else NOT_MOVED))
-        self._shown[item] = item.visible if isinstance(item, Instance) else shown
+        self.placed.append((item, node, transform if moves else NOT_MOVED))
+        self.shown[item] = item.visible if isinstance(item, Instance) else shown
 
     def attach_skin(
         self, instance: Instance, joints: Sequence[int], rest: ArrayLike, joints_from_mesh: ArrayLike
@@ -87,12 +88,12 @@ class Rig:
         that never move count. joints_from_mesh (J, 4, 4): the inverse bind matrices.
         """
         places, bind = (np.reshape(np.asarray(part, np.float64), (-1, 4, 4)) for part in (rest, joints_from_mesh))
-        self._skins.append((instance, np.asarray(joints, np.int64), places, bind))
+        self.skins.append((instance, np.asarray(joints, np.int64), places, bind))
 
     def attach_side(self, instance: Instance, node: int, mirrored: bool) -> None:
         """Have a skin's triangles be turned around whenever a node begins or ceases to mirror what is below it, as it
         does now or doesn't."""
-        self._sides[instance] = node, -1 if mirrored else 1
+        self.sides[instance] = node, -1 if mirrored else 1
 
     def inside_out(self, mesh: Mesh) -> Mesh:
         """The mesh whose front is where the other one's back is; always the same one, and back again."""
@@ -105,7 +106,7 @@ class Rig:
     def attach_weights(self, instance: Instance, node: int) -> None:
         """Have a node's weights be those of the instance's morph targets; at rest they are what they are now."""
         assert instance.morph_weights is not None
-        self._weighted.append((instance, node, instance.morph_weights))
+        self.weighted.append((instance, node, instance.morph_weights))
 
     # ---- poses --------------------------------------------------------------------------------------
 
@@ -118,19 +119,23 @@ class Rig:
         found = [self._pose_of(samples) for _, samples in poses]
         pose = found[0] if len(found) == 1 else self._mean(np.array([share for share, _ in poses]), found)
         worlds, shown = self._place_nodes(pose)
-        for item, node, transform in self._placed:
+        for item, node, transform in self.placed:
             world = worlds[node] if transform is None else worlds[node] @ transform
             self._place(lights, item, None if transform is NOT_MOVED else world, bool(shown[node]))
-        for instance, joints, rest, joints_from_mesh in self._skins:
+        for instance, joints, rest, joints_from_mesh in self.skins:
             places = np.where((joints >= 0)[:, None, None], worlds[joints], rest)
             _assign(instance, "joint_matrices", (places @ joints_from_mesh)[:, :3])
         self._turn(worlds)
-        for instance, node, resting in self._weighted:
+        for instance, node, resting in self.weighted:
             _assign(instance, "morph_weights", pose.weights.get(node, resting))
 
+    def rest_worlds(self) -> Matrix:
+        """Matrices (N, 4, 4) from the nodes to the world while none of them is animated."""
+        return self._place_nodes(self._pose_of(()))[0]
+
     def _pose_of(self, samples: Iterable[Sample]) -> Pose:
-        parts = {name: values.copy() for name, values in self._rest.items()}
-        moved, visible = np.zeros(self.count, bool), self._visible.copy()
+        parts = {name: values.copy() for name, values in self.rest.items()}
+        moved, visible = np.zeros(self.count, bool), self.visible.copy()
         weights: dict[int, Matrix] = {}
         for nodes, path, values in samples:
             if path in parts:
@@ -144,23 +149,23 @@ class Rig:
 
     def _mean(self, shares: NDArray[np.float64], poses: Sequence[Pose]) -> Pose:
         """The mean of poses. Quaternions are negated where this brings them closer to those of the first pose."""
-        parts = {name: np.stack([pose.parts[name] for pose in poses]) for name in self._rest}
+        parts = {name: np.stack([pose.parts[name] for pose in poses]) for name in self.rest}
         turns = np.stack([unit_quaternions(values) for values in parts["rotation"]])
         turns *= np.where((turns * turns[0]).sum(axis=2, keepdims=True) < 0, -1, 1)
         mean = {name: np.tensordot(shares, values, 1) for name, values in (parts | {"rotation": turns}).items()}
         mean["rotation"] = unit_quaternions(mean["rotation"])
         weights = {node: np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
-                   for _, node, resting in self._weighted}  # fmt: skip
+                   for _, node, resting in self.weighted}  # fmt: skip
         moved: NDArray[np.bool_] = np.logical_or.reduce([pose.moved for pose in poses])
         shown = shares @ np.stack([pose.visible for pose in poses])
         return Pose(mean, moved, np.asarray(shown >= 0.5), weights)
 
     def _place_nodes(self, pose: Pose) -> tuple[Matrix, NDArray[np.bool_]]:
         """Matrices (N, 4, 4) from the nodes to the world, and whether they and all above them are visible (N,)."""
-        worlds, shown, moved = self._transforms.copy(), pose.visible.copy(), np.flatnonzero(pose.moved)
+        worlds, shown, moved = self.transforms.copy(), pose.visible.copy(), np.flatnonzero(pose.moved)
         worlds[moved] = compose(*(pose.parts[name][moved] for name in ("translation", "rotation", "scale")))
-        worlds[self._roots] = self._bases[self._roots] @ worlds[self._roots]
-        shown[self._roots] &= self._bases_visible[self._roots]
+        worlds[self._roots] = self.bases[self._roots] @ worlds[self._roots]
+        shown[self._roots] &= self.bases_visible[self._roots]
         for nodes, above in self._jumps:
             worlds[nodes] = worlds[above] @ worlds[nodes]
             shown[nodes] &= shown[above]
@@ -168,15 +173,15 @@ class Rig:
 
     def _turn(self, worlds: Matrix) -> None:
         """Turn skins inside out whose nodes mirror them now and didn't before, or the other way around."""
-        if not self._sides:
+        if not self.sides:
             return
-        nodes, before = np.array(list(self._sides.values())).T
+        nodes, before = np.array(list(self.sides.values())).T
         now = np.sign(np.linalg.det(worlds[nodes, :3, :3]))
-        for instance, changed in zip(list(self._sides), now == -before, strict=True):
+        for instance, changed in zip(list(self.sides), now == -before, strict=True):
             if changed:
-                node, side = self._sides[instance]
+                node, side = self.sides[instance]
                 instance.mesh = self.inside_out(instance.mesh)
-                self._sides[instance] = node, -side
+                self.sides[instance] = node, -side
 
     def _place(self, lights: Items[Light], item: Any, world: Matrix | None, shown: bool) -> None:
         """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""
@@ -186,7 +191,7 @@ class Rig:
                     _assign(item, "transform", world)
             except SolariError:
                 shown = False
-            if shown != self._shown[item]:
+            if shown != self.shown[item]:
                 item.visible = shown
         elif world is None:
             return
@@ -196,7 +201,7 @@ class Rig:
                 _assign(item, "transform", transform)
         else:
             self._place_light(lights, item, world, shown)
-        self._shown[item] = shown
+        self.shown[item] = shown
 
     def _place_light(self, lights: Items[Light], light: Light, world: Matrix, shown: bool) -> None:
         """Move a light, which shines along its node's -z, or as before where a scale of 0 leaves no direction. A hidden
@@ -210,7 +215,7 @@ class Rig:
             values = {name: fields[name].astype(np.float32) for name in fields if hasattr(light, name)}
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)
-        if shown != self._shown[light] and shown != (light in lights):  # which a user may have added or removed
+        if shown != self.shown[light] and shown != (light in lights):  # which a user may have added or removed
             (lights.add if shown else lights.remove)(light)
 
 

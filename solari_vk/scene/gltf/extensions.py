@@ -155,7 +155,7 @@ EXTENSIONS = (
     Extension("EXT_meshopt_compression", "works", "with the extra `formats`"),
     Extension("EXT_structural_metadata", "no", "metadata, which pictures don't show"),
     Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
-    Extension("EXT_texture_exr", "works", "values above 1 are 1, in 8 bits"),
+    Extension("EXT_texture_exr", "works", "values above 1 are 1, in 8 bits; those of skies stay as they are"),
     Extension("EXT_texture_webp", "works", ""),
     # Of one vendor, and withdrawn ones.
     Extension("CESIUM_RTC", "works", "positions are left relative to the center, which a warning names"),

@@ -7,12 +7,16 @@ from collections.abc import Container
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solari_vk.budget import BudgetError
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.images import image_files
+from solari_vk.scene.images.exr import ExrImage
 from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import TextureImage
 
@@ -44,6 +48,17 @@ class Images:
     def __getitem__(self, choice: Choice) -> TextureImage | None:
         """The image of a choice, after `read`; None if there is none that can be read."""
         return next((image for number in choice if (image := self._read.get(number)) is not None), None)
+
+    def light(self, number: int, user: Entry) -> NDArray[np.float32] | None:
+        """The linear colors (H, W, 3) of an EXR image, of any brightness; None for others, and without one."""
+        entry = self._document.item("image", number, user)
+        try:
+            image, who, _ = self._open(entry, self._source(entry))
+            return image.colors(who)[..., :3] if isinstance(image, ExrImage) else None
+        except BudgetError:
+            raise
+        except SolariError:
+            return None  # `read` remarks it
 
     def _read_all(self, users: dict[int, Entry], linear: Container[int]) -> None:
         sources: dict[int, Source] = {}

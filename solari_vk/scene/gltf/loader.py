@@ -16,6 +16,7 @@ from solari_vk.scene.gltf.cameras import make_camera
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
+from solari_vk.scene.gltf.extras import own_fields
 from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
@@ -229,6 +230,8 @@ class _Loader:
                 if skin is not None and row is not None:
                     rig.attach_side(instance, row, mirrored)
                 self._add(node, instance, local, moves=skin is None)
+                if own_fields(node.entry, ("backdrop",)).get("backdrop") is True:
+                    self._scene.backdrop = instance
 
     def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
         """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.scene.checks import LARGEST_RADIANCE
 from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.extras import own_fields
 from solari_vk.scene.gltf.image_lights import unroll_cube
 from solari_vk.scene.gltf.images import Images
 from solari_vk.scene.gltf.report import Report
@@ -84,6 +85,9 @@ def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, str
         numbers = [fields.integer("equirectangular")]
     choices = [images_of(document.item("texture", number, fields)) for number in numbers]
     images = Images(document, report, strict)
+    turn = own_fields(sky, ("rotation",)).get("rotation", -math.pi / 2)
+    if not is_cube and choices[0] and (light := images.light(choices[0][0], fields)) is not None:
+        return Environment(light, rotation=turn, name=sky.name)
     images.read({choice: fields for choice in choices if choice})
     found = [image.pixels[..., :3] for choice in choices if (image := images[choice]) is not None]
     side = len(found[0]) if found else 0
@@ -93,4 +97,4 @@ def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, str
     document.root.charge(_BYTES_PER_VALUE * sum(pixels.size for pixels in found), "the map of its sky")
     if is_cube:
         return Environment(unroll_cube(np.stack([LINEAR_OF_SRGB[pixels] for pixels in found])), name=sky.name)
-    return Environment(LINEAR_OF_SRGB[found[0]], rotation=-math.pi / 2, name=sky.name)
+    return Environment(LINEAR_OF_SRGB[found[0]], rotation=turn, name=sky.name)

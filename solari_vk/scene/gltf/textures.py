@@ -14,10 +14,10 @@ from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.model import Texture, TextureImage
 
-_WRAP = {33071: "clamp_to_edge", 33648: "mirrored_repeat", 10497: "repeat"}
-_MAGNIFICATION = {9728: "nearest", 9729: "linear"}
+WRAP = {33071: "clamp_to_edge", 33648: "mirrored_repeat", 10497: "repeat"}
+MAGNIFICATION = {9728: "nearest", 9729: "linear"}
 # What each filter does within a level, and whether it uses the smaller levels.
-_MINIFICATION = {
+MINIFICATION = {
     9728: ("nearest", False), 9729: ("linear", False), 9984: ("nearest", True), 9985: ("linear", True),
     9986: ("nearest", True), 9987: ("linear", True),
 }  # fmt: skip
@@ -98,12 +98,12 @@ class Textures:
             entry = self._document.item("texture", slot.texture, slot.entry)
             index = entry.index("sampler")
             sampler = None if index is None else self._document.item("sampler", index, entry)
-            minification, mipmaps = _choice(sampler, "minFilter", 9987, _MINIFICATION)
+            minification, mipmaps = _choice(sampler, "minFilter", 9987, MINIFICATION)
             self._textures[key] = Texture(
                 image=self.image(slot),
-                wrap_u=_choice(sampler, "wrapS", 10497, _WRAP),
-                wrap_v=_choice(sampler, "wrapT", 10497, _WRAP),
-                magnification=_choice(sampler, "magFilter", 9729, _MAGNIFICATION),
+                wrap_u=_choice(sampler, "wrapS", 10497, WRAP),
+                wrap_v=_choice(sampler, "wrapT", 10497, WRAP),
+                magnification=_choice(sampler, "magFilter", 9729, MAGNIFICATION),
                 minification=minification,
                 mipmaps=mipmaps,
                 uv_transform=np.reshape(slot.uv_transform, (2, 3)),

@@ -1,0 +1,129 @@
+"""Meshes of a scene as glTF has them: each with one primitive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.gltf.deform import TARGETS
+from solari_vk.scene.gltf.saving.content import Content
+from solari_vk.scene.gltf.saving.surfaces import Surfaces
+from solari_vk.scene.gltf.variants import EXTENSION as VARIANTS
+from solari_vk.scene.material import TEXTURES, Material
+from solari_vk.scene.matrices import unit
+from solari_vk.scene.objects import Mesh
+
+_MOST_OF_TWO_BYTES = 2**16 - 1  # vertices; the largest number restarts a primitive
+Variants = tuple[tuple[int, Material], ...]
+
+
+class Shapes:
+    """Writes each mesh once for each of its materials; their arrays are shared."""
+
+    def __init__(self, content: Content, surfaces: Surfaces) -> None:
+        self._content = content
+        self._surfaces = surfaces
+        self._meshes: dict[Any, int] = {}
+        self._attributes: dict[tuple[Mesh, str], int] = {}
+        self._resting: dict[Mesh, bool] = {}
+
+    def mesh(self, mesh: Mesh, material: Material, variants: Variants = ()) -> int:
+        """The number of a mesh with a material. variants: numbers of variants, and the materials there."""
+        key = mesh, material, variants
+        if key not in self._meshes:
+            users = (material, *(other for _, other in variants))
+            textures = [texture for one in users for name in TEXTURES if (texture := getattr(one, name)) is not None]
+            primitive: dict[str, Any] = {
+                "attributes": self._all(mesh, {texture.uv_set for texture in textures}),
+                "indices": self._once(mesh, "indices", mesh.triangles.reshape(-1), *self._corner_kind(mesh)),
+                "material": self._surfaces.material(material),
+            }
+            if variants:
+                mappings = [{"material": self._surfaces.material(other), "variants": [v]} for v, other in variants]
+                self._content.use(VARIANTS, {"mappings": mappings}, primitive)
+            if targets := self._targets(mesh):
+                primitive["targets"] = targets
+            self._meshes[key] = self._content.add("meshes", name=mesh.name, primitives=[primitive])
+        return self._meshes[key]
+
+    def has_resting(self, mesh: Mesh) -> bool:
+        """Whether some vertices have no joint, of a mesh with joints: they stay, by one more joint."""
+        if mesh not in self._resting:
+            weights = None if mesh.deformation is None else mesh.deformation.joint_weights
+            self._resting[mesh] = weights is not None and not (weights > 0).any(axis=1).all()
+        return self._resting[mesh]
+
+    @staticmethod
+    def _corner_kind(mesh: Mesh) -> tuple[str, str]:
+        return "u2" if len(mesh.positions) <= _MOST_OF_TWO_BYTES else "u4", "corners"
+
+    def _once(self, mesh: Mesh, name: str, values: NDArray[Any], dtype: str = "f4", use: str = "vertices") -> int:
+        """The accessor of an attribute."""
+        if (mesh, name) not in self._attributes:
+            self._attributes[mesh, name] = self._content.accessor(values, dtype, use)
+        return self._attributes[mesh, name]
+
+    def _all(self, mesh: Mesh, uv_sets: set[int]) -> dict[str, int]:
+        found = {"POSITION": self._once(mesh, "POSITION", mesh.positions, use="positions")}
+        if mesh.normals is not None:
+            found["NORMAL"] = self._once(mesh, "NORMAL", unit(mesh.normals))
+        if mesh.tangents is not None and mesh.normals is None:
+            self._content.lose("tangents of meshes without normals aren't written", mesh.describe())
+        elif mesh.tangents is not None:
+            tangents = np.append(unit(mesh.tangents[:, :3]), np.where(mesh.tangents[:, 3:] < 0, -1, 1), axis=1)
+            found["TANGENT"] = self._once(mesh, "TANGENT", tangents)
+        if mesh.colors is not None:
+            found["COLOR_0"] = self._once(mesh, "COLOR_0", mesh.colors)
+        uvs = mesh.uvs
+        if uvs is None and (uv_sets or mesh.second_uvs is not None):
+            uvs = np.zeros((len(mesh.positions), 2), np.float32)  # where shaders see textures of meshes without uvs
+        if uvs is not None:
+            found["TEXCOORD_0"] = self._once(mesh, "TEXCOORD_0", uvs)
+        if mesh.second_uvs is not None:
+            found["TEXCOORD_1"] = self._once(mesh, "TEXCOORD_1", mesh.second_uvs)
+        elif 1 in uv_sets:
+            found["TEXCOORD_1"] = found["TEXCOORD_0"]
+        return found | self._joints(mesh)
+
+    def _joints(self, mesh: Mesh) -> dict[str, int]:
+        """Joints and weights as the format wants them: four a set, each joint once, none with the weight 0, and for
+        each vertex one at least."""
+        deformation = mesh.deformation
+        if deformation is None or deformation.joints is None or deformation.joint_weights is None:
+            return {}
+        joints, weights = deformation.joints.astype(np.int64), deformation.joint_weights.astype(np.float64)
+        for column in range(1, joints.shape[1]):
+            for earlier in range(column):
+                same = joints[:, column] == joints[:, earlier]
+                weights[same, earlier] += weights[same, column]
+                weights[same, column] = 0
+        padding = ((0, 0), (0, -joints.shape[1] % 4))
+        joints, weights = np.pad(joints, padding), np.pad(weights, padding)
+        resting = ~(weights > 0).any(axis=1)
+        joints[weights == 0] = 0
+        joints[resting, 0], weights[resting, 0] = deformation.joint_count, 1
+        dtype, found = "u1" if joints.max() < 256 else "u2", {}
+        for number in range(joints.shape[1] // 4):
+            part = np.s_[:, 4 * number : 4 * number + 4]
+            found[f"JOINTS_{number}"] = self._once(mesh, f"JOINTS_{number}", joints[part], dtype)
+            found[f"WEIGHTS_{number}"] = self._once(mesh, f"WEIGHTS_{number}", weights[part])
+        return found
+
+    def _targets(self, mesh: Mesh) -> list[dict[str, int]]:
+        deformation = mesh.deformation
+        if deformation is None or deformation.targets is None:
+            return []
+        bases = {"POSITION": mesh.positions, "NORMAL": mesh.normals, "TANGENT": mesh.tangents}
+        fields = {name: getattr(deformation, field) for name, field in TARGETS.items() if bases[name] is not None}
+        if mesh.normals is None:
+            fields.pop("TANGENT", None)
+        return [
+            {
+                name: self._once(mesh, f"{name} of {number}", values[number], use="positions")
+                for name, values in fields.items()
+                if values is not None
+            }
+            for number in range(deformation.target_count)
+        ]
