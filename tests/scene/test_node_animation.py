@@ -224,7 +224,7 @@ def test_visibility_by_pointers(writer):
     seen = writer.accessor([[1], [0], [1]], "u1")
     for pointer, times, values in (
         (f"/nodes/{node}/extensions/KHR_node_visibility/visible", [0, 1, 2], seen),
-        ("/materials/0/alphaCutoff", [0], [[1.0]]),
+        ("/meshes/0/weights", [0], [[1.0]]),
     ):
         target = {"KHR_animation_pointer": {"pointer": pointer}}
         writer.animate(None, "pointer", times, values, "STEP", extensions=target)
@@ -238,7 +238,7 @@ def test_visibility_by_pointers(writer):
         scene.lights.remove(light)  # a clip that hides it later doesn't mind
     scene.animate(1.0)
     [warning] = scene.warnings
-    assert warning.startswith("animations of properties other than those of nodes are not played: animation 0 'clip'")
+    assert warning.startswith("animations of some properties are not played: animation 0 'clip'")
 
 
 # ---- bad files --------------------------------------------------------------------------------------

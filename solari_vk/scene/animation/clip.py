@@ -40,8 +40,10 @@ class Animation(Checked):
 
     def _validate(self) -> None:
         for channel in self.channels:
-            if not 0 <= channel.node < self.rig.count:
-                raise SolariError(f"{self.describe()}: there is no node {channel.node} among {self.rig.count}")
+            what = "property" if channel.path == "property" else "node"
+            count = len(self.rig.properties) if what == "property" else self.rig.count
+            if not 0 <= channel.node < count:
+                raise SolariError(f"{self.describe()}: there is no {what} {channel.node} among {count}")
         object.__setattr__(self, "_tracks", tracks(self.channels))
         object.__setattr__(self, "_duration", max((channel.times[-1] for channel in self.channels), default=0.0))
 

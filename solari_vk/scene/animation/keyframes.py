@@ -15,7 +15,7 @@ Values = NDArray[np.float64]
 Sample = tuple[NDArray[np.int64], str, Values]
 """Nodes (N,), which of their properties, and the values (N, C)."""
 INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
-WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "visible": 1, "weights": None}
+WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "visible": 1, "weights": None, "property": None}
 """What a channel changes, and how many numbers a key has: a mesh has any number of morph targets."""
 
 
@@ -24,8 +24,9 @@ class Channel:
     """The keys of one property of a rig's node. Raises SolariError for keys that can't be played.
 
     times (K,): in seconds, ascending. values (K, C): translations in meters, unit quaternions (x, y, z, w), scales,
-    visibility (more than 0), or the weights of morph targets. For CUBICSPLINE (K, 3, C): each key's incoming tangent,
-    value and outgoing tangent, tangents per second.
+    visibility (more than 0), the weights of morph targets, or a property of a material, camera or light. For
+    CUBICSPLINE (K, 3, C): each key's incoming tangent, value and outgoing tangent, tangents per second. node: for
+    properties their number in the rig.
     """
 
     node: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,13 +22,21 @@ NOT_MOVED = np.eye(4)  # stands for the transform of what only becomes visible o
 
 
 class Pose(NamedTuple):
-    """The translations, rotations and scales of all nodes, which of them these move, which are visible, and the weights
-    of morph targets by node."""
+    """The translations, rotations and scales of all nodes, which of them these move, which are visible, the weights of
+    morph targets by node, and the values of properties by number."""
 
     parts: dict[str, Matrix]
     moved: NDArray[np.bool_]
     visible: NDArray[np.bool_]
     weights: dict[int, Matrix]
+    properties: dict[int, Matrix]
+
+
+class Animated(Protocol):
+    """An object whose properties are animated: `put` each, then `apply` all."""
+
+    def put(self, path: tuple[str, ...], values: Matrix) -> None: ...
+    def apply(self) -> None: ...
 
 
 class Rig:
@@ -64,6 +72,7 @@ class Rig:
         self._inside_out: dict[Mesh, Mesh] = {}
         self.weighted: list[tuple[Instance, int, Matrix]] = []
         self.shown: dict[Any, bool] = {}
+        self.properties: list[tuple[Animated, tuple[str, ...], Matrix]] = []
 
     # ---- what hangs on the nodes --------------------------------------------------------------------
 
@@ -108,6 +117,12 @@ class Rig:
         assert instance.morph_weights is not None
         self.weighted.append((instance, node, instance.morph_weights))
 
+    def attach_property(self, item: Animated, path: tuple[str, ...], resting: Matrix) -> int:
+        """Have channels of the path "property" change an object, and return the number that they name as their node.
+        resting (C,): the values where no channel does."""
+        self.properties.append((item, path, resting))
+        return len(self.properties) - 1
+
     # ---- poses --------------------------------------------------------------------------------------
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -128,6 +143,10 @@ class Rig:
         self._turn(worlds)
         for instance, node, resting in self.weighted:
             _assign(instance, "morph_weights", pose.weights.get(node, resting))
+        for number, (item, path, resting) in enumerate(self.properties):
+            item.put(path, pose.properties.get(number, resting))
+        for item in dict.fromkeys(item for item, *_ in self.properties):
+            item.apply()
 
     def rest_worlds(self) -> Matrix:
         """Matrices (N, 4, 4) from the nodes to the world while none of them is animated."""
@@ -137,6 +156,7 @@ class Rig:
         parts = {name: values.copy() for name, values in self.rest.items()}
         moved, visible = np.zeros(self.count, bool), self.visible.copy()
         weights: dict[int, Matrix] = {}
+        properties: dict[int, Matrix] = {}
         for nodes, path, values in samples:
             if path in parts:
                 parts[path][nodes] = values
@@ -144,8 +164,9 @@ class Rig:
             elif path == "visible":
                 visible[nodes] = values[:, 0] > 0
             else:
-                weights.update(zip(nodes.tolist(), values, strict=True))
-        return Pose(parts, moved, visible, weights)
+                found = weights if path == "weights" else properties
+                found.update(zip(nodes.tolist(), values, strict=True))
+        return Pose(parts, moved, visible, weights, properties)
 
     def _mean(self, shares: NDArray[np.float64], poses: Sequence[Pose]) -> Pose:
         """The mean of poses. Quaternions are negated where this brings them closer to those of the first pose."""
@@ -156,9 +177,11 @@ class Rig:
         mean["rotation"] = unit_quaternions(mean["rotation"])
         weights = {node: np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
                    for _, node, resting in self.weighted}  # fmt: skip
+        properties = {number: np.asarray(shares @ np.stack([pose.properties.get(number, resting) for pose in poses]))
+                      for number, (_, _, resting) in enumerate(self.properties)}  # fmt: skip
         moved: NDArray[np.bool_] = np.logical_or.reduce([pose.moved for pose in poses])
         shown = shares @ np.stack([pose.visible for pose in poses])
-        return Pose(mean, moved, np.asarray(shown >= 0.5), weights)
+        return Pose(mean, moved, np.asarray(shown >= 0.5), weights, properties)
 
     def _place_nodes(self, pose: Pose) -> tuple[Matrix, NDArray[np.bool_]]:
         """Matrices (N, 4, 4) from the nodes to the world, and whether they and all above them are visible (N,)."""

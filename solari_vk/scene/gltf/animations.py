@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,15 @@ from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.nodes import PlacedNode, local_matrix, own_visibility
+from solari_vk.scene.gltf.pointers import NODE, AnimatedObject, Property
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 
-_POINTER = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
+_OF_PROPERTIES = ("SCALAR", "VEC2", "VEC3", "VEC4")
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
 _BYTES_PER_CHANNEL = 4096
 _WRONG = "wrong channels of animations are left out"
+_NOT_PLAYED = "animations of some properties are not played"
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -80,14 +82,45 @@ class Animations:
             [own_visibility(entry) for entry in entries],
         )
 
-    def finish(self) -> list[Animation]:
-        """All animations that move something in the scene."""
+    def finish(self, find: Callable[[str, int, bool], AnimatedObject | None]) -> list[Animation]:
+        """All animations that move or change something in the scene.
+
+        find: an object of the scene by the kind and number of a property, and whether one of them moves uvs.
+        """
+        every = [key for _, channels in self._clips for key, *_ in channels if isinstance(key, Property)]
+        moving = {(key.kind, key.number) for key in every if key.moves_uvs}
+        objects: dict[tuple[str, int], AnimatedObject | None] = {}
+        numbers: dict[Any, int] = {}
         made = []
         for entry, channels in self._clips:
-            if channels:
-                rows = [Channel(self._row[node], path, *keys) for node, path, *keys in channels]
+            rows = []
+            for key, path, *keys in channels:
+                with self._report.costs(_WRONG):
+                    row = self._row[key] if not isinstance(key, Property) else None
+                    if isinstance(key, Property):
+                        owner = key.kind, key.number
+                        if owner not in objects:
+                            objects[owner] = find(*owner, owner in moving)
+                        row = self._property(objects[owner], key, keys[1].shape[-1], entry, numbers)
+                    if row is not None:
+                        rows.append(Channel(row, path, *keys))
+            if rows:
                 made.append(Animation(self.rig, rows, name=entry.name))
         return made
+
+    def _property(
+        self, found: AnimatedObject | None, wanted: Property, width: int, entry: Entry, numbers: dict[Any, int]
+    ) -> int | None:
+        """The number of a property in the rig, None for one of an object that isn't in the scene."""
+        if found is None:
+            return None
+        if width != len(wanted.default):
+            count = len(wanted.default)
+            raise entry.error(f"has {width} numbers a key for '{wanted.path[-1]}', which has {count}; export it again")
+        key = found, wanted.path
+        if key not in numbers:
+            numbers[key] = self.rig.attach_property(found, wanted.path, found.resting(wanted))
+        return numbers[key]
 
     # ---- channels -----------------------------------------------------------------------------------
 
@@ -109,8 +142,9 @@ class Animations:
                 found.append((node, path, *self._keys(samplers[which], path)))
         return entry, found
 
-    def _target(self, channel: Entry) -> tuple[int, str] | None:
-        """The node and the path of a channel; None (reported) for one that isn't supported or not in the scene."""
+    def _target(self, channel: Entry) -> tuple[int | Property, str] | None:
+        """The node or property, and the path of a channel; None (reported) for one that isn't supported, or is of no
+        node of the scene."""
         target = channel.entry("target")
         if target is None:
             raise channel.error("has no 'target'; export the file again")
@@ -119,10 +153,13 @@ class Animations:
         node = target.index("node")
         if pointer is not None:
             text = pointer.text("pointer")
-            match = _POINTER.fullmatch(text)
+            match = NODE.fullmatch(text)
             if match is None:
-                self._report.add("animations of properties other than those of nodes are not played", channel.place)
-                return None
+                try:
+                    return Property(text), "property"
+                except ValueError:
+                    self._report.add(_NOT_PLAYED, f"{channel.place} ({shown(text)[1:-1]})")
+                    return None
             node, path = int(match[1]), "visible" if match[2].endswith("visible") else match[2]
         elif path not in ("translation", "rotation", "scale", "weights"):
             raise target.wrong("path", "translation, rotation, scale or weights")
@@ -141,7 +178,8 @@ class Animations:
             values = self._accessors.integers(output, sampler, ("SCALAR",))
             interpolation = "STEP"
         else:
-            values = self._accessors.floats(output, sampler, (_KINDS.get(path, "SCALAR"),))
+            kinds = _OF_PROPERTIES if path == "property" else (_KINDS.get(path, "SCALAR"),)
+            values = self._accessors.floats(output, sampler, kinds)
         if not len(times) or times[0] < 0 or (np.diff(times) < 0).any():
             raise sampler.error("needs times from 0 on that ascend; export the file again")
         parts = (len(times), 3) if interpolation == "CUBICSPLINE" else (len(times),)

@@ -102,7 +102,8 @@ def _volume(extension: Entry, material: Entry, report: Report) -> dict[str, Any]
 
 EXTENSIONS = (
     # Ratified by Khronos.
-    Extension("KHR_animation_pointer", "part", "properties of nodes; those of materials, cameras and lights stay"),
+    Extension("KHR_animation_pointer", "part", "properties of nodes; numbers of materials and of their texture "
+              "transforms, of cameras and of lights; others stay and are named"),
     Extension("KHR_draco_mesh_compression", "works", "with the extra `formats`"),
     Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),

@@ -36,33 +36,40 @@ class Lights:
 
     def light(self, node: PlacedNode) -> Light | None:
         """The light of a node, which has the extension; None when it is left out, which is reported."""
-        entry = self._entry(node)
+        entry = self.entry(node)
         kind = entry.text("type", None, ("directional", "point", "spot"))
-        intensity = entry.number("intensity", 1.0, low=0, high=1e30)
-        if intensity > MAX_INTENSITY:
-            intensity = MAX_INTENSITY
-            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", entry.place)
+        fields = self.fields(entry)
         place, (x, y, z) = upright(node.world), node.world[:3, 3]
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
-        own = own_fields(entry, OWN[1:] if kind == "directional" else OWN[:1])
-        own["name"] = node.entry.name or entry.name
+        fields |= own_fields(entry, OWN[1:] if kind == "directional" else OWN[:1])
+        fields["name"] = node.entry.name or entry.name
+        if kind == "directional":
+            return DirectionalLight(direction=_travel(place), **fields)
+        position = node.world[:3, 3].astype(np.float32)
+        return PointLight(position, **fields) if kind == "point" else SpotLight(position, _travel(place), **fields)
+
+    def fields(self, entry: Entry) -> dict[str, Any]:
+        """The fields that a light of the file sets, but its place and name."""
+        kind, intensity = entry.text("type"), entry.number("intensity", 1.0, low=0, high=1e30)
+        if intensity > MAX_INTENSITY:
+            intensity = MAX_INTENSITY
+            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", entry.place)
         color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
         if kind == "directional":
-            return DirectionalLight(direction=_travel(place), illuminance=intensity, color=color, **own)
-        position = node.world[:3, 3].astype(np.float32)
+            return {"illuminance": intensity, "color": color}
         reach = entry.number("range", low=0, high=1e18) if "range" in entry else None
         if reach is not None and reach < MIN_RANGE:
             reach = None
             self._report.add("lights with a range of 0, which glTF forbids, reach without end", entry.place)
-        common: dict[str, Any] = {"intensity": intensity, "color": color, "range": reach, **own}
-        if kind == "point":
-            return PointLight(position, **common)
-        inner, outer = self._cones(entry)
-        return SpotLight(position, _travel(place), inner_cone_angle=inner, outer_cone_angle=outer, **common)
+        found: dict[str, Any] = {"intensity": intensity, "color": color, "range": reach}
+        if kind == "spot":
+            found["inner_cone_angle"], found["outer_cone_angle"] = self._cones(entry)
+        return found
 
-    def _entry(self, node: PlacedNode) -> Entry:
+    def entry(self, node: PlacedNode) -> Entry:
+        """The light of the file to which a node refers."""
         user = node.entry.extension(EXTENSION)
         if self._entries is None:
             extension = self._document.root.extension(EXTENSION)

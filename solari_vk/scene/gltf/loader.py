@@ -12,7 +12,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
-from solari_vk.scene.gltf.cameras import make_camera
+from solari_vk.scene.gltf.cameras import make_camera, read_lens
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
@@ -23,6 +23,7 @@ from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
+from solari_vk.scene.gltf.pointers import AnimatedObject, assign
 from solari_vk.scene.gltf.poses import Pose
 from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
@@ -86,6 +87,7 @@ class _Loader:
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
         self._lights = Lights(document, self._report)
+        self._animatable: dict[tuple[str, int], list[tuple[PlacedNode, Camera | Light]]] = {}
         self._strict = strict
         self._scene = Scene()
 
@@ -117,13 +119,13 @@ class _Loader:
                     self._add_meshes(node, placed)
             if "camera" in node.entry:
                 with self._report.costs("wrong cameras are left out"):
-                    self._add(node, make_camera(self._document, node, self._report))
+                    self._add(node, self._followed(node, make_camera(self._document, node, self._report)))
             if node.entry.extension(LIGHTS):
                 with self._report.costs("wrong lights are left out"):
-                    self._add(node, self._lights.light(node))
+                    self._add(node, self._followed(node, self._lights.light(node)))
         if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
             raise self._report.first_error
-        for animation in self._animations.finish():
+        for animation in self._animations.finish(self._animated):
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
         self._scene.warnings.extend(self._report.lines())
@@ -170,6 +172,29 @@ class _Loader:
             self._animations.rig.attach(item, row, transform, moves=moves, shown=node.visible)
         if node.visible or isinstance(item, Instance):
             self._scene.add(item)
+
+    def _followed(self, node: PlacedNode, item: Camera | Light | None) -> Camera | Light | None:
+        """A node's camera or light, which animations of its properties can find."""
+        if item is not None:
+            is_camera = isinstance(item, Camera)
+            user = node.entry if is_camera else node.entry.extension(LIGHTS)
+            number = user.integer("camera" if is_camera else "light") if user else 0
+            self._animatable.setdefault(("cameras" if is_camera else "lights", number), []).append((node, item))
+        return item
+
+    def _animated(self, kind: str, number: int, moves_uvs: bool) -> AnimatedObject | None:
+        """An object for animations of its properties; None for one that isn't in the scene."""
+        if kind == "materials":
+            return self._materials.animated(number, moves_uvs=moves_uvs)
+        found = self._animatable.get((kind, number), [])
+        items = [item for _, item in found]
+        if not found:
+            return None
+        if kind == "lights":
+            entry = self._lights.entry(found[0][0])
+            return AnimatedObject(entry, lambda said: assign(items, self._lights.fields(said)))
+        entry = self._document.item("camera", number, found[0][0].entry)
+        return AnimatedObject(entry, lambda said: assign(items, read_lens(said) or {}))
 
     # ---- meshes -------------------------------------------------------------------------------------
 

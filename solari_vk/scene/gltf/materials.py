@@ -5,7 +5,7 @@ Occlusion textures are ignored without a warning, because a ray tracer computes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
 from solari_vk.scene.gltf.nodes import LEVELS
+from solari_vk.scene.gltf.pointers import AnimatedObject, assign
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
 from solari_vk.scene.gltf.values import Entry
@@ -88,6 +89,14 @@ class Materials:
         return entry, slots
 
     def _make(self, entry: Entry, slots: dict[str, Slot]) -> LoadedMaterial:
+        self._remark_extensions(entry)
+        uv_sets = _uv_sets(slots)
+        textures = {name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()}
+        material = Material(name=entry.name, **self._fields(entry, slots, textures))
+        return LoadedMaterial(material, uv_sets, slots.get("normal_texture"))
+
+    def _fields(self, entry: Entry, slots: dict[str, Slot], textures: dict[str, Any]) -> dict[str, Any]:
+        """The fields of a material but its name."""
         pbr = _pbr(entry)
         base_color = pbr.numbers("baseColorFactor", (1.0, 1.0, 1.0, 1.0), low=0, high=1)
         strength = entry.extension("KHR_materials_emissive_strength")
@@ -97,11 +106,6 @@ class Materials:
         if emissive.max() > checks.LARGEST_RADIANCE:
             raise entry.error(f"emits more than {checks.LARGEST_RADIANCE:g} cd/m^2; lower factor or strength")
         normal = slots.get("normal_texture")
-        self._remark_extensions(entry)
-        uv_sets = _uv_sets(slots)
-        textures: dict[str, Any] = {
-            name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()
-        }
         fields: dict[str, Any] = {
             "base_color": np.array(base_color[:3], np.float32),
             "metallic": pbr.number("metallicFactor", 1.0, low=0, high=1),
@@ -114,16 +118,38 @@ class Materials:
             fields |= extension.read(said, entry, self._report)
         if any(extension.name == specular_glossiness.EXTENSION for extension, _ in extensions):
             fields |= self._baker.bake(fields, entry)
-        material = Material(
-            emissive=emissive.astype(np.float32),
-            normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
-            alpha_mode=entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
-            alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
-            double_sided=entry.flag("doubleSided", False),
-            name=entry.name,
-            **fields,
-        )
-        return LoadedMaterial(material, uv_sets, normal)
+        return fields | {
+            "emissive": emissive.astype(np.float32),
+            "normal_scale": normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+            "alpha_mode": entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
+            "alpha_cutoff": min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
+            "double_sided": entry.flag("doubleSided", False),
+        }
+
+    def animated(self, number: int, *, moves_uvs: bool) -> AnimatedObject | None:
+        """A material for animations; None for one that isn't in the scene, and (reported) one whose textures are baked.
+
+        moves_uvs: its textures are its own then.
+        """
+        loaded, entry = self._loaded.get(number), self._document.item("material", number, self._document.root)
+        if entry.extension(specular_glossiness.EXTENSION) is not None:
+            remark = f"animations of materials of {specular_glossiness.EXTENSION} are not played"
+            self._report.add(remark, entry.place)
+            return None
+        if loaded is None:
+            return None
+        material = loaded.material
+        if moves_uvs:
+            material.update(**{name: replace(texture) for name in TEXTURES if (texture := getattr(material, name))})
+
+        def read(said: Entry) -> None:
+            _, slots = self._parse(said)
+            for name, slot in slots.items() if moves_uvs else ():
+                if getattr(material, name) is not None:
+                    assign([getattr(material, name)], {"uv_transform": np.reshape(slot.uv_transform, (2, 3))})
+            assign([material], self._fields(said, slots, {}))
+
+        return AnimatedObject(entry, read)
 
     def _remark_extensions(self, entry: Entry) -> None:
         for name in entry.extensions():

@@ -133,7 +133,7 @@ class Entry:
         """An object inside this one, or None when the field is absent."""
         if key not in self.data:
             return None
-        return Entry(self.file, f"{self.place}, {clean(key)}", self.data[key])
+        return type(self)(self.file, f"{self.place}, {clean(key)}", self.data[key])
 
     def entries(self, key: str, kind: str) -> list[Entry]:
         """The objects of a list inside this one, empty when the field is absent."""

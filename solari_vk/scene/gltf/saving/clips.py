@@ -118,13 +118,16 @@ class RigNodes:
         samplers: list[dict[str, Any]] = []
         channels: list[dict[str, Any]] = []
         for channel in {(channel.node, channel.path): channel for channel in clip.channels}.values():
+            if channel.path == "property":
+                self._content.lose("animations of materials, cameras and lights aren't written", clip.describe())
+                continue
             targets = self._targets(channel)
             if targets:
                 channels += [{"sampler": len(samplers), "target": target} for target in targets]
                 samplers.append(self._sampler(channel))
         if channels:
             self._content.add("animations", name=clip.name, channels=channels, samplers=samplers)
-        else:
+        elif all(channel.path != "property" for channel in clip.channels):
             self._content.lose("clips that move nothing of the scene aren't written", clip.describe())
 
     def _targets(self, channel: Channel) -> list[dict[str, Any]]:
