@@ -175,7 +175,11 @@ def machine():
     box = sv.Instance(shapes.box(), transform=base @ np.diag([1, 1, 1, 1.0]), name="box")
     lamp = sv.PointLight((0, 0, 0), name="lamp")
     camera = sv.Camera(name="camera", vertical_fov=0.5)
-    scene = sv.Scene(character, box, lamp, camera, name="machine")
+    mirrored = sv.Instance(rig.inside_out(mesh), joint_matrices=character.joint_matrices, name="mirrored")
+    scene = sv.Scene(character, mirrored, box, lamp, camera, name="machine")
+    rig.attach(mirrored, 0, moves=False)
+    rig.attach_side(mirrored, 0, True)
+    rig.attach_skin(mirrored, [1, -1, 2], rest, np.linalg.inv(rest))
     rig.attach(box, 1)
     rig.attach(lamp, 2)
     rig.attach(camera, 0)
@@ -200,7 +204,7 @@ def test_clips_are_read_back_equal(machine, tmp_path):
 
 def test_moved_objects_of_clips_are_named(machine, tmp_path):
     machine.animate(1.5, "work")
-    with pytest.warns(UserWarning, match="as it is before one is played: Instance 'box', Instance 'tube'"):
+    with pytest.warns(UserWarning, match="as it is before one is played: Instance 'box', Instance 'mirrored', Instance 'tube'"):
         machine.save(tmp_path / "machine.glb")
 
 
