@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from support.same_scene import check_same
 
 import solari_vk as sv
 from solari_vk.scene.gltf.pointers import DEFAULTS
@@ -158,11 +159,25 @@ def test_materials_whose_textures_are_baked_are_named(pointed):
     )
 
 
-def test_saving_names_the_loss(pointed, tmp_path):
-    scene = pointed.point(L + "intensity", 0, 1).load()
-    with pytest.warns(UserWarning, match="animations of materials, cameras and lights aren't written") as found:
+def test_clips_of_properties_are_saved(pointed, tmp_path):
+    """Of an emission of color and strength, a color and a brightness, and parts of a transform, one is animated."""
+    said = pointed.json["materials"][0]
+    said["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": 0.5}}
+    said["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = {
+        "KHR_texture_transform": {"rotation": 2, "scale": [-1, 3]}
+    }
+    pointed.point(M + E + "emissive_strength/emissiveStrength", 0, 40)
+    pointed.point(M + "pbrMetallicRoughness/baseColorTexture/extensions/KHR_texture_transform/rotation", 0, 3)
+    pointed.point(M + E + "clearcoat/clearcoatFactor", 0, 1).point("/cameras/0/perspective/yfov", 0.5, 0.9)
+    pointed.clip("lamp")
+    pointed.point(L + "color", [1, 1, 1], [0, 0.5, 0]).point(M + "normalTexture/scale", 1, 2)
+    scene = pointed.load(strict=True)
+    scene.animate(0.7)
+    with pytest.warns(UserWarning, match="as it is before one is played: Material 'one', Camera"):
         scene.save(tmp_path / "scene.glb")
-    assert len(found) == 1
+    found = sv.load(tmp_path / "scene.glb", strict=True)
+    assert found.warnings == []
+    check_same(pointed.load(), found)
 
 
 def test_every_property_is_read(pointed):

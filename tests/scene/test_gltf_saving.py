@@ -204,7 +204,7 @@ def test_clips_are_read_back_equal(machine, tmp_path):
 
 def test_moved_objects_of_clips_are_named(machine, tmp_path):
     machine.animate(1.5, "work")
-    with pytest.warns(UserWarning, match="as it is before one is played: Instance 'box', Instance 'mirrored', Instance 'tube'"):
+    with pytest.warns(UserWarning, match="before one is played: Instance 'mirrored', Instance 'box', Instance 'tube'"):
         machine.save(tmp_path / "machine.glb")
 
 

@@ -119,7 +119,7 @@ class Animations:
             raise entry.error(f"has {width} numbers a key for '{wanted.path[-1]}', which has {count}; export it again")
         key = found, wanted.path
         if key not in numbers:
-            numbers[key] = self.rig.attach_property(found, wanted.path, found.resting(wanted))
+            numbers[key] = self.rig.attach_property(found, wanted.path, found.value(wanted.path, wanted.default))
         return numbers[key]
 
     # ---- channels -----------------------------------------------------------------------------------

@@ -192,9 +192,9 @@ class _Loader:
             return None
         if kind == "lights":
             entry = self._lights.entry(found[0][0])
-            return AnimatedObject(entry, lambda said: assign(items, self._lights.fields(said)))
+            return AnimatedObject(kind, items, entry, lambda said: assign(items, self._lights.fields(said)))
         entry = self._document.item("camera", number, found[0][0].entry)
-        return AnimatedObject(entry, lambda said: assign(items, read_lens(said) or {}))
+        return AnimatedObject(kind, items, entry, lambda said: assign(items, read_lens(said) or {}))
 
     # ---- meshes -------------------------------------------------------------------------------------
 

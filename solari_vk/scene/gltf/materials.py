@@ -149,7 +149,7 @@ class Materials:
                     assign([getattr(material, name)], {"uv_transform": np.reshape(slot.uv_transform, (2, 3))})
             assign([material], self._fields(said, slots, {}))
 
-        return AnimatedObject(entry, read)
+        return AnimatedObject("materials", [material], entry, read)
 
     def _remark_extensions(self, entry: Entry) -> None:
         for name in entry.extensions():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from solari_vk.scene.gltf.extensions import LARGEST_DISTANCE
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.observed import Checked
 
+Path = tuple[str, ...]
+TRANSFORM = "KHR_texture_transform"
 NODE = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
 _OBJECT = re.compile(r"/(?:extensions/KHR_lights_punctual/)?(materials|cameras|lights)/(\d{1,9})/(.+)")
 _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
@@ -90,33 +92,59 @@ class AnimatedEntry(Entry):
 
 
 class AnimatedObject:
-    """What a rig animates by `put` and `apply`. read: has the objects of the scene take what an entry says."""
+    """What a rig animates by `put` and `apply`. items: the objects of the scene, which are of one kind. read: has them
+    take what an entry says."""
 
-    def __init__(self, entry: Entry, read: Callable[[Entry], None]) -> None:
-        self.entry = AnimatedEntry(entry.file, entry.place, copy.deepcopy(entry.data))
+    def __init__(self, kind: str, items: Sequence[Checked], entry: Entry, read: Callable[[Entry], None]) -> None:
+        self.items = items
+        self._kind = kind
+        self._entry = AnimatedEntry(entry.file, entry.place, copy.deepcopy(entry.data))
         self._read = read
 
-    def put(self, path: tuple[str, ...], values: NDArray[np.float64]) -> None:
+    def put(self, path: Path, values: NDArray[np.float64]) -> None:
         """Change a property."""
-        holder = self.entry.data
-        for key in path[:-1]:
-            holder = holder.setdefault(key, {})
-        holder[path[-1]] = values.tolist() if len(values) > 1 else float(values[0])
+        put(self._entry.data, path, values)
 
-    def resting(self, wanted: Property) -> NDArray[np.float64]:
-        """The values of a property in the file. Raises SolariError for wrong ones."""
-        holder: Entry | None = self.entry
-        for key in wanted.path[:-1]:
+    def value(self, path: Path, default: tuple[float, ...]) -> NDArray[np.float64]:
+        """The values of a property as it is. Raises SolariError for wrong ones."""
+        holder: Entry | None = self._entry
+        for key in path[:-1]:
             holder = None if holder is None else holder.entry(key)
-        key = wanted.path[-1]
-        if holder is None or key not in holder:
-            return np.array(wanted.default)
-        found = holder.numbers(key, wanted.default) if len(wanted.default) > 1 else (holder.number(key),)
-        return np.array(found)
+        if holder is None or path[-1] not in holder:
+            return np.array(default)
+        return np.array(holder.numbers(path[-1], default) if len(default) > 1 else (holder.number(path[-1]),))
+
+    def stated(self, changed: Mapping[Path, NDArray[np.float64]]) -> dict[Path, NDArray[np.float64]]:
+        """The values of all properties that differ from their defaults, and of those that animations change, with their
+        resting values, and of the textures' transforms of which they change a part."""
+        known = {tuple(path.split("/")): default for path, default in DEFAULTS[self._kind].items()}
+        transforms = {(*path[:-1], key): default for path in changed if TRANSFORM in path
+                      for key, default in _OF_TRANSFORMS.items()}  # fmt: skip
+        found = {path: self.value(path, default) for path, default in (known | transforms).items()}
+        kept = {path: values for path, values in found.items() if path in transforms or tuple(values) != known[path]}
+        return kept | dict(changed)
 
     def apply(self) -> None:
         """Have the objects take the properties."""
-        self._read(self.entry)
+        self._read(self._entry)
+
+
+def has_texture(data: dict[str, Any], path: tuple[str, ...]) -> bool:
+    """Whether the texture that a path leads through, if any, is there."""
+    for key in path:
+        if key.endswith("Texture") and key not in data:
+            return False
+        data = data.get(key, {}) if isinstance(data, dict) else {}
+    return True
+
+
+def put(data: dict[str, Any], path: Path, values: NDArray[np.float64]) -> None:
+    """Change a number or numbers in nested objects, but not of a texture that isn't there."""
+    if not has_texture(data, path):
+        return
+    for key in path[:-1]:
+        data = data.setdefault(key, {})
+    data[path[-1]] = values.tolist() if len(values) > 1 else float(values[0])
 
 
 def assign(items: Iterable[Checked], fields: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel, unit_quaternions
 from solari_vk.scene.animation.rig import NOT_MOVED, Rig
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.gltf.pointers import AnimatedObject, has_texture, put
 from solari_vk.scene.gltf.saving.content import Content
 from solari_vk.scene.gltf.saving.nodes import VISIBILITY, Nodes
 from solari_vk.scene.gltf.saving.shapes import Variants
@@ -118,19 +119,54 @@ class RigNodes:
         samplers: list[dict[str, Any]] = []
         channels: list[dict[str, Any]] = []
         for channel in {(channel.node, channel.path): channel for channel in clip.channels}.values():
-            if channel.path == "property":
-                self._content.lose("animations of materials, cameras and lights aren't written", clip.describe())
-                continue
             targets = self._targets(channel)
             if targets:
                 channels += [{"sampler": len(samplers), "target": target} for target in targets]
                 samplers.append(self._sampler(channel))
         if channels:
             self._content.add("animations", name=clip.name, channels=channels, samplers=samplers)
-        elif all(channel.path != "property" for channel in clip.channels):
+        else:
             self._content.lose("clips that move nothing of the scene aren't written", clip.describe())
 
+    def settle(self) -> None:
+        """Have materials, cameras and lights state what clips change part of, such as an emission's color and strength,
+        as their file did. All are written before."""
+        changed: dict[AnimatedObject, dict[Any, Any]] = {}
+        for item, path, resting in self._rig.properties:
+            if not isinstance(item, AnimatedObject):
+                self._content.lose("animations of other properties than those of files aren't written", path[-1])
+                continue
+            changed.setdefault(item, {})[path] = resting
+            if not np.array_equal(item.value(path, tuple(resting)), resting):
+                self._content.lose(_AT_REST, item.items[0].describe())
+        for item, values in changed.items():
+            for written in filter(None, map(self._content.written.get, item.items)):
+                for path, value in item.stated(values).items():
+                    self._put(written[1], path, value)
+
+    def _put(self, data: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
+        if not has_texture(data, path):
+            return
+        for place in (place for place, key in enumerate(path) if key == "extensions"):
+            owner = data
+            for key in path[:place]:
+                owner = owner[key]
+            self._content.use(path[place + 1], owner=owner)
+        put(data, path, value)
+
+    def _properties(self, channel: Channel) -> list[dict[str, Any]]:
+        item, path, _ = self._rig.properties[channel.node]
+        found = []
+        items = item.items if isinstance(item, AnimatedObject) else ()
+        for pointer, data in filter(None, map(self._content.written.get, items)):
+            if has_texture(data, path):
+                found.append({"path": "pointer"})
+                self._content.use(POINTER, {"pointer": "/".join((pointer, *path))}, found[-1])
+        return found
+
     def _targets(self, channel: Channel) -> list[dict[str, Any]]:
+        if channel.path == "property":
+            return self._properties(channel)
         if channel.path == "weights":
             return [{"node": node, "path": "weights"} for node in self._meshes_of.get(channel.node, ())]
         node = self._rows[channel.node]

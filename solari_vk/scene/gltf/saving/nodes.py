@@ -118,6 +118,7 @@ class Nodes:
         kind = "orthographic" if height else "perspective"
         own = own_fields(camera, OWN_OF_CAMERAS)
         number = self._content.add("cameras", type=kind, **{kind: lens}, extras=own)
+        self._content.written[camera] = f"/cameras/{number}", self._content.json["cameras"][number]
         return self.place(parent, matrix, camera=number, name=camera.name)
 
     def light(self, parent: int | None, light: Light, matrix: Matrix | None = None) -> int | None:
@@ -141,6 +142,7 @@ class Nodes:
         fields["extras"] = own_fields(light, OWN_OF_LIGHTS)
         lights = self._content.use(LIGHTS, {"lights": []})["lights"]
         lights.append({name: value for name, value in fields.items() if value not in (None, {})})
+        self._content.written[light] = f"/extensions/{LIGHTS}/lights/{len(lights) - 1}", lights[-1]
         place = _facing(light) if matrix is None else matrix
         number = self.place(parent, place, name=light.name)
         self._content.use(LIGHTS, {"light": len(lights) - 1}, self._content.json["nodes"][number])

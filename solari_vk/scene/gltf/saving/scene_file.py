@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.files import check_writable
+from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.saving.clips import RigNodes
 from solari_vk.scene.gltf.saving.content import Content
@@ -56,12 +57,12 @@ class _Writer:
         if first is not None and first not in follows:
             self._nodes.camera(None, first, first.transform)
         done: set[Any] = {first} - follows
+        rows: list[tuple[RigNodes, list[Animation]]] = []
         for rig in rigs:
             of_rig = [clip for clip in clips if clip.rig is rig]
             written = RigNodes(self._content, self._nodes, rig, of_rig, scene, variants)
             done |= written.done
-            for clip in of_rig:
-                written.animation(clip)
+            rows.append((written, of_rig))
         for instance in scene.instances:
             if instance not in done:
                 self._nodes.instance(
@@ -74,6 +75,10 @@ class _Writer:
         for light in scene.lights:
             if light not in done and not isinstance(light, EnvironmentLight):
                 self._nodes.light(None, light)
+        for written, of_rig in rows:
+            written.settle()
+            for clip in of_rig:
+                written.animation(clip)
         self._finish(scene)
 
     def _finish(self, scene: Scene) -> None:

@@ -57,7 +57,8 @@ class Surfaces:
     def material(self, material: Material) -> int:
         """The number of a material."""
         if material not in self._materials:
-            self._materials[material] = self._add(material)
+            number = self._materials[material] = self._add(material)
+            self._content.written[material] = f"/materials/{number}", self._content.json["materials"][number]
         return self._materials[material]
 
     def _add(self, material: Material) -> int:
