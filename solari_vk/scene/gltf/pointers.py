@@ -115,13 +115,15 @@ class AnimatedObject:
         return np.array(holder.numbers(path[-1], default) if len(default) > 1 else (holder.number(path[-1]),))
 
     def stated(self, changed: Mapping[Path, NDArray[np.float64]]) -> dict[Path, NDArray[np.float64]]:
-        """The values of all properties that differ from their defaults, and of those that animations change, with their
-        resting values, and of the textures' transforms of which they change a part."""
+        """The values of all properties that differ from their defaults, of the factor that a writer may choose, and of
+        those that animations change, with their resting values, and of the textures' transforms of which they change a
+        part."""
         known = {tuple(path.split("/")): default for path, default in DEFAULTS[self._kind].items()}
         transforms = {(*path[:-1], key): default for path in changed if TRANSFORM in path
                       for key, default in _OF_TRANSFORMS.items()}  # fmt: skip
         found = {path: self.value(path, default) for path, default in (known | transforms).items()}
-        kept = {path: values for path, values in found.items() if path in transforms or tuple(values) != known[path]}
+        kept = {path: values for path, values in found.items()
+                if path in transforms or path[-1] == "emissiveStrength" or tuple(values) != known[path]}  # fmt: skip
         return kept | dict(changed)
 
     def apply(self) -> None:
