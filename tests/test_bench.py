@@ -194,8 +194,8 @@ def test_quick_page_of_the_denoiser(any_device, tmp_path, monkeypatch):
     for path in kept.iterdir():
         held = dict(np.load(path))
         np.savez(path, references=held["references"] * 2, view=held["view"])
-    cases = denoised._cases
-    monkeypatch.setattr(denoised, "_cases", lambda *given: itertools.islice(cases(*given), 1))
+    cases = denoised.cases
+    monkeypatch.setattr(denoised, "cases", lambda *given: itertools.islice(cases(*given), 1))
     assert main(quick) == 0
     assert page.read_text().splitlines()[-1] not in before
 

@@ -43,7 +43,7 @@ void main() {
     while (true) {
         if (path_ended) {
             if (sample_index == last_sample_index) { break; }
-            sequence_index = sample_index;
+            sequence_index = path_sampling.first_sample + sample_index;
             rng = seed_rng(pixel, 0u, path_sampling.seed);
             CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
             if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
