@@ -194,10 +194,23 @@ def test_quick_page_of_the_denoiser(any_device, tmp_path, monkeypatch):
     for path in kept.iterdir():
         held = dict(np.load(path))
         np.savez(path, references=held["references"] * 2, view=held["view"])
-    cases = denoised._cases
-    monkeypatch.setattr(denoised, "_cases", lambda *given: itertools.islice(cases(*given), 1))
+    cases = denoised.cases
+    monkeypatch.setattr(denoised, "cases", lambda *given: itertools.islice(cases(*given), 1))
     assert main(quick) == 0
     assert page.read_text().splitlines()[-1] not in before
+
+
+def test_quick_page_of_judged_settings(any_device, tmp_path):
+    """With the settings of the preset errors and their ratio are as before; without the denoiser they rise."""
+    page = tmp_path / "page.md"
+    judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change"]
+    assert main([*judge, "denoise=on", "--change", "denoise=off,antialiasing=off"]) == 0
+    same, other = (cells(line) for line in page.read_text().splitlines() if line.startswith("| cornell_box"))
+    assert same[3] == same[4]
+    assert same[5].startswith("1.00")
+    assert float(other[7]) > 2 * float(other[6]) == 2 * float(same[6])
+    with pytest.raises(SystemExit):
+        main([*judge, "denose=on"])
 
 
 def test_page_of_loading(any_device, tmp_path):

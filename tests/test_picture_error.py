@@ -72,6 +72,22 @@ def test_a_picture_is_compared_with_later_samples():
     assert looks[3][1] == looks[2][1]
 
 
+def test_the_halves_of_a_mean_tell_its_error():
+    """Also where points are so even that the mean's variance falls faster than 1 / count, as of Owen's sequences."""
+    truth = np.full(SIZE, LIGHT)
+    for exponent in (0.5, 0.75):
+        estimate, noise = ErrorEstimate(1), np.random.default_rng(4)
+        mean = truth
+        for count in (1, 2, 4, 8, 16, 32):  # each half of the samples is as good as a mean of half as many
+            before = mean
+            half = truth * (1 + count**-exponent * 0.3 * noise.standard_normal(SIZE))
+            mean = half if count == 1 else before + (half - before) * 0.5
+            estimate.look_at_mean(count, gray(mean))
+            assert np.isinf(estimate.error) == (count == 1)
+        error = np.sqrt(((mean / truth - 1) ** 2).mean())
+        assert 0.9 < estimate.error / error < 1.4
+
+
 def test_means_over_larger_pixels():
     picture = np.random.default_rng(2).random((6, 8, 3))
     blocks = picture.reshape(3, 2, 2, 4, 3).mean(axis=(1, 3))

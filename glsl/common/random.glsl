@@ -1,42 +1,50 @@
-// Random numbers and distributions. PCG hashes: Jarzynski and Olano, "Hash Functions for GPU Rendering" (JCGT 2020).
+// Random numbers and distributions.
 #ifndef COMMON_RANDOM_GLSL
 #define COMMON_RANDOM_GLSL
 
+#include "common/hash.glsl"
 #include "common/math.glsl"
+#ifdef LOW_DISCREPANCY
+#include "common/sobol.glsl"
+#endif
 
-uint pcg(uint v) {
-    uint state = v * 747796405u + 2891336453u;
-    uint word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
-}
+// A generator's state is a number. By default each state gives one number. With LOW_DISCREPANCY each state gives a
+// sequence that covers [0, 1) evenly, of which `sequence_index` takes one, so that a sample index that counts up makes
+// the mean of samples less noisy than independent numbers do: "padded" sequences of one and two dimensions.
+#ifdef LOW_DISCREPANCY
+uint sequence_index;
+#endif
 
-uvec4 pcg4d(uvec4 v) {
-    v = v * 1664525u + 1013904223u;
-    v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
-    v ^= v >> 16u;
-    v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
-    return v;
-}
-
-// The initial state of the generator for a pixel, a sample and a seed.
-uint seed_rng(uvec2 pixel, uint sample_index, uint seed) {
-    return pcg4d(uvec4(pixel, sample_index, seed)).x;
-}
+void advance_rng(inout uint rng) { rng = rng * 747796405u + 2891336453u; }
 
 uint rand_u(inout uint rng) {
+#ifdef LOW_DISCREPANCY
+    uint number = van_der_corput(sequence_index, rng);
+#else
     uint number = pcg(rng);
-    rng = rng * 747796405u + 2891336453u;
+#endif
+    advance_rng(rng);
     return number;
 }
-
-// The upper 24 bits as a number in [0, 1).
-float unit_float(uint bits) { return float(bits >> 8u) * ROUNDING_UNIT; }
 
 float rand_f(inout uint rng) { return unit_float(rand_u(rng)); }
 
 vec2 rand_vec2f(inout uint rng) {
+#ifdef LOW_DISCREPANCY
+    vec2 point = sobol_point(sequence_index, rng);
+    advance_rng(rng);
+    return point;
+#else
     float x = rand_f(rng);
     return vec2(x, rand_f(rng));
+#endif
+}
+
+// The state of a new generator, which later gives the same numbers again.
+uint split_rng(inout uint rng) {
+    uint state = pcg(rng);
+    advance_rng(rng);
+    return state;
 }
 
 // Uniform in [0, n); 0 for n = 0. The relative error of probabilities is at most n / 2^32.

@@ -1,10 +1,10 @@
-// Points that cover the unit square evenly over consecutive frames: a Sobol sequence in two dimensions with nested
+// Points that cover the unit square evenly over consecutive frames or samples: a Sobol sequence in two dimensions with nested
 // uniform (Owen) scrambling and shuffling by hashes. Burley, "Practical Hash-based Owen Scrambling" (JCGT 2020). Each
 // point alone is uniformly distributed, and points of different seeds are independent.
 #ifndef COMMON_SOBOL_GLSL
 #define COMMON_SOBOL_GLSL
 
-#include "common/random.glsl"
+#include "common/hash.glsl"
 
 // Flips each bit by a hash of the bits above it. The hash is Nathan Vegdahl's improvement (2021) of Laine and Karras's.
 uint owen_scramble(uint bits, uint seed) {
@@ -26,6 +26,12 @@ uint sobol_second_dimension(uint index) {
     index ^= (index & 0xCCCCCCCCu) >> 2u;
     index ^= (index & 0xAAAAAAAAu) >> 1u;
     return bitfieldReverse(index);
+}
+
+// Number `index` of the one-dimensional sequence of a seed, as a fraction of 2^32.
+uint van_der_corput(uint index, uint seed) {
+    uint shuffled = owen_scramble(index, pcg(seed));
+    return owen_scramble(bitfieldReverse(shuffled), pcg(seed ^ 0x68BC21EBu));
 }
 
 // Point `index` of the sequence of a seed, in [0, 1).

@@ -24,7 +24,7 @@ bool can_be_hit_by_rays(uint kind) { return (KINDS_HIT_BY_RAYS >> kind & 1u) != 
 
 LightSample sample_part(uint light_index, inout uint rng) {
     uint part = choose_part(light_sources.at[light_index], rng);
-    return LightSample(light_index, part, rand_u(rng));
+    return LightSample(light_index, part, split_rng(rng));
 }
 
 LightSample generate_random_light_sample(inout uint rng) { return sample_part(choose_light(rng), rng); }

@@ -65,6 +65,20 @@ class Denoise(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class JudgedSettings(Measurement):
+    MODULE = "judged_settings"
+    files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
+    base: str = option("settings of both sides", "KEY=VALUE[,...]", default="")
+    change: tuple[str, ...] = option("settings to judge (repeatable)", "KEY=VALUE[,...]", action="append", default=())
+    timed_size: tuple[int, int] = option("of the frames whose time is taken (1920x1080)", "WxH", type=size,
+                                         default=(1920, 1080))
+    size: tuple[int, int] = option("of the pictures (256x256)", "WxH", type=size, default=(256, 256))
+    seeds: int = option("independent runs of each case (4)", "N", type=positive, default=4)
+    samples: int = option("of the path tracer's pictures (4096)", "N", type=positive, default=4096)
+    quick: bool = flag(_QUICK)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cluster(Measurement):
     MODULE = "cluster"
     workers: tuple[int, ...] = option("processes, one for each device (1 and 2; repeatable)", "N", type=positive,

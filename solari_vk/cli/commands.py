@@ -46,6 +46,7 @@ COMMANDS = (
             _part("claims", "what the posts about Solari claim, as pairs of settings", bench.Claims),
             _part("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", bench.Frame),
             _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
+            _part("settings", "errors and times with other settings, raw and denoised", bench.JudgedSettings),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
         ),
     ),

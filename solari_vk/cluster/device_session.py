@@ -81,10 +81,10 @@ class DeviceSession:
             self._scene_key = key
         self._clip = clip
 
-    def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int) -> PathTracer:
+    def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int, first_sample: int = 0) -> PathTracer:
         """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
         tracer = self._renderer(PathTracer, max_bounces, size=size, max_bounces=max_bounces)
-        tracer.seed = seed
+        tracer.seed, tracer.first_sample = seed, first_sample
         return tracer
 
     def renderer(self, size: tuple[int, int], settings: Settings, seed: int) -> Renderer:

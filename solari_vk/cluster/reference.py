@@ -1,6 +1,6 @@
 """The reference path tracer on many devices: samples in chunks, summed in a fixed order.
 
-A chunk is some samples of all pixels with a seed of its own, so that any worker can trace any chunk. Sums are taken in
+A chunk is some consecutive samples of all pixels, so that any worker can trace any chunk. Sums are taken in
 float64 in the order of the chunks' numbers, so that the bits of the picture don't depend on who traced what, and when.
 """
 
@@ -29,7 +29,6 @@ GUIDES = ("albedo", "shading_normal")
 CHUNKS = 32  # of a picture with few samples
 LARGEST_CHUNK = 64  # samples a pixel
 CHUNK_OF_TARGET = 16  # samples a pixel, where an error ends the picture
-SEED_STEP = 0x9E3779B9  # odd, so that all chunks of a picture have different seeds
 
 
 def chunk_samples(samples: int | None) -> int:
@@ -41,9 +40,10 @@ def chunk_samples(samples: int | None) -> int:
 
 @dataclass(frozen=True)
 class Chunk:
-    """Some samples of all pixels. names: further results that the chunk brings along."""
+    """Some samples of all pixels, from a number on. names: further results that the chunk brings along."""
 
     index: int
+    first_sample: int
     samples: int
     camera: Camera
     size: tuple[int, int]
@@ -62,9 +62,8 @@ class Chunk:
         """None: a chunk shows the scene as it was given."""
 
     def perform(self, session: DeviceSession) -> ChunkResult:
-        """Trace the samples. Chunk 0 of a picture has the picture's own seed."""
-        seed = (self.seed + self.index * SEED_STEP) % 2**32
-        tracer = session.path_tracer(self.size, self.max_bounces, seed)
+        """Trace the samples."""
+        tracer = session.path_tracer(self.size, self.max_bounces, self.seed, self.first_sample)
         frame = tracer.render(self.camera, self.samples)
         width, height = self.size
         return ChunkResult(
@@ -121,7 +120,7 @@ class ReferencePicture:
 
     @property
     def variance(self) -> NDArray[np.float32]:
-        """Variance of the mean luminance (height, width); inf after a single sample."""
+        """Variance of the mean luminance (height, width) of independent samples; inf after a single sample."""
         count = self.samples
         spread = self._deviations / (count * (count - 1)) if count > 1 else np.full_like(self._deviations, np.inf)
         return np.asarray(spread, np.float32)
@@ -180,9 +179,9 @@ def render_reference(
         oidn.check_installed()
     camera = scene.camera_for(size[0] / size[1]) if camera is None else camera
     names = tuple(name for name in layers if name != "variance")
-    first = Chunk(0, chunk_samples(samples), camera, size, max_bounces, seed, names, guided=denoise)
+    first = Chunk(0, 0, chunk_samples(samples), camera, size, max_bounces, seed, names, guided=denoise)
     picture = ReferencePicture(denoise)
-    estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoise else 2)
+    estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoise else 1)
     with closing(pool.map(scene, _chunks(first, samples))) as results:
         for done in results:
             if done is not None:
@@ -206,10 +205,11 @@ def _chunks(first: Chunk, samples: int | None) -> Iterator[Chunk]:
     yield first
     other = dataclasses.replace(first, names=(), guided=False)
     for index in itertools.count(1):
-        left = first.samples if samples is None else min(first.samples, samples - index * first.samples)
+        begin = index * first.samples
+        left = first.samples if samples is None else min(first.samples, samples - begin)
         if left <= 0:
             return
-        yield dataclasses.replace(other, index=index, samples=left)
+        yield dataclasses.replace(other, index=index, first_sample=begin, samples=left)
 
 
 def _look(estimate: ErrorEstimate, picture: ReferencePicture) -> float:
@@ -217,5 +217,5 @@ def _look(estimate: ErrorEstimate, picture: ReferencePicture) -> float:
         if picture.denoised:
             estimate.look_at_other(picture.samples, picture.raw_radiance, lambda: picture.radiance)
         else:
-            estimate.look_at_mean(picture.samples, picture.raw_radiance, picture.variance)
+            estimate.look_at_mean(picture.samples, picture.raw_radiance)
     return estimate.error

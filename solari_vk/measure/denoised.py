@@ -94,15 +94,16 @@ def run(
     size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
     runs = f"Means over {seeds} runs with different seeds." if seeds > 1 else "One run."
+    settings = Settings(lighting=lighting)
     with measuring(select, rays, markdown, TITLES[lighting], f"{INTRO} {runs}") as (device, report):
         for scene in scenes:
-            for case in _cases(scene, size, min(MOTION, limit)):
+            for case in cases(scene, size, min(MOTION, limit)):
                 report.progress(f"{scene.name}, {case.name}")
                 kept = references and references / f"{scene.name}, {case.name}, {size[0]}x{size[1]}.npz"
                 looks = [look for look in case.looks if look <= limit]
-                found = [_measure(device, scene, case, size, looks, lighting, SEED + seed) for seed in range(seeds)]
+                found = [measure(device, scene, case, size, looks, settings, SEED + seed) for seed in range(seeds)]
                 camera = case.place(max(looks) - 1)
-                truths = _references(device, scene, camera, size, samples, kept)
+                truths = path_traced(device, scene, camera, size, samples, kept)
                 _add_oidn(device, scene, camera, found)
                 rows = [_row(same, truths, camera.exposure) for same in zip(*found, strict=True)]
                 title = f"{scene.name} {size[0]}x{size[1]}, {case.name}"
@@ -115,7 +116,7 @@ def run(
 # ---- cases ------------------------------------------------------------------------------------------
 
 
-def _cases(scene: Scene, size: tuple[int, int], frames: int) -> Iterator[Case]:
+def cases(scene: Scene, size: tuple[int, int], frames: int) -> Iterator[Case]:
     camera = scene.camera_for(size[0] / size[1])
     yield Case("still", lambda frame: camera, LOOKS)
     pixel = camera.vertical_fov / size[1]
@@ -152,12 +153,12 @@ def _kept_place(instance: Instance) -> Iterator[Instance]:
 # ---- measuring --------------------------------------------------------------------------------------
 
 
-def _measure(
-    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], lighting: str, seed: int
+def measure(
+    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], settings: Settings, seed: int
 ) -> list[Look]:
     """The pictures of a case at some frames, without OIDN's."""
     found, totals = [], [np.zeros(3)] * 3
-    with Renderer(device, scene, size, Settings(lighting=lighting), seed=seed) as renderer:
+    with Renderer(device, scene, size, settings, seed=seed) as renderer:
         for index in range(max(looks)):
             frame = renderer.render(case.place(index))
             raw = np.asarray(frame["raw_radiance"], np.float64)
@@ -172,7 +173,7 @@ def _measure(
     return found
 
 
-def _references(
+def path_traced(
     device: Device, scene: Scene, camera: Camera, size: tuple[int, int], samples: int, kept: Path | None
 ) -> Picture:
     """Two pictures (2, h, w, 3) of the path tracer, with half of the samples each."""
@@ -180,15 +181,15 @@ def _references(
     kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
     if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
         return np.asarray(kept_picture["references"])
-    references = np.empty((2, size[1], size[0], 3))
+    pictures = np.empty((2, size[1], size[0], 3))
     with PathTracer(device, scene, size) as tracer:
-        for number, reference in enumerate(references):
+        for number, picture in enumerate(pictures):
             tracer.seed = REFERENCE_SEED + number
-            reference[:] = tracer.render(camera, samples=samples // 2)["radiance"]
+            picture[:] = tracer.render(camera, samples=samples // 2)["radiance"]
     if kept is not None:
         with whole_file(kept) as temporary:
-            np.savez(temporary, references=references, view=view)
-    return references
+            np.savez(temporary, references=pictures, view=view)
+    return pictures
 
 
 def _add_oidn(device: Device, scene: Scene, camera: Camera, runs: Sequence[Sequence[Look]]) -> None:

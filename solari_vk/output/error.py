@@ -45,18 +45,27 @@ class ErrorEstimate:
 
     The owner looks when there are `next_count` samples or more. A picture that isn't their mean is compared with as
     many later samples as it has, so its error is that of half the samples, and the picture at hand is better. first:
-    the first number of samples to look at, at least 2.
+    the first number of samples to look at.
     """
 
     def __init__(self, first: int) -> None:
         self.error = math.inf
         self.next_count = first
         self._picture: NDArray[Any] | None = None
+        self._means: list[tuple[int, Floats]] = []  # numbers of samples of earlier looks, and the mean's luminance
         self._sums: list[tuple[int, Floats]] = []  # numbers of samples, and their sums: with the picture, and later
 
-    def look_at_mean(self, count: int, mean: NDArray[Any], variance: NDArray[Any]) -> None:
-        """The picture is the mean (height, width, 3) of independent samples; variance is that of its luminance."""
-        self.error = error_of_mean(mean, variance)
+    def look_at_mean(self, count: int, mean: NDArray[Any]) -> None:
+        """The picture is the mean (height, width, 3) of its samples.
+
+        Its variance is estimated from the means of about the first half and of the rest, since the variance of single
+        samples overestimates that of points of low-discrepancy sequences.
+        """
+        light = luminance(mean)
+        if self._means:
+            first, earlier = min(self._means, key=lambda look: abs(look[0] - count / 2))
+            self.error = error_of_mean(mean, (earlier - light) ** 2 * (first / (count - first)))
+        self._means = [look for look in self._means if look[0] >= count / 3] + [(count, light)]
         self.next_count = math.ceil(1.25 * count)
 
     def look_at_other(self, count: int, mean: NDArray[Any], picture: Callable[[], NDArray[Any]]) -> None:

@@ -25,7 +25,8 @@ AOVS = (*FIRST_HIT_AOVS, "variance")
 """Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
 view axis (meters, inf without a surface), position (meters), geometric_normal and shading_normal (world space, towards
 the camera), albedo, roughness_metallic (perceptual roughness), emissive (radiance) and instance_id (row, 2^32 - 1
-without a surface). variance is that of the mean luminance over all samples of the pixel."""
+without a surface). variance is that of the mean luminance if all samples of the pixel were independent; they are points
+of low-discrepancy sequences, so the mean's own variance is smaller."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,14 @@ class Settings:
     pixel_filter: str
     layering: str
     lambert: bool
+    first_sample: int
 
     def __post_init__(self) -> None:
         choices = {"light_strategy": LIGHT_STRATEGIES, "layering": LAYERINGS, "pixel_filter": tuple(PIXEL_FILTERS)}
         for name, known in choices.items():
             if (value := getattr(self, name)) not in known:
                 raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {quoted(value)}")
-        for name in ("max_bounces", "seed"):
+        for name in ("max_bounces", "seed", "first_sample"):
             if not isinstance(value := getattr(self, name), int):
                 raise SolariError(f"PathTracer: {name} must be a whole number, not {quoted(value)}")
             if not 0 <= value < 2**32:
@@ -82,6 +84,7 @@ def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov") -> Stage:
 def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
     """Write the settings; camera and rows are the renderer's to write."""
     uniforms["path_sampling.seed"] = settings.seed
+    uniforms["path_sampling.first_sample"] = settings.first_sample
     uniforms["path_sampling.max_bounces"] = settings.max_bounces
     uniforms["path_sampling.light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
     uniforms["path_sampling.pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
@@ -99,7 +102,7 @@ def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def read_variance(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
-    """Variance of the mean luminance (height, width); inf after a single sample."""
+    """Variance of the mean luminance (height, width) of independent samples; inf after a single sample."""
     deviations = frame["luminance_deviations"].astype(np.float64)
     spread = deviations / (samples * (samples - 1)) if samples > 1 else np.full_like(deviations, np.inf)
     return spread.astype(np.float32).reshape(size[1], size[0])

@@ -13,7 +13,7 @@ import pytest
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference
-from solari_vk.cluster.reference import SEED_STEP, ChunkResult, ReferencePicture, chunk_samples
+from solari_vk.cluster.reference import ChunkResult, ReferencePicture, chunk_samples
 
 SIZE = 24, 16
 LAYERS = ("depth", "variance")
@@ -43,11 +43,11 @@ def same(a, b):
 
 
 def test_the_chunks_are_samples_of_the_path_tracer(picture, device, scene):
-    """With a seed a chunk; the first chunk has the picture's own."""
+    """Each chunk has the next samples of the seed's sequences."""
     means, deviations = [], []
     with sv.PathTracer(device, scene, SIZE) as tracer:
         for index in range(20):
-            tracer.seed = (7 + index * SEED_STEP) % 2**32
+            tracer.first_sample = index * chunk_samples(40)
             frame = tracer.render(samples=chunk_samples(40))
             means.append(frame["radiance"].astype(np.float64))
             deviations.append(tracer.read("luminance_deviations").reshape(SIZE[::-1]).astype(np.float64))

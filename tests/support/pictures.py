@@ -28,19 +28,19 @@ class Picture:
 
 
 def take_picture(device, scene, size=(48, 48), samples=64, *, runs=8, camera=None, **settings):
-    """Take a picture of `samples` per pixel in `runs` consecutive parts; settings are those of PathTracer.
+    """Take a picture of `samples` per pixel in `runs` parts of different seeds; settings are those of PathTracer.
 
-    The variance comes from the spread of the parts, not from the renderer's own estimate.
+    The variance comes from the spread of the parts, which are independent, as samples of one seed aren't.
     """
-    part = max(samples // runs, 1)
-    sums = [np.zeros((size[1], size[0], 3))]
+    parts = []
     with PathTracer(device, scene, size, **settings) as renderer:
-        for run in range(1, runs + 1):
-            image = renderer.render(camera or scene.camera, samples=run * part)["radiance"]
-            assert (image.shape, image.dtype) == (sums[0].shape, np.float32)
+        for run in range(runs):
+            renderer.seed = settings.get("seed", 0) + 1000 * run
+            image = renderer.render(camera or scene.camera, samples=max(samples // runs, 1))["radiance"]
+            assert (image.shape, image.dtype) == ((size[1], size[0], 3), np.float32)
             assert np.isfinite(image).all()
-            sums.append(image * np.float64(run * part))
-    return Picture(np.diff(np.stack(sums), axis=0) / part)
+            parts.append(image.astype(np.float64))
+    return Picture(np.stack(parts))
 
 
 def compare_picture(name, source, made, expected, bar, variance=0.0, tile=8):

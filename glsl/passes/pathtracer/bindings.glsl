@@ -11,6 +11,7 @@ layout(set = 1, scalar) uniform PathSamplingBlock {
     uint seed;
     uint first_row;             // the dispatch covers rows from here
     uint row_count;
+    uint first_sample;          // of the picture: where it begins in the sequences of its seed
     uint sample_index;          // samples that every pixel of these rows has already
     uint samples_per_dispatch;
     uint max_bounces;           // 0: only emission

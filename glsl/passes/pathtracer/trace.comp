@@ -1,5 +1,6 @@
 // The reference path tracer: updates each pixel's mean with more samples, by walks that start at the camera.
 #version 460
+#define LOW_DISCREPANCY
 #include "common/pixel.glsl"
 #include "passes/pathtracer/bindings.glsl"
 #include "passes/pathtracer/pixel_filter.glsl"
@@ -42,7 +43,8 @@ void main() {
     while (true) {
         if (path_ended) {
             if (sample_index == last_sample_index) { break; }
-            rng = seed_rng(pixel, sample_index, path_sampling.seed);
+            sequence_index = path_sampling.first_sample + sample_index;
+            rng = seed_rng(pixel, 0u, path_sampling.seed);
             CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
             if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
             walk = start_walk(ray);
@@ -83,6 +85,7 @@ void main() {
                 walk.origin = ray_origin(surface, walk.direction);
                 bounce += 1u;
                 path_ended = !possible || !survives(walk, max_component(walk.throughput), bounce, rng);
+                rng = seed_rng(pixel, bounce, path_sampling.seed);  // the same for all paths, whatever this one drew
 
                 // last, when the surface isn't needed any more
                 if (max_component(event.radiance) > 0.0) {

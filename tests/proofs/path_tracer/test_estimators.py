@@ -12,6 +12,7 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
+from solari_vk.output.error import luminance
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
@@ -76,6 +77,20 @@ def test_light_strategies_agree_among_many_lamps(device):
     scene = room([sv.Instance(shapes.sphere(0.15, 8), lamp(4.0), place(at=at)) for at in places])
     mis, nee = (take(device, scene, 256, seed, light_strategy=name) for seed, name in enumerate(("mis", "nee")))
     same(nee, mis, 0.015)
+
+
+def test_samples_of_a_seed_are_more_even_than_independent_ones(device):
+    """The variance over seeds against that of independent samples: with 64 samples it is about half."""
+    with sv.PathTracer(device, room(), (24, 24)) as renderer:
+        pictures, independent = [], []
+        for renderer.seed in range(12):
+            frame = renderer.render(samples=64)
+            pictures.append(luminance(frame["radiance"]))
+            independent.append(frame["variance"])
+    light = np.mean(pictures, axis=0) ** 2
+    ratio = (np.var(pictures, axis=0, ddof=1) / light).mean() / (np.mean(independent, axis=0) / light).mean()
+    print(ratio)
+    assert ratio < 0.7
 
 
 def test_scaled_scenes_give_the_same_picture(device):
@@ -154,6 +169,14 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "lights are chosen as MIS believes": (
             test_light_strategies_agree_among_many_lamps,
             Bug("scene/walk.glsl", "hit_light_pdf(Receiver", "return emissive_hit_pdf(surface, direction, hit.t);"),
+        ),
+        "random numbers of a path's samples are independent": (
+            test_samples_of_a_seed_are_more_even_than_independent_ones,
+            Bug(
+                "common/sobol.glsl",
+                "sobol_point",
+                "uint state = seed ^ pcg(index); return vec2(unit_float(pcg(state)), unit_float(pcg(state + 1u)));",
+            ),
         ),
         "mirrored instances: front and back are exchanged": (
             test_instances_equal_their_baked_meshes,
