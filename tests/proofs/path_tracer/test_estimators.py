@@ -81,7 +81,7 @@ def test_light_strategies_agree_among_many_lamps(device):
 
 def test_samples_of_a_seed_are_more_even_than_independent_ones(device):
     """The variance over seeds against that of independent samples: with 64 samples it is about half."""
-    with sv.PathTracer(device, room(), (24, 24)) as renderer:
+    with sv.PathTracer(device, cornell_box(), (24, 24)) as renderer:
         pictures, independent = [], []
         for renderer.seed in range(12):
             frame = renderer.render(samples=64)
