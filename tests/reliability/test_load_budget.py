@@ -184,8 +184,23 @@ def exr(folder, n):
     return path
 
 
+def exr_texture(folder, n):
+    """Threads decode a picture whose header says that its one tile is high."""
+    import OpenEXR
+
+    path, tile = folder / "bomb.exr", b"tiles\0tiledesc\0" + struct.pack("<3I", 9, 32, 32)
+    header = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+    OpenEXR.File(header, {"RGB": np.ones((8, 16, 3), np.float16)}).write(str(path))
+    made = gltf(folder)
+    view = made.view(path.read_bytes().replace(tile, tile[:-4] + struct.pack("<I", 2**16 * n)))
+    exr = {"EXT_texture_exr": {"source": made.add("images", bufferView=view, mimeType="image/x-exr")}}
+    texture = {"index": made.add("textures", extensions=exr)}
+    made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture))
+    return made
+
+
 BOMBS = (morphs, images, webp, progressive, animations, primitives, skins, instances, text, materials, mesh_text,
-         solids, radiance, exr)
+         solids, radiance, exr, exr_texture)
 
 
 def file_of(bomb, folder, n):
