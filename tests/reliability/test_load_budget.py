@@ -238,6 +238,16 @@ def test_a_file_larger_than_the_budget_is_not_read(tmp_path):
     assert "the file would take 3,072 MiB" in said
 
 
+@pytest.mark.parametrize("mode", [1, 3, 5, 6])
+def test_lines_and_strips_are_charged_before_they_are_made(tmp_path, mode):
+    made = gltf(tmp_path)
+    made.mesh(indices=made.accessor(np.zeros((2**24, 1)), "u1"), mode=mode)
+    charged, taken, said = load(made.save(made.path), 160 * MIB)
+    assert re.search("16,777,216 points or lines|its mesh", said)
+    assert charged <= 160 * MIB
+    assert taken <= 160 * MIB + SPARE, f"{taken / MIB:.0f} MiB"
+
+
 def test_time_ends_loading(tmp_path):
     with pytest.raises(sv.SolariError, match=r"longer than it may.*SOLARI_VK_LOAD_SECONDS"):
         sv.load(file_of(instances, tmp_path, 1), seconds=1e-6)
