@@ -96,7 +96,7 @@ def picture(renderer):
 def test_a_thousand_cycles_of_load_render_close(any_device, tmp_path):
     """Once caches are filled, the process has the same size, and the device has nothing of a closed renderer.
 
-    Without validation, whose layer keeps 0.8 MB of each closed realtime renderer (Debian's 1.3.239).
+    Without validation, whose layer keeps about 50 KB a cycle (Debian's 1.3.239).
     """
     file = GltfWriter()
     texture = {"index": file.image(np.ones((64, 64, 3)))}
