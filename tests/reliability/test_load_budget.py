@@ -238,6 +238,18 @@ def test_a_file_larger_than_the_budget_is_not_read(tmp_path):
     assert "the file would take 3,072 MiB" in said
 
 
+def test_files_of_images_are_charged(tmp_path):
+    """Small pictures, with much after their end, are copied out of a file."""
+    made = gltf(tmp_path)
+    for number in range(3):
+        image = made.add("images", bufferView=made.view(png(8, 8) + bytes(2**25)))
+        texture = {"index": made.add("textures", source=image)}
+        made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture, name=f"{number}"))
+    _, taken, said = load(made.save(made.path), 144 * MIB)
+    assert re.search("image 1: its file would take 64 MiB", said)
+    assert taken <= 144 * MIB + SPARE, f"{taken / MIB:.0f} MiB"
+
+
 @pytest.mark.parametrize("mode", [1, 3, 5, 6])
 def test_lines_and_strips_are_charged_before_they_are_made(tmp_path, mode):
     made = gltf(tmp_path)
