@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from support.gltf_writer import GltfWriter
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.cli import main
+from solari_vk.errors import SolariError
 from solari_vk.measure import denoised
 from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
@@ -75,6 +77,8 @@ def test_subjects(tmp_path):
     scene = from_file(tmp_path / "made.py:3.0")
     assert scene.name == "made"
     assert scene.bounds.max[1] == pytest.approx(3.0)
+    with pytest.raises(SolariError, match="there is no such Python file"):
+        from_file(Path("9" * 5000 + ".py:3.0"))  # no file can have this name
     totals = set()
     for count in (8, 500, 5000):
         counts = {item.material.name: len(item.mesh.triangles) for item in glowing(count, 1000)}

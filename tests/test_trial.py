@@ -169,8 +169,9 @@ def test_wrong_options_are_errors(tmp_path):
             pythons_of((text,), "b")
     with pytest.raises(SolariError, match="there is no renderer 'arnold'"):
         run(iter(()), ("arnold",), Plan(1, None, 1), Conditions(SIZE), {}, tmp_path)
-    with pytest.raises(SolariError, match="builtin:cornell_box: there is no such file"):
-        TrialJob(files=(Path("builtin:cornell_box"),), output=tmp_path).check()
+    for name in ("builtin:cornell_box", "9" * 5000):
+        with pytest.raises(SolariError, match=f"^{name[:3]}.*: there is no such file"):
+            TrialJob(files=(Path(name),), output=tmp_path).check()
 
 
 def test_scenes_have_names_of_their_own_and_no_floor(tmp_path):

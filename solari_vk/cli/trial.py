@@ -46,7 +46,7 @@ class TrialJob(DeviceOptions):
     def check(self) -> None:
         """Raise SolariError for files that aren't there, and for built-in scenes."""
         for file in self.files:
-            if not file.is_file():
+            if not os.path.isfile(file):  # False for names that no file can have
                 raise SolariError(f"{file}: there is no such file: give glTF files, which all renderers can load")
 
 

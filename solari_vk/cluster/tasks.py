@@ -7,6 +7,7 @@ with the frames before it, which are rendered and not written. So its bits don't
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -114,7 +115,7 @@ class RenderTask:
     def perform(self, session: DeviceSession) -> dict[str, File]:
         """Render the pictures and write them; returns the files by name."""
         folder = make_temporary_folder() if self.folder is None else Path(self.folder)
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
         try:
             (self._trace if self.style.settings is None else self._play)(session, folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -178,7 +179,7 @@ def path_traced(
 ) -> Picture:
     """Two pictures (2, h, w, 3) of the path tracer, with half of the samples each."""
     view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
-    kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
+    kept_picture = np.load(kept) if kept is not None and os.path.isfile(kept) else None
     if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
         return np.asarray(kept_picture["references"])
     pictures = np.empty((2, size[1], size[0], 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -78,7 +79,7 @@ def _bytes(path: Path) -> int:
         content = json.loads(path.read_text(encoding="utf-8"))
         listed = [*content.get("buffers", ()), *content.get("images", ())]
         names = {entry["uri"] for entry in listed if not entry.get("uri", "data:").startswith("data:")}
-    files = [path, *(named for name in names if (named := path.parent / unquote(name)).is_file())]
+    files = [path, *(named for name in names if os.path.isfile(named := path.parent / unquote(name)))]
     return sum(file.stat().st_size for file in files)
 
 

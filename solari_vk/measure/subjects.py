@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -41,7 +42,7 @@ def from_file(path: Path) -> Scene:
 
 def _from_script(script: Path, argument: Path) -> Scene:
     specification = importlib.util.spec_from_file_location(script.stem, script)
-    if not script.is_file() or specification is None or specification.loader is None:
+    if not os.path.isfile(script) or specification is None or specification.loader is None:
         raise SolariError(f"{script}: there is no such Python file")
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)

@@ -147,6 +147,18 @@ def webp(draw: Draw) -> bytes:
     return bytes(data)
 
 
+def dds(draw: Draw) -> bytes:
+    """Of one color; or the header of another size."""
+    from PIL import Image
+
+    pixels = Image.new("RGBA", (4096, draw(st.sampled_from([8, 4096]))))
+    form = draw(st.sampled_from([{}, {"pixel_format": "DXT1"}, {"pixel_format": "BC5"}]))
+    data = bytearray(encoded(pixels.convert("RGB") if form else pixels, "DDS", **form))
+    if draw(st.booleans()):
+        struct.pack_into("<2I", data, 12, draw(SIDE), draw(SIDE))
+    return bytes(data)
+
+
 def ktx2(draw: Draw) -> bytes:
     """Levels that expand to more than the picture, and headers that say other sizes than the data."""
     files = [ktx2_files.ETC1S, ktx2_files.UASTC, ktx2_files.UASTC_ZSTD]
@@ -165,11 +177,12 @@ def ktx2(draw: Draw) -> bytes:
 def image(draw: Draw, folder: Path) -> Path:
     """A scene with many of one kind of image."""
     made = GltfWriter()
-    file = draw(st.sampled_from([png, jpeg, webp, ktx2]))(draw)
+    kind = draw(st.sampled_from([png, jpeg, webp, dds, ktx2, exr]))
+    file = exr(draw, folder).read_bytes() if kind is exr else kind(draw)
     for _ in range(draw(st.sampled_from([1, 2, 8]))):
         picture = {"source": made.add("images", bufferView=made.view(file))}
-        ktx = {"extensions": {"KHR_texture_basisu": picture}} if file[:4] == b"\xabKTX" else picture
-        texture = {"index": made.add("textures", **ktx)}
+        named = {ktx2: "KHR_texture_basisu", exr: "EXT_texture_exr", dds: "MSFT_texture_dds"}.get(kind)
+        texture = {"index": made.add("textures", **({"extensions": {named: picture}} if named else picture))}
         made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture))
     return made.save(folder / "bomb.glb")
 

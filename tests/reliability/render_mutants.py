@@ -25,7 +25,7 @@ from fuzz_subjects import open_subject
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.features import FEATURES, Features
+from solari_vk.bound.features import Features
 from solari_vk.errors import DeviceError, ValidationError
 from solari_vk.scene.lights.environment import EnvironmentLight
 
@@ -92,6 +92,15 @@ class Stage:
         assert self.device.objects_in_use == 0, f"{self.device.objects_in_use} objects are left on the device"
 
 
+def features_of(kind: str, folder: Path) -> frozenset[str]:
+    """The features of what a kind's file has before it is mutated."""
+    folder.mkdir()
+    scene, features = sv.load(open_subject(kind, folder).named), Features()
+    for item in (*scene.lights, *(part for one in scene.instances for part in (one, one.mesh, one.material))):
+        features.note(item)
+    return features.constants
+
+
 def fuzz(kind: str, folder: Path, count: int, seed: str, stage: Stage) -> Counter[str]:
     """What came of each mutant of a kind."""
     folder.mkdir()
@@ -113,8 +122,8 @@ def fuzz(kind: str, folder: Path, count: int, seed: str, stage: Stage) -> Counte
 def main() -> None:
     folder, count, seed, kinds = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3], sys.argv[4:]
     warnings.simplefilter("ignore", UserWarning)
-    # The scene has all features from the start, so that pipelines are compiled once.
-    features = frozenset(row.constant for row in FEATURES)
+    # The scene has the features of all kinds from the start, so that pipelines are compiled once.
+    features = frozenset.union(*(features_of(kind, folder / f"{kind} as it should be") for kind in kinds))
     Features.note = lambda self, item: setattr(self, "constants", features)  # type: ignore[method-assign]
     with sv.Device(validation=True) as device:
         stage = Stage(device)

@@ -184,8 +184,23 @@ def exr(folder, n):
     return path
 
 
+def exr_texture(folder, n):
+    """Threads decode a picture whose header says that its one tile is high."""
+    import OpenEXR
+
+    path, tile = folder / "bomb.exr", b"tiles\0tiledesc\0" + struct.pack("<3I", 9, 32, 32)
+    header = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+    OpenEXR.File(header, {"RGB": np.ones((8, 16, 3), np.float16)}).write(str(path))
+    made = gltf(folder)
+    view = made.view(path.read_bytes().replace(tile, tile[:-4] + struct.pack("<I", 2**16 * n)))
+    exr = {"EXT_texture_exr": {"source": made.add("images", bufferView=view, mimeType="image/x-exr")}}
+    texture = {"index": made.add("textures", extensions=exr)}
+    made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture))
+    return made
+
+
 BOMBS = (morphs, images, webp, progressive, animations, primitives, skins, instances, text, materials, mesh_text,
-         solids, radiance, exr)
+         solids, radiance, exr, exr_texture)
 
 
 def file_of(bomb, folder, n):
@@ -221,6 +236,28 @@ def test_a_file_larger_than_the_budget_is_not_read(tmp_path):
     charged, taken, said = load(path, 2**30)
     assert (charged, taken < SPARE) == (12, True)
     assert "the file would take 3,072 MiB" in said
+
+
+def test_files_of_images_are_charged(tmp_path):
+    """Small pictures, with much after their end, are copied out of a file."""
+    made = gltf(tmp_path)
+    for number in range(3):
+        image = made.add("images", bufferView=made.view(png(8, 8) + bytes(2**25)))
+        texture = {"index": made.add("textures", source=image)}
+        made.mesh({"TEXCOORD_0": [[0, 0]] * 3}, material=made.add("materials", normalTexture=texture, name=f"{number}"))
+    _, taken, said = load(made.save(made.path), 144 * MIB)
+    assert re.search("image 1: its file would take 64 MiB", said)
+    assert taken <= 144 * MIB + SPARE, f"{taken / MIB:.0f} MiB"
+
+
+@pytest.mark.parametrize("mode", [1, 3, 5, 6])
+def test_lines_and_strips_are_charged_before_they_are_made(tmp_path, mode):
+    made = gltf(tmp_path)
+    made.mesh(indices=made.accessor(np.zeros((2**24, 1)), "u1"), mode=mode)
+    charged, taken, said = load(made.save(made.path), 160 * MIB)
+    assert re.search("16,777,216 points or lines|its mesh", said)
+    assert charged <= 160 * MIB
+    assert taken <= 160 * MIB + SPARE, f"{taken / MIB:.0f} MiB"
 
 
 def test_time_ends_loading(tmp_path):

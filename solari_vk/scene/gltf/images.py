@@ -64,12 +64,16 @@ class Images:
         sources: dict[int, Source] = {}
         opened: dict[Source, tuple[Any, str, str]] = {}
         data: set[Source] = set()
+        copied = 0  # bytes of files, which are kept until they are decoded
         for number, user in users.items():
             entry = self._document.item("image", number, user)
             try:
                 source = sources[number] = self._source(entry)
                 if source not in self._made and source not in opened:
-                    opened[source] = self._open(entry, source)
+                    file = self._file(entry, source[1])
+                    copied += file.nbytes
+                    entry.charge(0, "its file", working=copied)
+                    opened[source] = self._open(entry, source, file.tobytes())
                 if number in linear:
                     data.add(source)
             except BudgetError:
@@ -86,7 +90,7 @@ class Images:
 
         threads = min(8, os.cpu_count() or 1)
         working = sorted(image_files.working_bytes(image) for image, *_ in opened.values())[-threads:]
-        self._document.root.charge(0, "decoding its images", working=sum(working))
+        self._document.root.charge(0, "decoding its images", working=sum(working) + copied)
         with ThreadPoolExecutor(max_workers=threads) as pool:
             for source, made in zip(opened, pool.map(decoded, opened), strict=True):
                 self._made[source] = None if isinstance(made, SolariError) else made
@@ -108,11 +112,12 @@ class Images:
         uri = entry.text("uri")
         return ("data", uri) if uri[:5].lower() == "data:" else ("file", str(self._document.resource_path(entry)))
 
-    def _open(self, entry: Entry, source: Source) -> tuple[Any, str, str]:
+    def _file(self, entry: Entry, place: str | int) -> NDArray[np.uint8]:
+        return self._document.view(place, entry)[0] if isinstance(place, int) else self._document.resource(entry)
+
+    def _open(self, entry: Entry, source: Source, data: bytes) -> tuple[Any, str, str]:
         """The opened image, the words for it in errors, and its name."""
         file = os.path.basename(str(source[1])) if source[0] == "file" else ""
         who = f"{entry.file}: {entry.place}" + (f" ({file})" if file else "")
-        view = source[1]
-        resource = self._document.view(view, entry)[0] if isinstance(view, int) else self._document.resource(entry)
-        image = image_files.open_image(resource.tobytes(), who)
+        image = image_files.open_image(data, who)
         return image, who, os.path.basename(entry.name) or file or entry.place

@@ -18,6 +18,7 @@ _MOST_POINTS, _MOST_LINES = 2**18, 2**17  # further ones are thinned out
 _FEW = 2**15  # that are rounder
 _SIDES = 6
 _BYTES_PER_VERTEX = 256
+_BYTES_PER_CORNER = 24  # two ends of a line, and what sorts them
 
 
 class _Solid(NamedTuple):
@@ -48,6 +49,7 @@ def with_surface(
 
     All that a vertex has but its normal and tangent is that of the point it belongs to. mode: glTF's, 0 to 3.
     """
+    primitive.charge(0, f"{len(corners):,} points or lines", working=_BYTES_PER_CORNER * len(corners))
     lines = np.stack([corners[:-1], corners[1:]], axis=1)
     if mode == 1:
         lines = lines[::2]

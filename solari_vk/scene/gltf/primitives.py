@@ -92,11 +92,11 @@ class Primitives:
         if mode < 4:
             vertices, triangles = self._thin(primitive, mode, vertices, corners)
             positions = vertices["POSITION"]
+            _charge(primitive, vertices, len(triangles))
         else:
+            _charge(primitive, vertices, len(corners) // 3 if mode == 4 else max(len(corners) - 2, 0))
             triangles = self._triangles(primitive, mode, corners)
 
-        size = sum(values.nbytes for values in vertices.values()) + triangles.nbytes
-        primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * len(triangles))
         distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         triangles = triangles[distinct]
         used, triangles = _compact(triangles, len(positions))
@@ -160,6 +160,8 @@ class Primitives:
 
     def _corners(self, primitive: Entry, count: int) -> NDArray[np.uint32]:
         index = primitive.index("indices")
+        number = count if index is None else self._accessors.count(index, primitive)
+        primitive.charge(0, f"{number:,} corners", working=4 * number)
         if index is None:
             return np.arange(count, dtype=np.uint32)
         corners = self._accessors.integers(index, primitive, ("SCALAR",))[:, 0].astype(np.uint32)
@@ -228,6 +230,11 @@ class Primitives:
             vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
             vertices["TANGENT"], triangles = split.tangents, split.indices
         return vertices, triangles
+
+
+def _charge(primitive: Entry, vertices: Vertices, triangle_count: int) -> None:
+    size = sum(values.nbytes for values in vertices.values()) + 12 * triangle_count
+    primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * triangle_count)
 
 
 def _uv_names(material: LoadedMaterial) -> list[str]:

@@ -24,10 +24,13 @@ _TILED, _DEEP, _SEVERAL_PARTS = 0x200, 0x800, 0x1000
 
 
 class ExrImage:
-    """An opened picture: its header, from which `colors` reads the pixels."""
+    """An opened picture: its header, from which `colors` reads the pixels.
+
+    working_bytes: that the library takes for the tiles or lines while it reads them.
+    """
 
     def __init__(self, data: bytes, who: str) -> None:
-        """Raises SolariError for a damaged header. who: names the picture in errors."""
+        """Charges `working_bytes`. Raises SolariError for a damaged header. who: names the picture in errors."""
         try:
             _, attributes, _ = _header(data)
             left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
@@ -37,6 +40,8 @@ class ExrImage:
         self.width, self.height, self._data = right - left + 1, bottom - top + 1, data
         if min(self.width, self.height) < 1:
             raise SolariError(f"{who} is an EXR picture without pixels: save it again")
+        self.working_bytes = _COPIES_OF_CHUNKS * chunk_bytes(data)
+        charge(0, who, "the tiles or lines", working=self.working_bytes)
 
     def colors(self, who: str) -> NDArray[np.float32]:
         """Linear colors (height, width, 3), 4 with alpha. Raises SolariError for a picture that is damaged, cut off, or
@@ -47,7 +52,6 @@ class ExrImage:
         names = ["R", "G", "B"] if "R" in self._channels else ["Y", "Y", "Y"]
         if not all(name in self._channels for name in names):
             raise SolariError(f"{who} has no channels R, G and B, nor Y, but {', '.join(sorted(self._channels)[:8])}")
-        charge(0, who, "the tiles or lines", working=_COPIES_OF_CHUNKS * chunk_bytes(self._data))
         if not is_whole(self._data):
             raise _damaged(who, "it is cut off")
         try:

@@ -46,7 +46,8 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
 def working_bytes(image: Any) -> int:
     """The bytes that decoding an opened image takes beside the pixels."""
     kind = "EXR" if isinstance(image, exr.ExrImage) else getattr(image, "format", "")
-    return int(_WORKING_BYTES_OF.get(kind, _WORKING_BYTES) * image.width * image.height)
+    chunks = getattr(image, "working_bytes", 0)  # of EXR pictures
+    return int(_WORKING_BYTES_OF.get(kind, _WORKING_BYTES) * image.width * image.height) + chunks
 
 
 def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
