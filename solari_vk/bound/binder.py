@@ -54,7 +54,7 @@ class SceneBinder:
         with device.undone_on_error():
             self._geometry = Geometry(device, layout, self._features, self)
             self._textures = TextureTable(device, layout["textures"], self)
-            self._emissions = Emissions(device, layout["light_sources"]["by_power"])
+            self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
             self._materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
             self._instances = Table(device, "instances", layout["instances"], INSTANCE)
@@ -239,16 +239,19 @@ class SceneBinder:
     # ---- from rows to records -----------------------------------------------------------------------
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
+        emission, area, position, half_size, boxes = None, 0.0, ORIGIN, ORIGIN, None
         if emits:
             _, mesh, _ = self._uses[instance]
             box = self._geometry.centers[mesh], self._geometry.half_sizes[mesh]
             position, half_size, volume = placed_box(instance.transform, *box)
             emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
             area = volume ** (2 / 3) * emission.area_in(instance.joint_matrices)
+            if emission.clusters is not None:
+                pose = instance.joint_matrices, instance.morph_weights
+                boxes = emission.clusters.boxes(instance.transform, *pose)
         else:
             self._emissions.release(instance)
-        moved = self.lights.set_emissive(instance, row, emission, area, position, half_size)
+        moved = self.lights.set_emissive(instance, row, emission, area, position, half_size, boxes)
         if moved is not None:
             self._write_rows[moved] = None
 

@@ -142,7 +142,7 @@ def _crowd(device: Device, report: Report) -> None:
 def _light_tree(device: Device, report: Report) -> None:
     """The host's time for a tree over lights that are anywhere, with any powers, and for one light that moves."""
     binder, rng, spent = SceneBinder(device, Scene()), np.random.default_rng(1), []
-    record = binder.lights.tree.records.dtype
+    record = binder.lights.leaves.tree.records.dtype
     for count in (10_000, 100_000):
         bounds = rng.normal(scale=10, size=(count, 1, 3)) + rng.random((count, 1, 3)) * [[[-1.0], [1.0]]]
         ids, powers = np.arange(count, dtype=np.uint32), rng.random(count) ** 8

@@ -40,7 +40,7 @@ def measure_tree(shaders):
     normals = random.normal(size=(POINTS, 3)) - receivers["position"]
     receivers["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     with bound(shaders.device, scene) as binder:
-        shares = binder.lights.sources.records["by_power"]["probability"][:LAMPS].astype(np.float64)
+        shares = binder.lights.leaves.table.records["by_power"]["probability"][:LAMPS].astype(np.float64)
         powers, positions = binder.lights.powers[:LAMPS], binder.lights.positions[:LAMPS]
         found = shaders.run("test/light_tree", POINTS * DRAWS, {**binder.resources, "receivers": receivers},
                             {"drawn": POINTS * DRAWS, "probabilities": POINTS * (LAMPS + 1)})  # fmt: skip
@@ -71,11 +71,11 @@ def test_tree(shaders):
 
 TREE = "scene/lights/tree.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({rule: (with_shaders(measure_tree), bug) for rule, bug in {
-    EQUAL: Bug(TREE, "descend_light_tree", "ChosenLight chosen = correct(receiver, rng); "
+    EQUAL: Bug(TREE, "descend_light_tree", "ChosenLeaf chosen = correct(receiver, rng); "
                "chosen.probability = sqrt(chosen.probability); return chosen;"),
-    SUM: Bug(TREE, "leaf_probability", "return sqrt(correct(node, receiver));"),
+    SUM: Bug(TREE, "node_probability", "return sqrt(correct(node, receiver));"),
     # the more likely of two lights is taken
-    OFTEN: Bug(TREE, "choose_light", "ChosenLight one = correct(receiver, rng), other = correct(receiver, rng); "
+    OFTEN: Bug(TREE, "choose_leaf", "ChosenLeaf one = correct(receiver, rng), other = correct(receiver, rng); "
                "return one.probability > other.probability ? one : other;"),
     CLOSE: Bug(TREE, "MIN_COSINE", "1.0"),
 }.items()})  # fmt: skip
