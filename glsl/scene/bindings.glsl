@@ -78,7 +78,7 @@ struct LightSource {
     uint kind;          // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
     uint record_index;  // of the light's record in the buffer of its kind; for emissive meshes, of the instance
     uint first_leaf;    // into light_leaves; the light's others follow
-    uint halvings;      // how often the parts are halved, in their order, to make the leaves
+    uint halvings;      // how often the parts are halved, in their order, to make the leaves; NO_INDEX: each is one
 };
 
 // What light samples choose first: some neighboring triangles of an emissive mesh, or a light of another kind.

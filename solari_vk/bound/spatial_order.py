@@ -22,7 +22,7 @@ def spatial_order(points: NDArray[np.floating]) -> Indices:
         for size in np.unique(sizes):  # at most two sizes, because the halves of n differ by at most one
             if size > 2:
                 _split(axes, order, starts[sizes == size], int(size))
-        starts, sizes = _halved(starts, sizes)
+        starts, sizes = halved(starts, sizes)
     return order
 
 
@@ -31,12 +31,13 @@ def runs(count: int, largest: int) -> tuple[Indices, Indices, int]:
     and their sizes (R,), and how often the points are halved to make them."""
     starts, sizes, halvings = np.array([0]), np.array([count]), 0
     while sizes.max() > largest:
-        starts, sizes = _halved(starts, sizes)
+        starts, sizes = halved(starts, sizes)
         halvings += 1
     return starts, sizes, halvings
 
 
-def _halved(starts: Indices, sizes: Indices) -> tuple[Indices, Indices]:
+def halved(starts: Indices, sizes: Indices) -> tuple[Indices, Indices]:
+    """The starts and sizes (2 R,) of the halves of runs (R,)."""
     left = sizes // 2
     return np.stack([starts, starts + left], axis=1).ravel(), np.stack([left, sizes - left], axis=1).ravel()
 

@@ -31,6 +31,7 @@ struct PartOfLeaf {
 
 // Finds the leaf of a part by the halvings of solari_vk/bound/spatial_order.py.
 PartOfLeaf part_of_leaf(LightSource light, uint part) {
+    if (light.halvings == NO_INDEX) { return PartOfLeaf(light.first_leaf + part, 1.0); }
     uint leaf = 0u, first = 0u, count = light.part_count;
     for (uint i = 0u; i < light.halvings; i++) {
         uint lower = count / 2u;

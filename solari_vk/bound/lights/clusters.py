@@ -1,4 +1,8 @@
-"""Clusters of neighboring triangles of an emissive mesh: each is a leaf of the tree of lights."""
+"""Clusters of neighboring triangles of an emissive mesh: each is a leaf of the tree of lights.
+
+They are runs of the triangles' spatial order, in which surfaces stay together. Where most clusters would hold triangles
+far from each other, as those of lamps of two triangles each, clusters are smaller: in the end each triangle is one.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.spatial_order import runs
+from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.spatial_order import halved, runs
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Mesh
 
@@ -16,6 +21,11 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 LARGEST = 32
 """Most triangles of a cluster. Larger ones are chosen less well, smaller ones take more time and memory."""
+MOST = 1 << 16
+"""Clusters of a mesh are not made smaller where it would have more of them than these."""
+SPARSE = 8.0
+"""A cluster is sparse whose box has a surface of so many times the area of its triangles. Most boxes around pieces of
+spheres have less."""
 
 
 class _Parts(NamedTuple):
@@ -29,13 +39,15 @@ class _Parts(NamedTuple):
 
 
 class Clusters:
-    """The clusters of a mesh with more than LARGEST triangles.
+    """The clusters of a mesh: where they start (C,), their sizes (C,), and how often the triangles are halved to make
+    them, NO_INDEX where each triangle is a cluster.
 
-    triangles (M, 3): the mesh's, in spatial order. weights (M,): how much light they send out, up to a factor.
+    triangles (M, 3): the mesh's, in spatial order. areas, weights (M,): how large they are and how much light they send
+    out, up to a factor.
     """
 
-    def __init__(self, mesh: Mesh, triangles: NDArray[np.uint32], weights: Floats) -> None:
-        self.starts, self.sizes, self.halvings = runs(len(triangles), LARGEST)
+    def __init__(self, mesh: Mesh, triangles: NDArray[np.uint32], areas: Floats, weights: Floats) -> None:
+        self.starts, self.sizes, self.halvings = _arrange(mesh.positions, triangles, areas)
         shares = np.add.reduceat(weights, self.starts)
         self.shares: Floats = shares / shares.sum() if shares.sum() > 0 else self.sizes / len(triangles)
         """How much of the light each cluster sends out (C,)."""
@@ -100,6 +112,31 @@ class Clusters:
         assert self._mesh.deformation.targets is not None
         found = [_extremes(target, self._triangles, self.starts) for target in self._mesh.deformation.targets]
         return np.stack(found).swapaxes(1, 2).astype(np.float64)
+
+
+def _arrange(
+    positions: NDArray[np.float32], triangles: NDArray[np.uint32], areas: Floats
+) -> tuple[Indices, Indices, int]:
+    """The starts, sizes and halvings of `Clusters`."""
+    count = len(triangles)
+    starts, sizes, halvings = runs(count, LARGEST)
+    while count >= 4 and len(starts) <= MOST // 4 and _are_sparse(positions, triangles, areas, starts):
+        if sizes.min() < 4:
+            return np.arange(count), np.ones(count, np.int64), NO_INDEX
+        starts, sizes = halved(starts, sizes)
+        halvings += 1
+    return starts, sizes, halvings
+
+
+def _are_sparse(
+    positions: NDArray[np.float32], triangles: NDArray[np.uint32], areas: Floats, starts: Indices
+) -> bool:
+    """Whether clusters of half of the area are."""
+    low, high = _extremes(positions, triangles, starts)
+    x, y, z = (high - low).T.astype(np.float64)
+    of_clusters = np.add.reduceat(areas, starts)
+    sparse = 2 * (x * y + y * z + z * x) > SPARSE * of_clusters
+    return bool(2 * of_clusters[sparse].sum() > of_clusters.sum())
 
 
 def _extremes(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.lights.alias_table import alias_tables
-from solari_vk.bound.lights.clusters import LARGEST, Clusters
+from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.table import Rows
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -91,27 +91,25 @@ class Emissions:
 
     def _make(self, mesh: Mesh, texture: Texture | None, order: NDArray[np.int64]) -> Emission:
         triangles = mesh.triangles[order]
-        a, b, c = mesh.positions[triangles].astype(np.float64).swapaxes(0, 1)
-        weights = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        area = float(weights.sum())
+        a, b, c = (mesh.positions[corner].astype(np.float64) for corner in triangles.T)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        weights, area = areas, float(areas.sum())
         if texture is not None and area > 0:
             if texture.image not in self._sums:
                 self._sums[texture.image] = luminance_sums(texture.image)
             found = mean_luminances(mesh, triangles, texture, self._sums[texture.image])
-            bright = float(weights @ found)
-            weights *= np.maximum(found, MIN_LUMINANCE * bright / area)
+            bright = float(areas @ found)
+            weights = areas * np.maximum(found, MIN_LUMINANCE * bright / area)
             area = bright
         joint_areas = _areas_by_joint(mesh, triangles, weights)
         if mesh.deformation is not None:  # which may enlarge triangles that are tiny in the rest pose
             weights = np.maximum(weights, MIN_LUMINANCE * weights.mean())
-        clusters = Clusters(mesh, triangles, weights) if len(triangles) > LARGEST else None
-        choices = None
-        if weights.max() > weights.min() * (1 + 1e-4):
-            starts = np.zeros(1, np.int64) if clusters is None else clusters.starts
-            table = alias_tables(weights, starts, self._row)
+        clusters, choices = Clusters(mesh, triangles, areas, weights), None
+        if weights.max() > weights.min() * (1 + 1e-4) and len(clusters.starts) < len(triangles):
+            table = alias_tables(weights, clusters.starts, self._row)
             choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
             choices.upload(table)
-        return Emission(area, len(triangles), choices, joint_areas, clusters)
+        return Emission(area, len(triangles), choices, joint_areas, clusters if len(clusters.starts) > 1 else None)
 
     def end_update(self) -> None:
         """Free what only acquires in the same update share."""

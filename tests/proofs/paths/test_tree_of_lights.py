@@ -41,18 +41,18 @@ def merged(scene):
 
 
 def measure_tree(shaders):
+    """Draws and probabilities at random points, most of which face lights."""
     random = np.random.default_rng(3)
     scene = lamps_in_space(random)
-    yield from measure_leaves(shaders, random, scene, "lamps")
-    yield from measure_leaves(shaders, random, merged(scene), "triangles of a lamp")
-
-
-def measure_leaves(shaders, random, scene, what):
-    """Draws and probabilities at random points, most of which face lights."""
     receivers = np.zeros(POINTS, shaders.element("test/light_tree", "receivers"))
     receivers["position"] = random.uniform(-5, 5, (POINTS, 3))
     normals = random.normal(size=(POINTS, 3)) - receivers["position"]
     receivers["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    yield from measure_leaves(shaders, scene, receivers, "lamps")
+    yield from measure_leaves(shaders, merged(scene), receivers, "triangles of a lamp")
+
+
+def measure_leaves(shaders, scene, receivers, what):
     with bound(shaders.device, scene) as binder:
         leaves = binder.lights.leaves
         count = leaves.count
@@ -79,7 +79,7 @@ def measure_leaves(shaders, random, scene, what):
     lit = light.sum(axis=1) > 0
     of_lamps = probabilities[lit, :-1] / shares.sum()
     variance = (light[lit] ** 2 / of_lamps).sum(axis=1) / light[lit].sum(axis=1) ** 2 - 1
-    note = f"{what}: one light sample's variance without occlusion: {variance.min():.2f} to {variance.max():.2f}"
+    note = f"{count - 1} {what}: variance of one sample without occlusion {variance.min():.2f} to {variance.max():.2f}"
     yield Measurement(CLOSE, float(variance.mean()), 0.27, "of the squared mean", note)
 
 
