@@ -32,7 +32,7 @@ def in_order(mesh):
     return mesh.triangles[spatial_order(mesh.positions[mesh.triangles].mean(axis=1))]
 
 
-@pytest.mark.parametrize("count", [33, 64, 65, 1000, 4097])
+@pytest.mark.parametrize("count", [129, 256, 257, 1000, 4097])
 def test_runs_are_what_the_points_are_halved_into(count):
     """Each run is on one side of the plane that halves the points of its parent: runs are disjoint boxes."""
     points = np.random.default_rng(count).random((count, 3)).astype(np.float32)
@@ -53,7 +53,7 @@ def merged(mesh, places):
 
 
 def test_sparse_clusters_are_smaller(monkeypatch):
-    """Surfaces have clusters of up to 32 triangles, however many they are; small lamps far apart one for each triangle,
+    """Surfaces have clusters of up to LARGEST triangles, however many they are; small lamps far apart one for each triangle,
     unless they are very many."""
     random = np.random.default_rng(2)
     square, ball = shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, 1)), shapes.sphere(0.3, 12)
@@ -71,8 +71,8 @@ def test_sparse_clusters_are_smaller(monkeypatch):
     assert sizes(square).tolist() == [2]
     assert sizes(shapes.box()).tolist() == [12]
     assert sizes(shapes.sphere(1.0, 64)).min() > LARGEST / 2 - 1
-    assert sizes(sv.Mesh(shapes.sphere(1.0, 64).positions @ turn, shapes.sphere(1.0, 64).triangles)).min() > 14
-    assert sizes(merged(square, wall)).min() > 14
+    assert sizes(sv.Mesh(shapes.sphere(1.0, 64).positions @ turn, shapes.sphere(1.0, 64).triangles)).min() > LARGEST / 2 - 1
+    assert sizes(merged(square, wall)).min() > LARGEST / 2 - 1
     assert sizes(merged(ball, 6 * wall)).min() > 6
     assert sizes(merged(square, 20 * wall)).tolist() == [1] * 1200
     assert sizes(merged(square, [(0, 0, 0), (30, 0, 0)])).tolist() == [2, 2]
@@ -84,7 +84,7 @@ def test_sparse_clusters_are_smaller(monkeypatch):
 @pytest.mark.parametrize("moved_by", ["nothing", "joints", "targets", "joints and targets"])
 def test_boxes_hold_the_triangles_in_a_pose(moved_by):
     random = np.random.default_rng(3)
-    count, joints, weights, targets = 300, None, None, None
+    count, joints, weights, targets = 400, None, None, None
     if "joints" in moved_by:
         joints = np.repeat(random.integers(0, JOINTS, (count, 2)), 3, axis=0)
         weights = random.random((3 * count, 2)) * random.integers(0, 2, (3 * count, 2))

@@ -274,7 +274,7 @@ def test_random_edits(device, examples):
 
 def test_lights_follow_poses(bound):
     """Power and place of a light follow its pose, and no triangle is sampled too rarely to grow."""
-    mesh, rest = tube(3)
+    mesh, rest = tube(3, rings=17)
     flat = mesh.positions * np.where(mesh.positions[:, 1:2] < 1, [1, 1e-4, 1], 1)
     skin = sv.Mesh(flat, mesh.triangles, normals=mesh.normals, deformation=mesh.deformation)
     lamp = sv.Instance(skin, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))

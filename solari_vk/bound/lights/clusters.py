@@ -19,7 +19,7 @@ from solari_vk.scene.model import Mesh
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-LARGEST = 32
+LARGEST = 128
 """Most triangles of a cluster. Larger ones are chosen less well, smaller ones take more time and memory."""
 MOST = 1 << 16
 """Clusters of a mesh are not made smaller where it would have more of them than these."""
