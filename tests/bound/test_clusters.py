@@ -53,12 +53,12 @@ def merged(mesh, places):
 
 
 def test_sparse_clusters_are_smaller(monkeypatch):
-    """Surfaces have clusters of up to LARGEST triangles, however many they are; small lamps far apart one for each triangle,
-    unless they are very many."""
+    """Surfaces have clusters of up to LARGEST triangles, however many they are; small lamps that are far apart have one
+    for each triangle, unless they are very many."""
     random = np.random.default_rng(2)
     square, ball = shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, 1)), shapes.sphere(0.3, 12)
     wall = np.stack(np.meshgrid(np.arange(30), [0], np.arange(20)), axis=-1).reshape(-1, 3)
-    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    turn, full = np.linalg.qr(random.normal(size=(3, 3)))[0], LARGEST / 2 - 1
 
     def sizes(mesh):
         order = in_order(mesh)
@@ -70,9 +70,10 @@ def test_sparse_clusters_are_smaller(monkeypatch):
 
     assert sizes(square).tolist() == [2]
     assert sizes(shapes.box()).tolist() == [12]
-    assert sizes(shapes.sphere(1.0, 64)).min() > LARGEST / 2 - 1
-    assert sizes(sv.Mesh(shapes.sphere(1.0, 64).positions @ turn, shapes.sphere(1.0, 64).triangles)).min() > LARGEST / 2 - 1
-    assert sizes(merged(square, wall)).min() > LARGEST / 2 - 1
+    sphere = shapes.sphere(1.0, 64)
+    assert sizes(sphere).min() > full
+    assert sizes(sv.Mesh(sphere.positions @ turn, sphere.triangles)).min() > full
+    assert sizes(merged(square, wall)).min() > full
     assert sizes(merged(ball, 6 * wall)).min() > 6
     assert sizes(merged(square, 20 * wall)).tolist() == [1] * 1200
     assert sizes(merged(square, [(0, 0, 0), (30, 0, 0)])).tolist() == [2, 2]

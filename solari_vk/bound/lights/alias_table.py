@@ -24,9 +24,7 @@ def alias_table(weights: NDArray[np.floating[Any]], record: np.dtype[Any]) -> ND
     return alias_tables(weights, np.zeros(min(len(weights), 1), np.int64), record)
 
 
-def alias_tables(
-    weights: NDArray[np.floating[Any]], starts: NDArray[np.int64], record: np.dtype[Any]
-) -> NDArray[Any]:
+def alias_tables(weights: NDArray[np.floating[Any]], starts: NDArray[np.int64], record: np.dtype[Any]) -> NDArray[Any]:
     """The rows (N,) of several tables at once, one after the other, whose aliases count from the first row of all.
 
     starts (T,): where each table begins, 0 first. Else as `alias_table`.

@@ -128,9 +128,7 @@ def _arrange(
     return starts, sizes, halvings
 
 
-def _are_sparse(
-    positions: NDArray[np.float32], triangles: NDArray[np.uint32], areas: Floats, starts: Indices
-) -> bool:
+def _are_sparse(positions: NDArray[np.float32], triangles: NDArray[np.uint32], areas: Floats, starts: Indices) -> bool:
     """Whether clusters of half of the area are."""
     low, high = _extremes(positions, triangles, starts)
     x, y, z = (high - low).T.astype(np.float64)

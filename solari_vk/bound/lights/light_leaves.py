@@ -62,9 +62,7 @@ class LightLeaves:
         records["by_power"] = alias_table(weights[self._lights] * self._shares, records["by_power"].dtype)
         self.table.mark(range(self.count))
 
-    def follow(
-        self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats]
-    ) -> float:
+    def follow(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats]) -> float:
         """Have the tree follow the lights (F,) that are not at infinity; returns how often one of them is chosen.
 
         ids, bounds, powers: as those of `LightTree`. boxes: those of the clusters of lights that have moved.

@@ -185,9 +185,7 @@ class LightList:
             self._emissive_places[index] = position, half_size
             self._positions_changed = True
 
-    def _set_clusters(
-        self, instance: Instance, clusters: Clusters | None, boxes: NDArray[np.float64] | None
-    ) -> None:
+    def _set_clusters(self, instance: Instance, clusters: Clusters | None, boxes: NDArray[np.float64] | None) -> None:
         if self._clusters.get(instance) is not clusters:
             self._changed = True
             for known in (self._clusters, self._boxes, self._moved):
