@@ -239,19 +239,16 @@ class SceneBinder:
     # ---- from rows to records -----------------------------------------------------------------------
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        emission, area, position, half_size, boxes = None, 0.0, ORIGIN, ORIGIN, None
+        emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
         if emits:
             _, mesh, _ = self._uses[instance]
             box = self._geometry.centers[mesh], self._geometry.half_sizes[mesh]
             position, half_size, volume = placed_box(instance.transform, *box)
             emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
             area = volume ** (2 / 3) * emission.area_in(instance.joint_matrices)
-            if emission.clusters is not None:
-                pose = instance.joint_matrices, instance.morph_weights
-                boxes = emission.clusters.boxes(instance.transform, *pose)
         else:
             self._emissions.release(instance)
-        moved = self.lights.set_emissive(instance, row, emission, area, position, half_size, boxes)
+        moved = self.lights.set_emissive(instance, row, emission, area, position, half_size)
         if moved is not None:
             self._write_rows[moved] = None
 

@@ -96,17 +96,16 @@ class LightList:
 
     def set_emissive(
         self, instance: Instance, row: int, emission: Emission | None, area: float = 0.0, position: Position = ORIGIN,
-        half_size: Position = ORIGIN, boxes: NDArray[np.float64] | None = None,
+        half_size: Position = ORIGIN,
     ) -> Instance | None:  # fmt: skip
         """Add or update the instance of that row, or remove it if its emission is None. Returns the instance whose
         index changed, if any.
 
         area: of the instance's surface in the world, in square meters, times its emissive texture's mean luminance.
-        position: of the center of its bounds. half_size: half of the bounds' size. boxes (C, 2, 3): of the emission's
-        clusters if it has some, min before max, in meters.
+        position: of the center of its bounds. half_size: half of the bounds' size.
         """
         index = self._index.get(instance)
-        self._set_clusters(instance, None if emission is None else emission.clusters, boxes)
+        self._set_clusters(instance, None if emission is None else emission.clusters)
         if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
@@ -185,12 +184,15 @@ class LightList:
             self._emissive_places[index] = position, half_size
             self._positions_changed = True
 
-    def _set_clusters(self, instance: Instance, clusters: Clusters | None, boxes: NDArray[np.float64] | None) -> None:
+    def _set_clusters(self, instance: Instance, clusters: Clusters | None) -> None:
         if self._clusters.get(instance) is not clusters:
             self._changed = True
             for known in (self._clusters, self._boxes, self._moved):
                 known.pop(instance, None)
-        if clusters is not None and boxes is not None and not np.array_equal(boxes, self._boxes.get(instance, ())):
+        if clusters is None:
+            return
+        boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
+        if not np.array_equal(boxes, self._boxes.get(instance, ())):
             self._clusters[instance], self._boxes[instance] = clusters, boxes
             self._moved[instance] = None
             self._positions_changed = True
