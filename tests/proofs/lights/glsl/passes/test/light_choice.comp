@@ -1,5 +1,5 @@
-// Draws light samples, the first half by power, the others by the tree of lights, and follows a ray to each: what is the
-// density of the sample, and what at the hit?
+// Draws light samples, the first half by power, the others by the tree of lights, and follows a ray to each: what is
+// the density of the sample, and what at the hit?
 #version 460
 #include "common/random.glsl"
 #include "scene/walk.glsl"
