@@ -73,21 +73,30 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Ali
 struct LightSource {
     // A light sample takes one part of a light: a triangle of an emissive mesh (of its ray mesh), or a texel of an
     // environment. Other lights have one part.
-    AliasTable parts;  // null where all parts are equally likely
+    AliasTable parts;   // an alias table for each leaf; null where all parts of a leaf are equally likely
     uint part_count;
-    uint kind;               // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
-    uint record_index;       // of the light's record in the buffer of its kind; for emissive meshes, of the instance
-    AliasTableRow by_power;  // the light's row of the alias table of all lights
-    uint node;               // the light's leaf in light_tree; NO_INDEX for lights at infinity
+    uint kind;          // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
+    uint record_index;  // of the light's record in the buffer of its kind; for emissive meshes, of the instance
+    uint first_leaf;    // into light_leaves; the light's others follow
+    uint halvings;      // how often the parts are halved, in their order, to make the leaves; NO_INDEX: each is one
 };
 
-// A node of the tree over the lights that are not at infinity: light_tree.py. The root is node 0.
+// What light samples choose first: some neighboring triangles of an emissive mesh, or a light of another kind.
+struct LightLeaf {
+    AliasTableRow by_power;  // the leaf's row of the alias table of all leaves
+    uint light;              // into light_sources
+    uint node;               // the leaf in light_tree; NO_INDEX for lights at infinity
+    uint first_part;         // of its parts of the light
+    uint part_count;
+};
+
+// A node of the tree over the leaves that are not at infinity: light_tree.py. The root is node 0.
 struct LightNode {
     vec3 center;
     vec3 half_size;  // of the bounds around the center
     float power;   // share of all lights in the tree
     uint child_count;
-    uint first;    // child, which the others follow; of a leaf, which has no child, the light
+    uint first;    // child, which the others follow; without a child, the leaf's index in light_leaves
     uint parent;   // 0 for the root too
 };
 
@@ -96,13 +105,15 @@ layout(set = 0, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
 layout(set = 0, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
 layout(set = 0, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
 layout(set = 0, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
+layout(set = 0, scalar) readonly buffer LightLeavesBlock { LightLeaf at[]; } light_leaves;
 layout(set = 0, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
 layout(set = 0, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
+    uint leaf_count;
     uint part_count;               // of all light sources together
     uint first_light_without_surface;  // index into light_sources; first those that rays pass, then those at infinity
     uint first_light_at_infinity;  // come last
-    float finite_probability;      // that a row of light_sources that is not at infinity is chosen by `by_power`
+    float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
 } scene_info;
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.

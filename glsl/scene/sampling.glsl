@@ -22,31 +22,34 @@ struct LightContribution {
 bool is_at_infinity(uint kind) { return (KINDS_AT_INFINITY >> kind & 1u) != 0u; }
 bool can_be_hit_by_rays(uint kind) { return (KINDS_HIT_BY_RAYS >> kind & 1u) != 0u; }
 
-LightSample sample_part(uint light_index, inout uint rng) {
-    uint part = choose_part(light_sources.at[light_index], rng);
-    return LightSample(light_index, part, split_rng(rng));
+LightSample sample_leaf(uint index, inout uint rng) {
+    LightLeaf leaf = light_leaves.at[index];
+    uint part = choose_part(leaf, rng);
+    return LightSample(leaf.light, part, split_rng(rng));
 }
 
-LightSample generate_random_light_sample(inout uint rng) { return sample_part(choose_light(rng), rng); }
+LightSample generate_random_light_sample(inout uint rng) { return sample_leaf(choose_leaf(rng), rng); }
 
 // The probability that a light sample has this light and part.
 float light_sample_probability(LightSample light_sample) {
     return choice_probability_by_power(light_sources.at[light_sample.light_index], light_sample.part);
 }
 
-// `light_probability`: with which the light was chosen.
-ResolvedLightSample resolve_light_sample(LightSample light_sample, float light_probability) {
+// `leaf_probability`: with which the sample's leaf was chosen.
+ResolvedLightSample resolve_light_sample(LightSample light_sample, float leaf_probability) {
     LightSource light = light_sources.at[light_sample.light_index];
     uint rng = light_sample.seed;
     vec2 u = rand_vec2f(rng);
-    float probability = light_probability * part_probability(light, light_sample.part);
+    float probability = leaf_probability * part_of_leaf(light, light_sample.part).probability;
     // a sample of an earlier frame may be of a light that is dark now
     float inverse_probability = probability > 0.0 ? 1.0 / probability : 0.0;
     return resolve_light(light.kind, light.record_index, light_sample.part, u, inverse_probability);
 }
 
+// The same where leaves are chosen by power.
 ResolvedLightSample resolve_light_sample(LightSample light_sample) {
-    return resolve_light_sample(light_sample, light_sources.at[light_sample.light_index].by_power.probability);
+    uint leaf = part_of_leaf(light_sources.at[light_sample.light_index], light_sample.part).leaf;
+    return resolve_light_sample(light_sample, light_leaves.at[leaf].by_power.probability);
 }
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.
@@ -84,7 +87,7 @@ vec3 mis_weighted_radiance_at_infinity(vec3 direction, float bounce_pdf) {
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
-        radiance += mis_weighted_radiance(light_hit, light.by_power.probability, bounce_pdf);
+        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), bounce_pdf);
     }
     return radiance;
 }
@@ -96,7 +99,7 @@ vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, f
     for (uint i = scene_info.first_light_without_surface; i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, origin, direction, t_max);
-        radiance += mis_weighted_radiance(light_hit, light.by_power.probability, bounce_pdf);
+        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), bounce_pdf);
     }
     return radiance;
 }

@@ -112,7 +112,8 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
         if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
-        vec3 radiance = mis_weighted_radiance(light_hit, light_choice_probability(i, receiver), walk.bounce_pdf);
+        vec3 radiance = mis_weighted_radiance(light_hit, leaf_choice_probability(light.first_leaf, receiver),
+            walk.bounce_pdf);
         RayTransmittance passes = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
             passes = trace_transmittance_and_probability(walk.origin, walk.direction, light_hit.t, NO_HIT);
@@ -170,8 +171,9 @@ vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
 float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3 direction) {
     float pdf = emissive_hit_pdf(surface, direction, hit.t);
     if (!(pdf > 0.0) || receiver.normal == vec3(0.0)) { return pdf; }
-    uint light = instances.at[hit.instance].light_index;
-    return pdf * light_choice_probability(light, receiver) / light_sources.at[light].by_power.probability;
+    LightSource light = light_sources.at[instances.at[hit.instance].light_index];
+    uint leaf = part_of_leaf(light, hit.triangle).leaf;
+    return pdf * leaf_choice_probability(leaf, receiver) / light_leaves.at[leaf].by_power.probability;
 }
 
 // Where rays that go in a direction leave a surface.
@@ -235,8 +237,8 @@ NextEvent sample_light(
     NextEvent event;
     event.radiance = vec3(0.0);
     if (scene_info.light_count == 0u) { return event; }
-    ChosenLight chosen = choose_light(receiver, rng);
-    LightSample light_sample = sample_part(chosen.light_index, rng);
+    ChosenLeaf chosen = choose_leaf(receiver, rng);
+    LightSample light_sample = sample_leaf(chosen.leaf, rng);
     event.light_sample = resolve_light_sample(light_sample, chosen.probability);
     LightContribution light = calculate_resolved_light_contribution(event.light_sample, surface.world_position);
     vec3 wi = light.wi * frame;

@@ -54,7 +54,7 @@ class SceneBinder:
         with device.undone_on_error():
             self._geometry = Geometry(device, layout, self._features, self)
             self._textures = TextureTable(device, layout["textures"], self)
-            self._emissions = Emissions(device, layout["light_sources"]["by_power"])
+            self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
             self._materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
             self._instances = Table(device, "instances", layout["instances"], INSTANCE)

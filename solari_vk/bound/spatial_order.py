@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+Indices = NDArray[np.int64]
 
-def spatial_order(points: NDArray[np.floating]) -> NDArray[np.int64]:
+
+def spatial_order(points: NDArray[np.floating]) -> Indices:
     """A permutation (N) of points (N, 3): the points are halved along their longest extent, and the halves likewise."""
     axes = np.ascontiguousarray(points.T, np.float32)
     order = np.arange(len(points))
@@ -20,10 +22,24 @@ def spatial_order(points: NDArray[np.floating]) -> NDArray[np.int64]:
         for size in np.unique(sizes):  # at most two sizes, because the halves of n differ by at most one
             if size > 2:
                 _split(axes, order, starts[sizes == size], int(size))
-        left = sizes // 2
-        starts = np.stack([starts, starts + left], axis=1).ravel()
-        sizes = np.stack([left, sizes - left], axis=1).ravel()
+        starts, sizes = halved(starts, sizes)
     return order
+
+
+def runs(count: int, largest: int) -> tuple[Indices, Indices, int]:
+    """Runs of up to `largest` (2 or more) neighbors among `count` points in their spatial order: where they start (R,)
+    and their sizes (R,), and how often the points are halved to make them."""
+    starts, sizes, halvings = np.array([0]), np.array([count]), 0
+    while sizes.max() > largest:
+        starts, sizes = halved(starts, sizes)
+        halvings += 1
+    return starts, sizes, halvings
+
+
+def halved(starts: Indices, sizes: Indices) -> tuple[Indices, Indices]:
+    """The starts and sizes (2 R,) of the halves of runs (R,)."""
+    left = sizes // 2
+    return np.stack([starts, starts + left], axis=1).ravel(), np.stack([left, sizes - left], axis=1).ravel()
 
 
 def _split(axes: NDArray[np.float32], order: NDArray[np.int64], starts: NDArray[np.int64], size: int) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from solari_vk.bound.lights.alias_table import alias_table
+from solari_vk.bound.lights.alias_table import alias_table, alias_tables
 from solari_vk.bound.lights.light_list import EQUAL_SHARE, choice_weights
 
 CHOICE = np.dtype([("threshold", "<u4"), ("alias", "<u4"), ("probability", "<f4")])
@@ -29,10 +29,26 @@ def test_probabilities_are_those_of_the_thresholds_and_of_the_weights(weights):
     np.testing.assert_allclose(table["probability"], shares / shares.sum(), rtol=3e-7, atol=2.0**-31)
 
 
+@given(st.lists(st.lists(WEIGHTS, min_size=1, max_size=9), min_size=1, max_size=12))
+def test_several_tables_at_once_are_those_of_each(tables):
+    starts = np.cumsum([0, *map(len, tables[:-1])])
+    found = alias_tables(np.concatenate(tables), starts, CHOICE)
+    for start, weights in zip(starts, tables, strict=True):
+        rows = found[start : start + len(weights)].copy()
+        assert ((rows["alias"] >= start) & (rows["alias"] < start + len(weights))).all()
+        expected = alias_table(np.array(weights), CHOICE)["probability"]
+        np.testing.assert_allclose(rows["probability"], expected, rtol=3e-7, atol=2.0**-31)
+
+
 def test_sizes():
     assert len(alias_table(np.zeros(0), CHOICE)) == 0
+    assert len(alias_tables(np.zeros(0), np.zeros(0, np.int64), CHOICE)) == 0
     many = 10 ** np.random.default_rng(4).normal(0, 5, 300_000)
     assert (alias_table(many, CHOICE)["probability"] > 0).all()
+    starts = np.arange(0, 300_000, 16)
+    found = alias_tables(many, starts, CHOICE)
+    assert (found["alias"] // 16 == np.arange(300_000) // 16).all()
+    np.testing.assert_allclose(np.add.reduceat(found["probability"], starts), 1, rtol=1e-5)
 
 
 def test_lights_are_weighted_by_power_with_a_share_for_all():

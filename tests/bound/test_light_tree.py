@@ -118,12 +118,12 @@ def test_the_tree_follows_the_lights_alone(bound, monkeypatch):
         uploaded.clear()
         binder.update()
         lights, finite = binder.lights, len(binder.scene.instances) - 1
-        sources = lights.sources.records[: finite + 1]
-        assert (sources["node"] == NO_INDEX).tolist() == [False] * finite + [True]
+        leaves = lights.leaves.table.records[: finite + 1]
+        assert (leaves["node"] == NO_INDEX).tolist() == [False] * finite + [True]
         half = np.array([[1, 0, 2]]) * ([[1]] * finite)
         bounds = np.stack([lights.positions[:finite] - half, lights.positions[:finite] + half], axis=1)
-        check_tree(lights.tree.records, sources["node"], bounds, lights.powers[:finite])
-        total = sources["by_power"]["probability"][:finite].sum(dtype=np.float64)
+        check_tree(lights.leaves.tree.records, leaves["node"], bounds, lights.powers[:finite])
+        total = leaves["by_power"]["probability"][:finite].sum(dtype=np.float64)
         assert lights.info.records[0]["finite_probability"] == pytest.approx(total)
         assert lights.info.records[0]["part_count"] == 2 * finite + 1
         return len(builds)

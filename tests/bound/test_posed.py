@@ -274,7 +274,7 @@ def test_random_edits(device, examples):
 
 def test_lights_follow_poses(bound):
     """Power and place of a light follow its pose, and no triangle is sampled too rarely to grow."""
-    mesh, rest = tube(3)
+    mesh, rest = tube(3, rings=17)
     flat = mesh.positions * np.where(mesh.positions[:, 1:2] < 1, [1, 1e-4, 1], 1)
     skin = sv.Mesh(flat, mesh.triangles, normals=mesh.normals, deformation=mesh.deformation)
     lamp = sv.Instance(skin, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))
@@ -285,8 +285,13 @@ def test_lights_follow_poses(bound):
     now, _, _ = vertices(binder, lamp)
     np.testing.assert_allclose(binder.lights.powers, before * [4, 1], rtol=1e-6)
     lights = binder.lights
-    node = lights.tree.records[lights.sources.records[lights.index(lamp)]["node"]]
-    assert (np.abs(now - node["center"]) <= node["half_size"] * (1 + 1e-5)).all()
+    leaves, order = lights.leaves.table.records[lights.leaves.leaves(lights.index(lamp))], binder._geometry.orders[skin]
+    nodes = lights.leaves.tree.records[leaves["node"]]
+    assert len(leaves) > 1
+    assert nodes["half_size"].prod(axis=1).max() < 0.5 * (np.ptp(now, axis=0) / 2).prod()
+    for leaf, node in zip(leaves, nodes, strict=True):
+        corners = now[skin.triangles[order[leaf["first_part"] :][: leaf["part_count"]]]]
+        assert (np.abs(corners - node["center"]) <= node["half_size"] * (1 + 1e-5)).all()
     choices = binder._emissions._emissions[skin, None].choices
     assert choices.read(binder._emissions._row)["probability"].min() > 0.05 / len(mesh.triangles)
 

@@ -81,9 +81,9 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_s
     ris_sample.contribution = NO_LIGHT;
     float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
-        ChosenLight light = choose_light(receiver(vertex), rng);
-        LightSample light_sample = sample_part(light.light_index, rng);
-        ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
+        ChosenLeaf chosen = choose_leaf(receiver(vertex), rng);
+        LightSample light_sample = sample_leaf(chosen.leaf, rng);
+        ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
         float weight = luminance(sum(reflected));
         if (choose_weighted(weight_sum, weight, rng)) {

@@ -58,8 +58,8 @@ vec3 surface_albedo(ResolvedMaterial material, float cosine) {
 // An estimate of the direct irradiance at a hit, from one light sample and a shadow ray.
 vec3 sample_irradiance(SurfaceInteraction hit, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
-    ChosenLight chosen = choose_light(Receiver(hit.world_position, hit.geometric_world_normal), rng);
-    ResolvedLightSample light_sample = resolve_light_sample(sample_part(chosen.light_index, rng), chosen.probability);
+    ChosenLeaf chosen = choose_leaf(Receiver(hit.world_position, hit.geometric_world_normal), rng);
+    ResolvedLightSample light_sample = resolve_light_sample(sample_leaf(chosen.leaf, rng), chosen.probability);
     LightContribution light = calculate_resolved_light_contribution(light_sample, hit.world_position);
     float cosine = dot(light.wi, hit.geometric_world_normal);
     vec3 irradiance = light.radiance_in_area_measure * (light.inverse_area_pdf * cosine);

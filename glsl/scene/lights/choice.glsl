@@ -1,4 +1,4 @@
-// Which light, and which of its triangles or texels (parts), a light sample takes: by power, from two levels of alias
+// Which leaf, and which of its triangles or texels (parts), a light sample takes: by power, from two levels of alias
 // tables. Walker, "An Efficient Method for Generating Discrete Random Variables with General Distributions" (1977).
 // Differs from Solari, which takes all lights, and all triangles of a light, with equal probability.
 #ifndef SCENE_LIGHTS_CHOICE_GLSL
@@ -11,27 +11,49 @@ uint choose(uint row, AliasTableRow drawn, inout uint rng) {
     return rand_u(rng) < drawn.threshold ? row : drawn.alias;
 }
 
-uint choose_light(inout uint rng) {
-    uint row = rand_range_u(scene_info.light_count, rng);
-    return choose(row, light_sources.at[row].by_power, rng);
+uint choose_leaf(inout uint rng) {
+    uint row = rand_range_u(scene_info.leaf_count, rng);
+    return choose(row, light_leaves.at[row].by_power, rng);
 }
 
 bool has_equal_parts(LightSource light) { return uvec2(light.parts) == uvec2(0u); }
 
-uint choose_part(LightSource light, inout uint rng) {
-    uint row = rand_range_u(light.part_count, rng);
+uint choose_part(LightLeaf leaf, inout uint rng) {
+    LightSource light = light_sources.at[leaf.light];
+    uint row = leaf.first_part + rand_range_u(leaf.part_count, rng);
     return has_equal_parts(light) ? row : choose(row, light.parts.at[row], rng);
 }
 
-// The probability of a part once its light is chosen; 0 only where nothing is emitted.
-float part_probability(LightSource light, uint part) {
-    return has_equal_parts(light) ? 1.0 / float(light.part_count) : light.parts.at[part].probability;
+struct PartOfLeaf {
+    uint leaf;         // into light_leaves
+    float probability; // of the part once the leaf is chosen; 0 only where nothing is emitted
+};
+
+// Finds the leaf of a part by the halvings of solari_vk/bound/spatial_order.py.
+PartOfLeaf part_of_leaf(LightSource light, uint part) {
+    if (light.halvings == NO_INDEX) { return PartOfLeaf(light.first_leaf + part, 1.0); }
+    uint leaf = 0u, first = 0u, count = light.part_count;
+    for (uint i = 0u; i < light.halvings; i++) {
+        uint lower = count / 2u;
+        bool above = part >= first + lower;
+        leaf = 2u * leaf + uint(above);
+        first += above ? lower : 0u;
+        count = above ? count - lower : lower;
+    }
+    float probability = has_equal_parts(light) ? 1.0 / float(count) : light.parts.at[part].probability;
+    return PartOfLeaf(light.first_leaf + leaf, probability);
 }
 
-// The probability that a light sample takes this part of this light, where lights are chosen by power; 0 only where
+// The probability that a light sample takes this part of this light, where leaves are chosen by power; 0 only where
 // nothing is emitted.
 float choice_probability_by_power(LightSource light, uint part) {
-    return light.by_power.probability * part_probability(light, part);
+    PartOfLeaf found = part_of_leaf(light, part);
+    return light_leaves.at[found.leaf].by_power.probability * found.probability;
+}
+
+// The same for any part of a light that has one leaf.
+float light_probability_by_power(LightSource light) {
+    return light_leaves.at[light.first_leaf].by_power.probability;
 }
 
 #endif

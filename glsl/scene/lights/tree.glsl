@@ -1,6 +1,6 @@
 // How a surface chooses a light: by a walk down the tree of lights, at each node by how much light each child may send
-// to the surface. Lights at infinity are chosen by power, and so are the triangles of an emissive mesh, which is one
-// light however large it is. Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting"
+// to the surface. The leaves are lights, of emissive meshes a few neighboring triangles; these, and lights at infinity,
+// are chosen by power. Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting"
 // (2018).
 #ifndef SCENE_LIGHTS_TREE_GLSL
 #define SCENE_LIGHTS_TREE_GLSL
@@ -16,11 +16,11 @@ struct Receiver {
     vec3 normal;
 };
 
-// Chooses lights by power, wherever they are.
+// Chooses leaves by power, wherever they are.
 const Receiver CHOSEN_BY_POWER = Receiver(vec3(0.0), vec3(0.0));
 
-struct ChosenLight {
-    uint light_index;  // into light_sources
+struct ChosenLeaf {
+    uint leaf;  // into light_leaves
     float probability;
 };
 
@@ -41,7 +41,7 @@ float importance(LightNode node, Receiver receiver) {
     return max(node.power * inverse * clamp(height * sqrt(inverse), MIN_COSINE, 1.0), MIN_IMPORTANCE);
 }
 
-ChosenLight descend_light_tree(Receiver receiver, inout uint rng) {
+ChosenLeaf descend_light_tree(Receiver receiver, inout uint rng) {
     uint count = light_tree.at[0].child_count, first = light_tree.at[0].first;
     float probability = 1.0;
     while (count > 0u) {
@@ -58,11 +58,11 @@ ChosenLight descend_light_tree(Receiver receiver, inout uint rng) {
         count = light_tree.at[chosen].child_count;
         first = light_tree.at[chosen].first;
     }
-    return ChosenLight(first, probability);
+    return ChosenLeaf(first, probability);
 }
 
-// The probability with which descend_light_tree ends in this leaf.
-float leaf_probability(uint node, Receiver receiver) {
+// The probability with which descend_light_tree ends in this node.
+float node_probability(uint node, Receiver receiver) {
     float probability = 1.0;
     while (node != 0u) {
         uint parent = light_tree.at[node].parent;
@@ -79,20 +79,20 @@ float leaf_probability(uint node, Receiver receiver) {
     return probability;
 }
 
-ChosenLight choose_light(Receiver receiver, inout uint rng) {
-    uint row = choose_light(rng);
-    LightSource light = light_sources.at[row];
-    if (light.node == NO_INDEX) { return ChosenLight(row, light.by_power.probability); }
-    ChosenLight chosen = descend_light_tree(receiver, rng);
+ChosenLeaf choose_leaf(Receiver receiver, inout uint rng) {
+    uint row = choose_leaf(rng);
+    LightLeaf leaf = light_leaves.at[row];
+    if (leaf.node == NO_INDEX) { return ChosenLeaf(row, leaf.by_power.probability); }
+    ChosenLeaf chosen = descend_light_tree(receiver, rng);
     chosen.probability *= scene_info.finite_probability;
     return chosen;
 }
 
-// The probability with which a receiver chooses this light.
-float light_choice_probability(uint row, Receiver receiver) {
-    LightSource light = light_sources.at[row];
-    if (light.node == NO_INDEX || receiver.normal == vec3(0.0)) { return light.by_power.probability; }
-    return scene_info.finite_probability * leaf_probability(light.node, receiver);
+// The probability with which a receiver chooses this leaf.
+float leaf_choice_probability(uint row, Receiver receiver) {
+    LightLeaf leaf = light_leaves.at[row];
+    if (leaf.node == NO_INDEX || receiver.normal == vec3(0.0)) { return leaf.by_power.probability; }
+    return scene_info.finite_probability * node_probability(leaf.node, receiver);
 }
 
 #endif

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.lights.alias_table import alias_table
+from solari_vk.bound.lights.alias_table import alias_tables
+from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.table import Rows
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -25,7 +26,8 @@ MIN_LUMINANCE = 0.1
 class Emission:
     """A mesh with an emissive texture. area: in object space, in square meters, times the texture's mean luminance.
 
-    choices: the alias table of its triangles in the order of upload; None where all are equally likely.
+    choices: the alias tables of its clusters' triangles in the order of upload; None where all are equally likely.
+    clusters: None where all triangles are one.
     """
 
     area: float
@@ -33,6 +35,7 @@ class Emission:
     choices: Buffer | None
     joint_areas: NDArray[np.float64] | None = None
     """The parts of `area` that each joint moves; the last one is moved by none."""
+    clusters: Clusters | None = None
 
     def area_in(self, joint_matrices: NDArray[np.float64] | None) -> float:
         """The area in a pose, roughly: of triangles that one joint turns and scales evenly, exactly."""
@@ -88,25 +91,25 @@ class Emissions:
 
     def _make(self, mesh: Mesh, texture: Texture | None, order: NDArray[np.int64]) -> Emission:
         triangles = mesh.triangles[order]
-        a, b, c = mesh.positions[triangles].astype(np.float64).swapaxes(0, 1)
-        weights = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        area = float(weights.sum())
+        a, b, c = (mesh.positions[corner].astype(np.float64) for corner in triangles.T)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        weights, area = areas, float(areas.sum())
         if texture is not None and area > 0:
             if texture.image not in self._sums:
                 self._sums[texture.image] = luminance_sums(texture.image)
             found = mean_luminances(mesh, triangles, texture, self._sums[texture.image])
-            bright = float(weights @ found)
-            weights *= np.maximum(found, MIN_LUMINANCE * bright / area)
+            bright = float(areas @ found)
+            weights = areas * np.maximum(found, MIN_LUMINANCE * bright / area)
             area = bright
         joint_areas = _areas_by_joint(mesh, triangles, weights)
         if mesh.deformation is not None:  # which may enlarge triangles that are tiny in the rest pose
             weights = np.maximum(weights, MIN_LUMINANCE * weights.mean())
-        choices = None
-        if weights.max() > weights.min() * (1 + 1e-4):
-            table = alias_table(weights, self._row)
+        clusters, choices = Clusters(mesh, triangles, areas, weights), None
+        if weights.max() > weights.min() * (1 + 1e-4) and len(clusters.starts) < len(triangles):
+            table = alias_tables(weights, clusters.starts, self._row)
             choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
             choices.upload(table)
-        return Emission(area, len(triangles), choices, joint_areas)
+        return Emission(area, len(triangles), choices, joint_areas, clusters if len(clusters.starts) > 1 else None)
 
     def end_update(self) -> None:
         """Free what only acquires in the same update share."""

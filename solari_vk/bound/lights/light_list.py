@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
-from solari_vk.bound.lights.alias_table import alias_table
+from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.emissive_meshes import Emission
 from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
-from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.table import Table
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -44,15 +44,14 @@ class LightList:
     """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
 
     An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
-    lights follow. When lights are added or removed or change their power, the probabilities of all lights change, and
-    all rows are uploaded. When lights move, only their records and nodes of the tree are.
+    lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
+    all, whose probabilities change. When lights move, only their records and nodes of the tree are.
     """
 
     def __init__(self, device: Device, layout: dict[str, Any]) -> None:
         self.sources = Table(device, "light_sources", layout["light_sources"])
         self.info = Table(device, "scene_info", layout["scene_info"])
-        self.tree = Table(device, "light_tree", layout["light_tree"])
-        self._nodes = LightTree(layout["light_tree"])
+        self.leaves = LightLeaves(device, layout)
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
@@ -78,6 +77,9 @@ class LightList:
         """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
         array."""
         self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
+        self._clusters: dict[Instance, Clusters] = {}
+        self._boxes: dict[Instance, NDArray[np.float64]] = {}  # of the clusters
+        self._moved: dict[Instance, None] = {}  # whose boxes the tree doesn't follow yet
         self._positions_changed = True
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
         """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
@@ -86,7 +88,7 @@ class LightList:
     @property
     def tables(self) -> tuple[Table, ...]:
         """All tables."""
-        return self.sources, self.info, self.tree, *self._records.values()
+        return self.sources, self.info, self.leaves.table, self.leaves.tree, *self._records.values()
 
     def index(self, instance: Instance) -> int | None:
         """An instance's row in `sources`, None if it is no light."""
@@ -103,6 +105,7 @@ class LightList:
         position: of the center of its bounds. half_size: half of the bounds' size.
         """
         index = self._index.get(instance)
+        self._set_clusters(instance, None if emission is None else emission.clusters)
         if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
@@ -133,6 +136,7 @@ class LightList:
         record["kind"], record["record_index"] = self._index_of_kind[kind], index
         record["part_count"] = emission.triangle_count
         record["parts"] = 0 if emission.choices is None else emission.choices.address
+        record["halvings"] = 0 if emission.clusters is None else emission.clusters.halvings
         self.sources.mark([row])
 
     def renew(self, light: Instance | Light) -> None:
@@ -164,7 +168,7 @@ class LightList:
         """Put an environment's image on the device if it isn't there yet."""
         if light in self._maps and self._maps[light].image is light.image:
             return
-        made = EnvironmentBuffers(self._device, self.sources.records["by_power"].dtype, light.image)
+        made = EnvironmentBuffers(self._device, self.leaves.table.records["by_power"].dtype, light.image)
         self.renew(light)
         self._drop_map(light)
         self._maps[light] = made
@@ -178,6 +182,19 @@ class LightList:
             self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 2, 3))])
         if self._emissive_places[index].tolist() != [[*position], [*half_size]]:
             self._emissive_places[index] = position, half_size
+            self._positions_changed = True
+
+    def _set_clusters(self, instance: Instance, clusters: Clusters | None) -> None:
+        if self._clusters.get(instance) is not clusters:
+            self._changed = True
+            for known in (self._clusters, self._boxes, self._moved):
+                known.pop(instance, None)
+        if clusters is None:
+            return
+        boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
+        if not np.array_equal(boxes, self._boxes.get(instance, ())):
+            self._clusters[instance], self._boxes[instance] = clusters, boxes
+            self._moved[instance] = None
             self._positions_changed = True
 
     def _set_power(self, light: Instance | Light, power: float) -> None:
@@ -202,8 +219,7 @@ class LightList:
         chosen_otherwise = self._changed or self._powers_changed
         if chosen_otherwise:
             self._update_choices(others, lit_area)
-        if self._update_tree(places, others) or chosen_otherwise:
-            self.sources.mark(range(len(self.powers)))
+        self._update_tree(places, others)
 
     def _update_edited(self, lit_area: Callable[[], float]) -> None:
         """Write the records of edited lights, unless all are about to be written."""
@@ -229,28 +245,28 @@ class LightList:
             self._changed = False
             self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
             self._write_others(len(listed))
-        choices = self.sources.records["by_power"]
-        choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
+            sources = self.sources.records[: len(listed)]
+            self.leaves.arrange([*map(self._clusters.get, listed)], sources["part_count"])  # type: ignore[arg-type]
+            sources["first_leaf"] = self.leaves.firsts
+            self.sources.mark(range(len(listed)))
+            self._moved = dict.fromkeys(self._clusters)
+        self.leaves.choose(choice_weights(self.powers))
 
-    def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> bool:
-        """Update the tree over all lights but those at infinity; returns whether lights have other leaves."""
-        count, info = len(self.powers), self.info.records[0]
+    def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> None:
+        """Update the tree over all lights but those at infinity."""
+        info = self.info.records[0]
         finite = int(info["first_light_at_infinity"])
-        boxes = [kind.bounds(light) for kind, light in others if kind.bounds]
+        solid = [kind.bounds(light) for kind, light in others if kind.bounds]
         emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
-        bounds = np.concatenate([emissive, np.reshape(boxes, (-1, 2, 3))])
+        bounds = np.concatenate([emissive, np.reshape(solid, (-1, 2, 3))])
         self.places = bounds.mean(axis=1)
-        leaves = self._nodes.leaves
-        changed = self._nodes.update(self.ids[:finite], bounds, self.powers[:finite])
-        self.tree.reserve(len(self._nodes.nodes))
-        self.tree.records[changed] = self._nodes.nodes[changed]
-        self.tree.mark(changed.tolist())
-        sources = self.sources.records[:count]
-        sources["node"][:finite], sources["node"][finite:] = self._nodes.leaves, NO_INDEX
-        info["part_count"] = min(int(sources["part_count"].sum(dtype=np.int64)), NO_INDEX)
-        info["finite_probability"] = sources["by_power"]["probability"][:finite].sum(dtype=np.float64)
+        boxes = {self._index[instance]: self._boxes[instance] for instance in self._moved}
+        self._moved.clear()
+        chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], boxes)
+        part_counts = self.sources.records["part_count"][: len(self.powers)]
+        info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
+        info["finite_probability"], info["leaf_count"] = chance, self.leaves.count
         self.info.mark([0])
-        return self._nodes.leaves is not leaves
 
     def _write_others(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""

@@ -1,7 +1,7 @@
 """A tree over the lights that are not at infinity, by which a surface chooses those that light it most.
 
-An emissive instance is one light, however large it is. Its triangles are chosen by the light that they send out, not by
-how near they are to the surface.
+What it calls a light may be a cluster of triangles of an emissive mesh. The triangles of a cluster are chosen by the
+light that they send out, not by how near they are to the surface.
 
 Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (2018), without the
 splitting; Pharr, Jakob and Humphreys, "Physically Based Rendering" (4th edition, 2023), section 12.6.3.

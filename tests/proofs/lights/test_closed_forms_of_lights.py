@@ -191,11 +191,12 @@ def meeting_spheres(change):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "a lamp": (over_floor("a lamp", "nee"), Bug(CHOICE, "part_probability", "return 1.02 * correct(light, part);")),
+    "a lamp": (over_floor("a lamp", "nee"), Bug(
+        CHOICE, "part_of_leaf", "PartOfLeaf found = correct(light, part); found.probability *= 1.02; return found;")),
     "a lamp, by both strategies": (over_floor("a lamp"), Bug(
         "scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 4.0 * correct(hit, ray_direction, ray_t);")),
     "a textured lamp": (over_floor("a lamp with a bright spot"), Bug(
-        CHOICE, "choose_part", "return rand_range_u(light.part_count, rng);")),
+        CHOICE, "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);")),
     "a sun": (over_floor("a wide sun"), Bug(
         SAMPLING, "mis_weighted_radiance", "return correct(light_hit, 0.5, bounce_pdf);")),
     "points have no density": (over_floor("a point light"), Bug(SAMPLING, "can_be_hit_by_rays", "return true;")),
@@ -210,7 +211,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "several lamps": (over_floor("six lights"), Bug(
         "scene/lights/point.glsl", "emission_cosine_point", "return 0.9;")),
     "invariance": (measure_invariance, Bug(
-        CHOICE, "choice_probability_by_power", "return part_probability(light, part);")),
+        CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;")),
     SEEN: (measure_seen, meeting_spheres("met.radiance *= 0.25")),
     CIRCLE: (measure_seen, Bug(SPHERE, "sphere_cone", "light.radius *= 1.1; return correct(light, receiver);")),
 }, quick=("a lamp", "a cone"))  # fmt: skip

@@ -227,7 +227,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     EVEN: (measure_texels, Bug(
         LIGHT, "resolve_environment", "return correct(index, part, 0.2 * u, inverse_probability);")),
     TEXELS: (measure_texels, Bug(
-        "scene/lights/choice.glsl", "choose_part", "return rand_range_u(light.part_count, rng);")),
+        "scene/lights/choice.glsl", "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);")),
     MEANS: (lambda device: measure_means(device, FAST), Bug(
         "scene/sampling.glsl", "mis_weighted_radiance",
         "return 0.5 * correct(light_hit, light_probability, bounce_pdf);")),

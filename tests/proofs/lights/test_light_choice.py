@@ -54,12 +54,12 @@ def make_world():
 
 
 def draw(shaders, world):
-    """The samples, and the lights' powers."""
+    """The samples, by power and by the tree (2, N), and the lights' powers."""
     binder = SceneBinder(shaders.device, world)
     try:
         binder.update()
-        drawn = shaders.run("test/light_choice", COUNT, binder.resources, {"drawn": COUNT})["drawn"]
-        return drawn, binder.lights.powers
+        drawn = shaders.run("test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT})["drawn"]
+        return drawn.reshape(2, COUNT), binder.lights.powers
     finally:
         shaders.device.wait_idle()
         binder.destroy()
@@ -84,7 +84,7 @@ def part_shares(world):
 
 def check_choice(shaders):
     world = make_world()
-    drawn, powers = draw(shaders, world)
+    (drawn, _), powers = draw(shaders, world)
     lit = powers > 0
     chances = (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE * lit / lit.sum()
     assert np.isin(drawn["light_index"], np.flatnonzero(lit)).all(), "dark lights are never taken"
@@ -98,14 +98,14 @@ def check_choice(shaders):
 
 
 def check_densities(shaders):
-    drawn = draw(shaders, make_world())[0]
-    hit = drawn["hit_pdf"] >= 0
-    for light in range(4):
-        mine = hit & (drawn["light_index"] == light)
-        assert mine.sum() > 1000, "the receivers see the light"
-        ratio = drawn["hit_pdf"][mine].astype(np.float64) / drawn["sample_pdf"][mine]
-        assert np.median(np.abs(ratio - 1)) < 1e-5
-        assert np.quantile(np.abs(ratio - 1), 0.99) < 1e-2, "grazing rays lose digits"
+    for drawn in draw(shaders, make_world())[0]:
+        hit = drawn["hit_pdf"] >= 0
+        for light in range(4):
+            mine = hit & (drawn["light_index"] == light)
+            assert mine.sum() > 1000, "the receivers see the light"
+            ratio = drawn["hit_pdf"][mine].astype(np.float64) / drawn["sample_pdf"][mine]
+            assert np.median(np.abs(ratio - 1)) < 1e-5
+            assert np.quantile(np.abs(ratio - 1), 0.99) < 1e-2, "grazing rays lose digits"
 
 
 def test_lights_and_triangles_are_chosen_by_their_light(shaders):
@@ -165,8 +165,10 @@ CHOICE = "scene/lights/choice.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "aliases": (with_shaders(check_choice), Bug(CHOICE, "choose", "return row;")),
     "probabilities": (with_shaders(check_choice), Bug(
-        CHOICE, "choice_probability_by_power", "return part_probability(light, part);")),
+        CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;")),
     "equal parts": (with_shaders(check_choice), Bug(CHOICE, "has_equal_parts", "return true;")),
+    "leaves": (with_shaders(check_densities), Bug(
+        CHOICE, "part_of_leaf", "PartOfLeaf found = correct(light, part); found.leaf ^= 1u; return found;")),
     "densities at hits": (with_shaders(check_densities), Bug(
         "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh", """
         SurfaceInteraction surface = correct(hit, mesh, ray_direction, cone_width);

@@ -173,7 +173,8 @@ def test_a_lamp_changes_its_kind_with_its_radius(binder):
         assert sources["kind"].tolist() == [KIND_INDEX[kind] for kind in kinds]
         assert info["light_count"] == info["first_light_at_infinity"] == 2
         assert info["first_light_without_surface"] == kinds.count("point")
-        boxes = binder.lights.tree.records[sources["node"]]
+        leaves = binder.lights.leaves
+        boxes = leaves.tree.records[leaves.table.records["node"][:2]]
         assert sorted(boxes["half_size"].max(axis=1).tolist()) == [0.0, radius]
 
 
@@ -181,14 +182,14 @@ def test_a_moved_lamp_is_written_alone(binder, monkeypatch):
     """The rows of all lights, and what is random in them, stay; a brighter lamp changes the choice among all."""
     lights, marked = binder.lights, []
     ids, powers, positions = lights.ids, lights.powers, lights.positions.copy()
-    monkeypatch.setattr(lights.sources, "mark", marked.extend)
+    monkeypatch.setattr(lights.leaves.table, "mark", marked.extend)
     binder.scene.lights["point"].position = (1, 1, 1)
     binder.scene.lights["spot"].direction = (1, -1, 0)
     binder.update()
     assert not marked
     assert lights.ids is ids
     assert lights.powers is powers
-    boxes = lights.tree.records[lights.sources.records["node"][:2]]
+    boxes = lights.leaves.tree.records[lights.leaves.table.records["node"][:2]]
     assert boxes["center"][0].tolist() == lights.positions[0].tolist() == [1, 1, 1]
     assert np.linalg.norm(lights.positions[1] - positions[1]) > 1, "a turning spotlight counts as changing light"
     binder.scene.lights["point"].intensity = 9

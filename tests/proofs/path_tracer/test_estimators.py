@@ -93,6 +93,22 @@ def test_samples_of_a_seed_are_more_even_than_independent_ones(device):
     assert ratio < 0.7
 
 
+def test_merged_lamps_are_as_good_as_separate_ones(device):
+    """Lamps in one mesh give the same light with the same error: clusters of its triangles are chosen as lamps are."""
+    places = itertools.product((-1.8, -0.6, 0.6, 1.8), (0.4,), (-1, 0.3, 1.6))
+    separate = [sv.Instance(shapes.sphere(0.1, 12), lamp(4.0), place(at=at)) for at in places]
+    meshes, size = [baked(each).mesh for each in separate], len(separate[0].mesh.positions)
+    positions = np.concatenate([mesh.positions for mesh in meshes])
+    triangles = np.concatenate([mesh.triangles + size * index for index, mesh in enumerate(meshes)])
+    normals = np.concatenate([mesh.normals for mesh in meshes])
+    merged = [sv.Instance(sv.Mesh(positions, triangles, normals=normals), lamp(4.0))]
+    pictures = [take(device, room(lamps), 256, seed=12 + len(lamps)) for lamps in (separate, merged)]
+    same(*pictures, 0.015)
+    errors = [float((made.variance / made.mean**2).mean()) for made in pictures]
+    print("squared relative error, separate and merged:", errors)
+    assert errors[1] < 1.1 * errors[0]
+
+
 def test_scaled_scenes_give_the_same_picture(device):
     """With one seed, nearly all pixels are equal; rounding moves only a few rays to the other side of an edge."""
     unscaled, *others = (take(device, cornell_box(size=2 * scale), 64, seed=5) for scale in (1, 1e-3, 1e4))

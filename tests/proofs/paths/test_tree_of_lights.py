@@ -22,13 +22,22 @@ LAMPS, POINTS, DRAWS = 150, 24, 8192
 
 
 def lamps_in_space(random):
-    """Balls of light of many sizes and powers, in clusters, one of them much brighter than the rest; and a sun."""
+    """Balls of light of many powers, in heaps, one of them much brighter than the rest; and a sun."""
     scene = sv.Scene(sv.DirectionalLight(direction=rgb((0, -1, 0)), illuminance=2.0))
     ball, middles = shapes.sphere(0.02, 6), random.uniform(-4, 4, (6, 3))
     for index in range(LAMPS):
         radiance = 30.0 if index == 7 else random.uniform(0.1, 2.0)
         scene.add(ball, lamp(radiance), tuple(middles[index % 6] + random.normal(scale=0.4, size=3)))
     return scene
+
+
+def merged(scene):
+    """The scene with all balls merged into one lamp."""
+    balls = list(scene.instances)
+    positions = np.concatenate([ball.mesh.positions + ball.transform[:3, 3] for ball in balls])
+    count = len(balls[0].mesh.positions)
+    triangles = np.concatenate([ball.mesh.triangles + count * index for index, ball in enumerate(balls)])
+    return sv.Scene(sv.Instance(sv.Mesh(positions, triangles), lamp(1.0)), *scene.lights)
 
 
 def measure_tree(shaders):
@@ -39,29 +48,38 @@ def measure_tree(shaders):
     receivers["position"] = random.uniform(-5, 5, (POINTS, 3))
     normals = random.normal(size=(POINTS, 3)) - receivers["position"]
     receivers["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    yield from measure_leaves(shaders, scene, receivers, "lamps")
+    yield from measure_leaves(shaders, merged(scene), receivers, "triangles of a lamp")
+
+
+def measure_leaves(shaders, scene, receivers, what):
     with bound(shaders.device, scene) as binder:
-        shares = binder.lights.sources.records["by_power"]["probability"][:LAMPS].astype(np.float64)
-        powers, positions = binder.lights.powers[:LAMPS], binder.lights.positions[:LAMPS]
+        leaves = binder.lights.leaves
+        count = leaves.count
+        records = leaves.table.records[: count - 1]  # without the sun
+        shares = records["by_power"]["probability"].astype(np.float64)
+        nodes = leaves.tree.records[records["node"]]
+        powers, positions = nodes["power"].astype(np.float64), nodes["center"].astype(np.float64)
         found = shaders.run("test/light_tree", POINTS * DRAWS, {**binder.resources, "receivers": receivers},
-                            {"drawn": POINTS * DRAWS, "probabilities": POINTS * (LAMPS + 1)})  # fmt: skip
+                            {"drawn": POINTS * DRAWS, "probabilities": POINTS * count})  # fmt: skip
     drawn = found["drawn"].reshape(POINTS, DRAWS)
-    probabilities = found["probabilities"].reshape(POINTS, LAMPS + 1).astype(np.float64)
+    probabilities = found["probabilities"].reshape(POINTS, count).astype(np.float64)
     expected = np.take_along_axis(probabilities, drawn["light"].astype(np.int64), axis=1)
     error = np.abs(drawn["probability"] / expected - 1).max()
     yield Measurement(EQUAL, float(np.nan_to_num(error, nan=np.inf)), 1e-5, "relative error")
     yield Measurement(SUM, float(np.abs(probabilities.sum(axis=1) - 1).max()), 1e-5, "absolute error")
-    observed = np.stack([np.bincount(row, minlength=LAMPS + 1) for row in drawn["light"]])
+    observed = np.stack([np.bincount(row, minlength=count) for row in drawn["light"]])
     z = standard_deviations(chi_squared_p(observed.ravel(), DRAWS * probabilities.ravel()))
-    yield Measurement(OFTEN, z, NormalDist().inv_cdf(0.9999), "standard deviations", f"{POINTS} points")
+    yield Measurement(OFTEN, z, NormalDist().inv_cdf(0.9999), "standard deviations", f"{POINTS} points, {what}")
 
     to_light = positions - receivers["position"][:, None].astype(np.float64)
     squared = (to_light**2).sum(axis=-1)
     cosine = np.einsum("rlc,rc->rl", to_light, receivers["normal"]).clip(min=0) / np.sqrt(squared)
     light = powers * cosine / squared
     lit = light.sum(axis=1) > 0
-    of_lamps = probabilities[lit, :LAMPS] / shares.sum()
+    of_lamps = probabilities[lit, :-1] / shares.sum()
     variance = (light[lit] ** 2 / of_lamps).sum(axis=1) / light[lit].sum(axis=1) ** 2 - 1
-    note = f"one light sample's variance without occlusion: {variance.min():.2f} to {variance.max():.2f}"
+    note = f"{count - 1} {what}: variance of one sample without occlusion {variance.min():.2f} to {variance.max():.2f}"
     yield Measurement(CLOSE, float(variance.mean()), 0.27, "of the squared mean", note)
 
 
@@ -71,11 +89,11 @@ def test_tree(shaders):
 
 TREE = "scene/lights/tree.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({rule: (with_shaders(measure_tree), bug) for rule, bug in {
-    EQUAL: Bug(TREE, "descend_light_tree", "ChosenLight chosen = correct(receiver, rng); "
+    EQUAL: Bug(TREE, "descend_light_tree", "ChosenLeaf chosen = correct(receiver, rng); "
                "chosen.probability = sqrt(chosen.probability); return chosen;"),
-    SUM: Bug(TREE, "leaf_probability", "return sqrt(correct(node, receiver));"),
+    SUM: Bug(TREE, "node_probability", "return sqrt(correct(node, receiver));"),
     # the more likely of two lights is taken
-    OFTEN: Bug(TREE, "choose_light", "ChosenLight one = correct(receiver, rng), other = correct(receiver, rng); "
+    OFTEN: Bug(TREE, "choose_leaf", "ChosenLeaf one = correct(receiver, rng), other = correct(receiver, rng); "
                "return one.probability > other.probability ? one : other;"),
     CLOSE: Bug(TREE, "MIN_COSINE", "1.0"),
 }.items()})  # fmt: skip

@@ -1,9 +1,8 @@
-// Draws light samples, and follows a ray to each: what is the density of the sample, and what at the hit?
+// Draws light samples, the first half by power, the others by the tree of lights, and follows a ray to each: what is
+// the density of the sample, and what at the hit?
 #version 460
 #include "common/random.glsl"
-#include "scene/sampling.glsl"
-#include "scene/surface.glsl"
-#include "scene/trace.glsl"
+#include "scene/walk.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -21,16 +20,26 @@ void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i >= drawn.at.length()) { return; }
     uint rng = seed_rng(uvec2(i, 3u), 0u, 11u);
-    vec3 receiver = vec3(0.0, -1.0, 0.0) - vec3(0.1, 2.0, 0.1) * rand_f(rng);
-    LightSample light_sample = generate_random_light_sample(rng);
-    ResolvedLightSample resolved = resolve_light_sample(light_sample);
-    LightContribution light = calculate_resolved_light_contribution(resolved, receiver);
+    vec3 position = vec3(0.0, -1.0, 0.0) - vec3(0.1, 2.0, 0.1) * rand_f(rng);
+    bool by_power = i < drawn.at.length() / 2;
+    Receiver receiver = by_power ? CHOSEN_BY_POWER : Receiver(position, vec3(0.0, 1.0, 0.0));
+    LightSample light_sample;
+    ResolvedLightSample resolved;
+    if (by_power) {
+        light_sample = generate_random_light_sample(rng);
+        resolved = resolve_light_sample(light_sample);
+    } else {
+        ChosenLeaf chosen = choose_leaf(receiver, rng);
+        light_sample = sample_leaf(chosen.leaf, rng);
+        resolved = resolve_light_sample(light_sample, chosen.probability);
+    }
+    LightContribution light = calculate_resolved_light_contribution(resolved, position);
     float hit_pdf = -1.0;
     if (!is_at_infinity(resolved.kind) && light.solid_angle_pdf > 0.0) {
-        Hit hit = trace_closest_hit(receiver, 0.0, light.wi, INFINITY, TRACE_BOTH_FACES);
+        Hit hit = trace_closest_hit(position, 0.0, light.wi, INFINITY, TRACE_BOTH_FACES);
         bool same = hit.instance != NO_INDEX && hit.triangle == light_sample.part
             && instances.at[hit.instance].light_index == light_sample.light_index;
-        if (same) { hit_pdf = emissive_hit_pdf(resolve_surface_interaction(hit, light.wi, 0.0), light.wi, hit.t); }
+        if (same) { hit_pdf = hit_light_pdf(receiver, hit, resolve_surface_interaction(hit, light.wi, 0.0), light.wi); }
     }
     drawn.at[i] = Drawn(
         light_sample.light_index, light_sample.part, light_sample_probability(light_sample), light.solid_angle_pdf,

@@ -1,0 +1,84 @@
+"""What light samples choose first: leaves, each of them a light or a cluster of triangles of an emissive mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.lights.alias_table import alias_table
+from solari_vk.bound.lights.clusters import Clusters
+from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.bound.table import Table
+from solari_vk.gpu.device.device import Device
+
+Floats = NDArray[np.float64]
+
+
+class LightLeaves:
+    """The tables `light_leaves`, in the order of the lights, and `light_tree` over those that are not at infinity."""
+
+    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
+        self.table = Table(device, "light_leaves", layout["light_leaves"])
+        self.tree = Table(device, "light_tree", layout["light_tree"])
+        self.firsts: NDArray[np.int64] = np.zeros(0, np.int64)
+        """Each light's first leaf (N,)."""
+        self.count = 0
+        self._nodes = LightTree(layout["light_tree"])
+        self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
+        self._shares: Floats = np.zeros(0)  # of each leaf in its light
+        self._bounds: Floats = np.zeros((0, 2, 3))
+        self._whole: NDArray[np.int64] = np.zeros(0, np.int64)  # the leaves that are a light
+
+    def arrange(self, clusters: Sequence[Clusters | None], part_counts: NDArray[np.uint32]) -> None:
+        """Make the leaves of other lights: clusters (N,), None for a light that is a leaf; part_counts (N,)."""
+        counts = np.fromiter((1 if found is None else len(found.starts) for found in clusters), np.int64, len(clusters))
+        self.count = int(counts.sum())
+        self.firsts = np.cumsum(counts) - counts
+        self._lights = np.repeat(np.arange(len(counts)), counts)
+        self._shares, self._bounds = np.ones(self.count), np.zeros((self.count, 2, 3))
+        self._whole = self.firsts[counts == 1]
+        self.table.reserve(self.count)
+        records = self.table.records[: self.count]
+        records["light"], records["first_part"] = self._lights, 0
+        records["part_count"] = part_counts[self._lights]
+        for light in np.flatnonzero(counts > 1).tolist():
+            found, mine = clusters[light], self.leaves(light)
+            assert found is not None
+            records["first_part"][mine], records["part_count"][mine] = found.starts, found.sizes
+            self._shares[mine] = found.shares
+
+    def leaves(self, light: int) -> slice:
+        """The leaves of a light."""
+        first = int(self.firsts[light])
+        return slice(first, int(self.firsts[light + 1]) if light + 1 < len(self.firsts) else self.count)
+
+    def choose(self, weights: Floats) -> None:
+        """Write how often leaves are chosen by power. weights (N,): how often lights are."""
+        records = self.table.records[: self.count]
+        records["by_power"] = alias_table(weights[self._lights] * self._shares, records["by_power"].dtype)
+        self.table.mark(range(self.count))
+
+    def follow(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats]) -> float:
+        """Have the tree follow the lights (F,) that are not at infinity; returns how often one of them is chosen.
+
+        ids, bounds, powers: as those of `LightTree`. boxes: those of the clusters of lights that have moved.
+        """
+        count = int(self.firsts[len(ids)]) if len(ids) < len(self.firsts) else self.count
+        lights, whole = self._lights[:count], self._whole[: np.searchsorted(self._whole, count)]
+        self._bounds[whole] = bounds[self._lights[whole]]
+        for light, of_clusters in boxes.items():
+            self._bounds[self.leaves(light)] = of_clusters
+        before = self._nodes.leaves
+        changed = self._nodes.update(ids[lights], self._bounds[:count], powers[lights] * self._shares[:count])
+        self.tree.reserve(len(self._nodes.nodes))
+        self.tree.records[changed] = self._nodes.nodes[changed]
+        self.tree.mark(changed.tolist())
+        records = self.table.records[: self.count]
+        records["node"][:count], records["node"][count:] = self._nodes.leaves, NO_INDEX
+        if self._nodes.leaves is not before:
+            self.table.mark(range(self.count))
+        return float(records["by_power"]["probability"][:count].sum(dtype=np.float64))
