@@ -6,6 +6,7 @@ import dataclasses
 import math
 import operator
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,8 @@ LARGEST_BAND = 1 << 26  # pixels, for all the buffers of which there is memory o
 def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> int:
     """The rows of each band of a picture but the last; all of them where the device holds the picture.
 
-    most: pixels of a band, at most what the device holds and LARGEST_BAND. Raises SolariError for a size that is none, and where not
-    even a row fits.
+    most: pixels of a band, at most what the device holds and LARGEST_BAND. Raises SolariError for a size that is none,
+    and where not even a row fits.
     """
     try:
         width, height = (operator.index(n) for n in size)
@@ -36,7 +37,8 @@ def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> i
         width = height = 0
     if width < 1 or height < 1:
         raise SolariError(f"render_large: size must be two whole numbers (width, height), not {quoted(size)}")
-    held = int(checked_device(device, "render_large").properties.limits.maxStorageBufferRange) // PathTracer.LARGEST_PIXEL_BYTES
+    limits = checked_device(device, "render_large").properties.limits
+    held = int(limits.maxStorageBufferRange) // PathTracer.LARGEST_PIXEL_BYTES
     rows = min(held, LARGEST_BAND, most or held) // width
     if rows < 1:
         raise SolariError(f"render_large: a band holds fewer than the {width} pixels of a row")
@@ -82,11 +84,8 @@ def render_large(
             if tracer.size[1] != part:
                 tracer.resize((width, part))
             tracer.seed = (seed + band * SEED_STEP) % 2**32
-            done = band * samples
-            tracer.render(
-                band_camera(shown, size, top, part), samples,
-                progress=None if progress is None else lambda n, done=done: progress(done + n, samples * len(tops)),
-            )  # fmt: skip
+            said = None if progress is None else partial(_progress, progress, band * samples, samples * len(tops))
+            tracer.render(band_camera(shown, size, top, part), samples, progress=said)
             found = {name: tracer[name] for name in names}
             if denoise:
                 found |= zip(GUIDES, tracer.read_guides(), strict=True)
@@ -101,3 +100,7 @@ def render_large(
         surfaces = np.isfinite(pictures["depth"]) if meters else None
         shown.ev100 = auto_exposure(pictures["radiance"], surfaces)
     return {name: pictures[name] for name in ("radiance", *layers)}
+
+
+def _progress(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+    progress(before + done, total)

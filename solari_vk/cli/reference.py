@@ -18,8 +18,8 @@ from solari_vk.cli.jobs import StillJob
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.compile_notes import CompileNotes
+from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
