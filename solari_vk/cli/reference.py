@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk import bands
+from solari_vk.cli import animation
 from solari_vk.cli.cluster import Reporter, open_pool, words_on
 from solari_vk.cli.compiling import open_device
-from solari_vk.cli.jobs import StillJob
+from solari_vk.cli.jobs import MovieJob, StillJob
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load
 from solari_vk.errors import SolariError
@@ -42,11 +43,14 @@ class _Result:
     """That something was compiled before."""
 
 
-def run(job: StillJob) -> int:
-    """Render a picture and write it; returns the exit code, 0."""
+def run(job: StillJob | MovieJob) -> int:
+    """Render a picture or an animation and write it; returns the exit code."""
     check_aovs(job.aov, job.mode, sv.PathTracer.OUTPUTS[1:])
     if job.denoise:
         oidn.check_installed()
+    if isinstance(job, MovieJob):
+        samples = job.samples or (DENOISED_SAMPLES if job.denoise else SAMPLES)
+        return animation.run(job, load(job, clip=job.clip), samples)
     total = job.samples
     if total is None and job.target_error is None:
         total = DENOISED_SAMPLES if job.denoise else SAMPLES
