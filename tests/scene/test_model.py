@@ -260,3 +260,12 @@ def test_only_real_numbers_are_taken(value):
 def test_shapes_have_a_size(make):
     with pytest.raises(SolariError, match="needs a"):
         make()
+
+
+def test_words_for_objects_leave_out_defaults():
+    assert repr(Material()) == "Material()"
+    red = Material(base_color=(1, 0, 0), roughness=0.25, name="red")
+    assert repr(red) == "Material(base_color=(1, 0, 0), perceptual_roughness=0.25, name='red')"
+    ball = Instance(shapes.sphere(), red, (1, 2, 3))
+    assert repr(ball) == "Instance(mesh=Mesh 'sphere', material=Material 'red', transform=<to (1, 2, 3)>)"
+    assert repr(PointLight((0, 1, 0))) == "PointLight(position=(0, 1, 0))"
