@@ -1,6 +1,6 @@
 """The README's picture: flight helmets in the light of a photograph, by the path tracer, denoised.
 
-    python tools/helmets.py FlightHelmet.gltf map.hdr -o docs/helmets.jpg [--size 1920x800] [--samples 64]
+    python tools/helmets.py FlightHelmet.gltf map.hdr -o docs/helmets.jpg [--size 1920x800] [--samples 8]
 
 The model is Microsoft's FlightHelmet of the Khronos sample assets, the map Poly Haven's "Spiaggia di Mondello" (both
 CC0).
@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("map", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--size", default="1920x800")
-    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("--samples", type=int, default=8)
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     scene = helmets(options.model, options.map)

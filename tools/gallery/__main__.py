@@ -49,7 +49,7 @@ def page(names: list[str]) -> str:
     """The text of docs/gallery.md."""
     lines = [
         "# Gallery\n",
-        "[![Three flight helmets in the evening light](helmets.jpg)](helmets.jpg)\n",
+        "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n",
         "`tools/helmets.py` makes this picture by the path tracer, with a thin lens, and denoises it.\n",
         f"Below: the path tracer, and beside it one denoised frame of the realtime renderer, its {FRAMES}th.",
         "`python tools/gallery` renders all of them.\n",
