@@ -40,6 +40,7 @@ _HOMES = {
     "scene.lights.sky": ("Sky",),
     "scene.lights.temperature": ("kelvin",),
     "scene.studio": ("studio_lights",),
+    "bands": ("render_large",),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
@@ -60,11 +61,13 @@ __all__ = [
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
     "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "kelvin", "list_devices",
-    "load", "load_gltf", "notebook", "open", "rt", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
+    "load", "load_gltf", "notebook", "open", "render_large", "rt", "save_image", "save_video", "shapes",
+    "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from solari_vk import cluster, notebook, rt
+    from solari_vk.bands import render_large
     from solari_vk.bound.binder import SceneBinder
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
@@ -111,11 +114,9 @@ def __getattr__(name: str) -> Any:
         return import_module(f"solari_vk.{_MODULES[name]}")
     home = _HOME_OF.get(name)
     if home is None:
-        if name.startswith("_"):
-            raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")
-        from solari_vk.errors import unknown_name
+        from solari_vk.errors import unknown_attribute
 
-        raise AttributeError(str(unknown_name("solari_vk has no", name, __all__)))
+        raise unknown_attribute("solari_vk has no", name, lambda: __all__)
     value = getattr(import_module(f"solari_vk.{home}"), name)
     globals()[name] = value
     return value

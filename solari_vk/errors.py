@@ -7,8 +7,11 @@ import functools
 import inspect
 import re
 import warnings
+from abc import ABCMeta
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
+
+from solari_vk.other_words import here
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -67,11 +70,13 @@ class CallbackError(ExceptionGroup[Exception], SolariError):
 
 
 def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
-    """The error for a name that isn't among the known ones: it suggests the closest name, and lists a few names, or of
-    many the nearest.
+    """The error for a name that isn't among the known ones: it says what another program's word is called here;
+    otherwise it suggests the closest name, and lists a few names, or of many the nearest.
 
     what: the start of the message, such as "Material has no field".
     """
+    if isinstance(name, str) and (advice := here(what, name.lower())):
+        return SolariError(f"{what} {quoted(name)}: {advice}")
     names = list(dict.fromkeys(filter(None, known)))
     text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
     lower = {known.lower(): known for known in reversed(names)}
@@ -88,28 +93,39 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     return SolariError(f"{what} {quoted(name)}; {hint}{there}")
 
 
-class Hints:
-    """Names the nearest attributes of an object when it is asked for one that it hasn't."""
+def unknown_attribute(what: str, name: str, known: Callable[[], Iterable[str]]) -> AttributeError:
+    """As `unknown_name`, of the type that Python expects where attributes are looked up; private names get no hint."""
+    if name.startswith("_"):
+        return AttributeError(f"{what} '{name}'")
+    return AttributeError(str(unknown_name(what, name, (name for name in known() if not name.startswith("_")))))
+
+
+class _Hinting(ABCMeta):
+    if not TYPE_CHECKING:  # or checkers would take any name
+
+        def __getattr__(cls, name: str) -> NoReturn:
+            raise unknown_attribute(f"{cls.__name__} has no attribute", name, lambda: type.__dir__(cls))
+
+
+class Hints(metaclass=_Hinting):
+    """Names the nearest attributes of an object, or of its class, when it is asked for one that it hasn't."""
 
     __slots__ = ()
 
-    if not TYPE_CHECKING:  # or checkers would take any name
+    if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> NoReturn:
-            what = f"{type(self).__name__} has no attribute"
-            if name.startswith("_"):
-                raise AttributeError(f"{what} '{name}'")
-            names = (known for known in object.__dir__(self) if not known.startswith("_"))
-            raise AttributeError(str(unknown_name(what, name, names)))
+            raise unknown_attribute(f"{type(self).__name__} has no attribute", name, lambda: object.__dir__(self))
 
 
 def checked_keywords(
-    hint: str = "",
+    hint: str = "", who: str = ""
 ) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
-    """A decorator of methods: an unknown keyword raises the error of `unknown_name`, with a hint at its end."""
+    """A decorator of methods, and with `who` of functions: an unknown keyword raises the error of `unknown_name`, with
+    a hint at its end. who: the function's module, for messages."""
 
     def decorate(method: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-        parameters = list(inspect.signature(method).parameters.values())[1:]
+        parameters = list(inspect.signature(method).parameters.values())[not who :]
         known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
         of = "" if method.__name__ == "__init__" else f".{method.__name__}"
 
@@ -117,7 +133,8 @@ def checked_keywords(
         def checked(*given: Parameters.args, **options: Parameters.kwargs) -> Result:
             for name in options:
                 if name not in known:
-                    error = unknown_name(f"{type(given[0]).__name__}{of} has no option", name, known)
+                    owner = f"{who or type(given[0]).__name__}{of}"
+                    error = unknown_name(f"{owner} has no option", name, known)
                     raise SolariError(f"{error}{hint and f'; {hint}'}")
             return method(*given, **options)
 

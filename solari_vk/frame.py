@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.errors import Hints
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -14,7 +15,7 @@ from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.scene.model import Scene
 
 
-class SceneUser:
+class SceneUser(Hints):
     """Works on a scene that a SceneBinder holds on the device. A context manager.
 
     scene: a Scene, for which this object makes a binder of its own; or a SceneBinder, which the caller owns. Objects

@@ -199,6 +199,6 @@ class PictureRenderer(SceneUser, ABC):
             sides = f"{max_side} pixels a side and " if self.IN_IMAGES else ""
             raise SolariError(
                 f"{what}: {width}x{height} is not between 1 pixel and what this device holds, {sides}{max_pixels:,} "
-                "pixels in all"
+                "pixels in all; solari_vk.render_large renders larger pictures, by the path tracer in bands"
             )
         return width, height

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
-from solari_vk.errors import unknown_name
+from solari_vk.errors import unknown_attribute
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.build_call import BlasBuildEntry, BuildCall, TlasPackage
 from solari_vk.gpu.acceleration.checks import check_items, check_kind
@@ -83,7 +83,5 @@ def build_acceleration_structures(
 
 
 def __getattr__(name: str) -> NoReturn:
-    if name.startswith("_"):
-        raise AttributeError(f"module 'solari_vk.rt' has no attribute '{name}'")
-    raise AttributeError(f"{unknown_name('solari_vk.rt has no', name, __all__)}; solari_vk.RayTracer(device, scene) "
-                         "traces arrays of rays through a scene")  # fmt: skip
+    error = unknown_attribute("solari_vk.rt has no", name, lambda: __all__)
+    raise AttributeError(f"{error}; solari_vk.RayTracer(device, scene) traces arrays of rays through a scene")

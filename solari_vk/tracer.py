@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.errors import SolariError, checked_keywords, unknown_attribute
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
 from solari_vk.gpu.device.barriers import host_read_barrier
@@ -22,6 +22,15 @@ from solari_vk.scene.model import Instance, Scene
 SHADER = "passes/ray_tracer/trace.comp"
 ARRAYS = ("ray_origins", "ray_directions", "ray_starts", "ray_ends", "ray_hits")
 BATCH = 1 << 16  # rays in a dispatch: enough to hide the cost of a dispatch, few enough for any driver's watchdog
+
+
+class Hits(np.recarray[Any, Any]):
+    """Records of hits, whose fields are attributes too."""
+
+    if not TYPE_CHECKING:  # or checkers would take any name
+
+        def __getattr__(self, name: str) -> NoReturn:
+            raise unknown_attribute("hits have no field", name, lambda: self.dtype.names or ())
 
 
 class RayTracer(SceneUser):
@@ -53,7 +62,7 @@ class RayTracer(SceneUser):
     def trace(
         self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
         any_hit: bool = False, seed: int = 0,
-    ) -> NDArray[Any]:  # fmt: skip
+    ) -> Hits:  # fmt: skip
         """The nearest hit of each ray.
 
         origins (..., 3) are in meters; directions (..., 3) may have any length. t_min and t_max (...) bound the ray, in
@@ -63,10 +72,10 @@ class RayTracer(SceneUser):
         t_min hits nothing. Rays hit a blended surface with the probability alpha. The seed of these random numbers is a
         whole number from 0 to 2^32 - 1: the same seed and rays give the same hits, another seed independent ones.
 
-        Returns records (...) with the fields t (inf without a hit), instance (a key of `instances`, -1 without a hit),
-        primitive (the index of the triangle in the ray_mesh or mesh, -1 without a hit), barycentrics (2) of the second
-        and third vertex, front_face, position (3) in meters, and normal (3), the triangle's unit normal on its front
-        side. Raises SolariError for arrays whose shapes don't fit each other, and
+        Returns records (...), hits.t or hits["t"], with the fields t (inf without a hit), instance (a key of
+        `instances`, -1 without a hit), primitive (the index of the triangle in the ray_mesh or mesh, -1 without a hit),
+        barycentrics (2) of the second and third vertex, front_face, position (3) in meters, and normal (3), the
+        triangle's unit normal on its front side. Raises SolariError for arrays whose shapes don't fit each other, and
         for another seed.
         """
         if not self._buffers:
@@ -97,7 +106,7 @@ class RayTracer(SceneUser):
             pending = submitted
         if pending is not None:
             self._fetch(hits, *pending)
-        return hits.reshape(shape)
+        return hits.reshape(shape).view(Hits)
 
     def _fetch(self, hits: NDArray[Any], value: int, batch: slice, span: slice) -> None:
         self.device.await_value(value)

@@ -204,6 +204,25 @@ def test_an_orbit(render):
     assert (first != second).any()
 
 
+def test_an_orbit_by_the_path_tracer(render, tmp_path):
+    """Numbered pictures go on where they stopped; --samples alone chooses the mode."""
+    said, _ = render(*SMALL, "--samples", 2, "--animate", "orbit", "--frames", 3, output="turn.npy")
+    files = sorted(tmp_path.glob("turn.*.npy"))
+    assert [file.name for file in files] == [f"turn.{index:04}.npy" for index in range(3)]
+    assert "3 of 3 pictures" in said
+    first, second = map(np.load, files[:2])
+    assert first.any()
+    assert (first != second).any()
+    files[1].unlink()
+    again, _ = render(*SMALL, "--samples", 2, "--animate", "orbit", "--frames", 3, output="turn.npy")
+    assert "3 of 3 pictures" in again
+    assert (np.load(files[1]) == second).all()
+    _, path = render(*SAMPLES, "--animate", "orbit:20", "--frames", 2, output="turn.gif")
+    with Image.open(path) as movie:
+        assert (movie.n_frames, movie.size) == (2, SIZE)
+    assert not path.with_name("turn.frames").exists()
+
+
 def test_a_path_of_poses_with_a_view(render, tmp_path):
     camera = sv.builtin("cornell_box").camera
     poses = [camera.pose(), {**camera.pose(), "vertical_fov_degrees": 20}]
@@ -336,6 +355,8 @@ WRONG = [
     (BOX, ["--target-error", "0.1", "--average", "3"], ["--target-error", "--average"]),
     (BOX, ["--target-error", "0.1", "--view", "depth"], ["--target-error", "--view"]),
     (BOX, ["--target-error", "0.1", "--animate", "orbit"], ["--target-error", "--animate"]),
+    (BOX, [*SAMPLES, "--target-error", "0.1", "--animate", "orbit"], ["--target-error", "--samples"]),
+    (BOX, [*SAMPLES, "--animate", "orbit", "--warm-up", "2"], ["--warm-up", "--mode realtime"]),
     (BOX, ["--frames", "3", "--average", "4"], ["--average 4", "3 frames"]),
     (BOX, ["--view", "depth", "--average", "3"], ["--average", "one frame"]),
     (BOX, ["--view", "depth", "--aov", "di_diffuse"], ["--aov", "one frame"]),

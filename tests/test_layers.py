@@ -26,7 +26,8 @@ GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
-    "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", *WINGS, *GPU,
+    "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", *WINGS,
+    *GPU,
 }  # fmt: skip
 RENDERING = {
     "errors", "passes", "frame", "first_hits", "rendered", "picture_renderer", "output", "gpu.device", "gpu.frame",
@@ -34,7 +35,8 @@ RENDERING = {
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
-    "errors": set(),
+    "errors": {"other_words"},
+    "other_words": set(),
     "settings": {"errors", "gpu.shaders"},
     "output": {"color", "errors", "files", "gpu.shaders", "scene"},
     "budget": {"errors"},
@@ -56,6 +58,7 @@ MAY_IMPORT = {
     "picture_renderer": RENDERING - {"picture_renderer"},
     "reference": RENDERING,
     "renderer": {"settings", *RENDERING},
+    "bands": {"reference", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,

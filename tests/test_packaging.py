@@ -177,3 +177,21 @@ def test_shader_that_does_not_compile_ends_the_build(uncompiled):
     (uncompiled / "glsl" / "broken.comp").write_text("#version 460\nvoid main() { nonsense }\n")
     with pytest.raises(AssertionError, match=r"broken\.comp:2"):
         build(uncompiled, "wheel", SOLARI_VK_CACHE="off")
+
+
+def test_dockerfiles_copy_what_is_there_and_install_what_there_is():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for path in sorted((ROOT / "docker").iterdir()):
+        text = path.read_text()
+        sources = [word for line in re.findall(r"^COPY (?!--from)(.*) \S+$", text, re.M) for word in line.split()]
+        assert sources
+        assert all((ROOT / source).exists() for source in sources), path.name
+        for named in re.findall(r"\.whl\)\[([\w,]+)\]", text):
+            assert set(named.split(",")) <= set(extras), path.name
+    assert "NVIDIA_DRIVER_CAPABILITIES=graphics" in (ROOT / "docker/nvidia.Dockerfile").read_text()
+
+
+def test_all_is_what_users_want():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = set(",".join(re.findall(r"\[([\w,]+)\]", " ".join(project["all"]))).split(","))
+    assert named == set(project) - {"all", "trial", "docs", "test"}

@@ -151,3 +151,8 @@ def test_names_of_version_0_2_warn_and_work():
         assert sv.Settings(denoise_frames=64).denoise_max_history == 64
     with pytest.warns(FutureWarning, match="Crew is called WorkerPool now"):
         assert sv.cluster.Crew is sv.cluster.WorkerPool
+
+
+def test_words_for_settings_leave_out_defaults():
+    assert repr(sv.Settings()) == "Settings()"
+    assert repr(sv.Settings(denoise=False, upscale=2)) == "Settings(upscale=2.0, denoise=False)"

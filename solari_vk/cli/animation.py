@@ -1,4 +1,4 @@
-"""`solari-vk render --animate` with several devices: blocks of pictures, and a movie of them."""
+"""`solari-vk render --animate` with several devices, or by the path tracer: pictures, and a movie of them."""
 
 from __future__ import annotations
 
@@ -11,36 +11,42 @@ from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob
 from solari_vk.cli.subject import Subject, expose
 from solari_vk.files import make_folder
-from solari_vk.output.movie import write_movie
+from solari_vk.output.movie import check_encoder, write_movie
 from solari_vk.settings import Settings
 
 if TYPE_CHECKING:
     from solari_vk.cluster import View
 
 
-def run(job: MovieJob, subject: Subject, settings: Settings) -> int:
+def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     """Render the pictures that aren't there yet; returns the exit code, 1 if some are missing.
 
-    Those of a movie are in a folder beside it until it is written.
+    how: settings of the realtime renderer, or the path tracer's samples per pixel. The pictures of a movie are in a
+    folder beside it until it is written.
     """
-    from solari_vk.cluster import Style, blocks
+    from solari_vk.cluster import RenderTask, Style, blocks
     from solari_vk.cluster.journal import open_journal
 
+    if job.is_movie:
+        check_encoder(job.output)
     output = job.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if job.is_movie else output.parent
     make_folder(folder)
-    style = Style(
-        job.size, job.seed, job.aov, job.tonemap, settings=settings, warm_up=job.warm_up,
-        clip=None if subject.clip is None else list(subject.scene.animations).index(subject.clip),
-        frames=job.average or ANIMATION_AVERAGE,
-    )  # fmt: skip
+    clip = None if subject.clip is None else list(subject.scene.animations).index(subject.clip)
+    if isinstance(how, Settings):
+        frames = job.average or ANIMATION_AVERAGE
+        style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up)
+    else:
+        style = Style(job.size, job.seed, job.aov, job.tonemap, clip, samples=how, max_bounces=job.max_bounces,
+                      denoise=job.denoise)  # fmt: skip
     if style.clip is not None:
         subject.scene.animate(0.0, style.clip)
     with open_pool(job) as pool:
         if subject.auto_exposure:
             expose(subject.cameras, metered(pool, subject, subject.cameras[:1], job.size))
         views = _views(job, subject, style.clip, ".png" if job.is_movie else output.suffix)
-        tasks = blocks(style, views)
+        by_path_tracer = [RenderTask(style, number, (view,)) for number, view in enumerate(views)]
+        tasks = by_path_tracer if style.settings is None else blocks(style, views)
         journal = open_journal(folder / f"{output.stem}.jsonl", pool, subject.scene, tasks)
         complete = render_files(pool, subject.scene, tasks, journal, job)
     if job.is_movie and complete:

@@ -123,7 +123,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
     """What `solari-vk render` is given; cli/render.py makes a StillJob or a MovieJob of it."""
 
     GROUPS: ClassVar = {
-        "realtime": ("view", "quality", "settings", "frames", "warm_up", "average", "animate", "fps"),
+        "realtime": ("view", "quality", "settings", "frames", "warm_up", "average"),
         "reference": ("samples", "max_bounces", "denoise"),
         "several devices": ("workers", "cluster", "shared_folder"),
     }
@@ -160,7 +160,8 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "of a JSON file", "orbit[:DEGREES]|file|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
-    samples: int | None = option("samples per pixel (256; with --denoise 64)", "N", type=positive)
+    samples: int | None = option("samples per pixel, of each picture of an animation (256; with --denoise 64)", "N",
+                                 type=positive)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "
@@ -186,7 +187,9 @@ class StillJob(RenderOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MovieJob(RenderOptions):
-    """The pictures of an animation, as a movie or as numbered files, of the realtime renderer."""
+    """The pictures of an animation, as a movie or as numbered files; `frames` is how many."""
+
+    GROUPS: ClassVar = {**RenderOptions.GROUPS, "realtime": ("view", "quality", "settings", "warm_up", "average")}
 
     animate: str
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
+from solari_vk import bands
+from solari_vk.cli import animation
 from solari_vk.cli.cluster import Reporter, open_pool, words_on
 from solari_vk.cli.compiling import open_device
-from solari_vk.cli.jobs import StillJob
+from solari_vk.cli.jobs import MovieJob, StillJob
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device.compile_notes import CompileNotes
+from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
@@ -38,11 +43,14 @@ class _Result:
     """That something was compiled before."""
 
 
-def run(job: StillJob) -> int:
-    """Render a picture and write it; returns the exit code, 0."""
+def run(job: StillJob | MovieJob) -> int:
+    """Render a picture or an animation and write it; returns the exit code."""
     check_aovs(job.aov, job.mode, sv.PathTracer.OUTPUTS[1:])
     if job.denoise:
         oidn.check_installed()
+    if isinstance(job, MovieJob):
+        samples = job.samples or (DENOISED_SAMPLES if job.denoise else SAMPLES)
+        return animation.run(job, load(job, clip=job.clip), samples)
     total = job.samples
     if total is None and job.target_error is None:
         total = DENOISED_SAMPLES if job.denoise else SAMPLES
@@ -68,6 +76,8 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
     notes = CompileNotes()
     with open_device(job, notes) as device:
         print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
+        if bands.rows_of(device, job.size) < job.size[1]:
+            return _render_large(job, subject, total, device, notes)
         renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
         with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
@@ -81,6 +91,29 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
         layers = {name: renderer[name] for name in job.aov}
         return _Result(radiance, layers, renderer.samples, renderer.error, seconds, ev100, notes.after)
+
+
+def _render_large(
+    job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes
+) -> _Result:
+    """In bands of rows, because the device can't hold the picture."""
+    if job.target_error is not None:
+        raise SolariError("--target-error: a picture in bands, larger than the device holds, has a fixed number of "
+                          "samples: give --samples")  # fmt: skip
+    count = -(-job.size[1] // bands.rows_of(device, job.size))
+    print(f"{job.size[0]}x{job.size[1]} is more than the device holds at once: in {count} bands", file=sys.stderr)
+    assert total is not None
+    camera = subject.cameras[0]
+    camera.auto_exposure = subject.auto_exposure
+    with Progress("samples a pixel, of all bands", total * count, job.time_limit, notes) as progress:
+        try:
+            picture = bands.render_large(
+                device, subject.scene, job.size, camera=camera, samples=total, denoise=job.denoise, layers=job.aov,
+                seed=job.seed, max_bounces=job.max_bounces, progress=lambda done, _: progress(done),
+            )  # fmt: skip
+        except Stopped:
+            raise SolariError(f"{job.output}: it was ended before its last band, so nothing is written") from None
+    return _Result(picture.pop("radiance"), picture, total, math.inf, progress.seconds, None, notes.after)
 
 
 def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Result:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from solari_vk.cli import desktop, realtime, reference, terminal
@@ -21,7 +21,7 @@ MODES = ("realtime", "reference")
 def run(options: RenderOptions) -> int:
     """Render what the options ask for; returns the exit code."""
     job = make_job(options)
-    code = reference.run(job) if isinstance(job, StillJob) and job.mode == "reference" else realtime.run(job)
+    code = reference.run(job) if job.mode == "reference" else realtime.run(job)
     if job.open and code == 0:
         desktop.open_file(job.output)
     if job.show and code == 0:
@@ -37,31 +37,33 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
             raise SolariError(f"--{name}: numbered pictures are many files: write {suffixes}")
     if options.show:
         terminal.check_can_show(options.output)
-    values: dict[str, Any] = {**vars(options), **_mode(options)}
+    kind = StillJob if options.animate is None else MovieJob
+    values: dict[str, Any] = {**vars(options), **_mode(options, kind.GROUPS)}
     for mode in MODES:
-        for name in RenderOptions.GROUPS[mode]:
+        for name in kind.GROUPS[mode]:
             if name in options.given and mode != values["mode"]:
                 raise SolariError(f"{spelled(name)} is an option of --mode {mode}, not of {values['mode']}")
     if options.target_error is not None and not options.target_error > 0:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     check_time_limit(options.time_limit)
-    job = StillJob(**values) if options.animate is None else MovieJob(**values)
+    job = kind(**values)
     for wrong, why in _contradictions(job):
         if wrong:
             raise SolariError(why)
     return job
 
 
-def _mode(options: RenderOptions) -> dict[str, Any]:
+def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """What --mode auto means: the mode that has the given options and outputs, else that of the best picture.
 
     Where OIDN works, the denoised reference is nearest to the truth after the same time (docs/explained/denoising.md).
+    Animations are realtime unless options of the reference are given.
     """
     if options.mode != "auto":
         return {}
     aovs = set(options.aov)
-    realtime, reference = (not options.given.isdisjoint(RenderOptions.GROUPS[mode]) for mode in MODES)
-    realtime |= options.is_movie or not aovs.issubset(PathTracer.OUTPUTS)
+    realtime, reference = (not options.given.isdisjoint(groups[mode]) for mode in MODES)
+    realtime |= (options.animate is not None and not reference) or not aovs.issubset(PathTracer.OUTPUTS)
     reference |= (options.is_spread and options.animate is None) or not aovs.issubset(Renderer.OUTPUTS)
     works = not realtime and "denoise" not in options.given and _oidn_works()
     if realtime or not (reference or works):
@@ -76,6 +78,7 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield still, f"{output}: {output.suffix} is for animations: give --animate, or write a .png"
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
     if job.mode == "reference":
+        yield not still and job.target_error is not None, "--target-error: each picture of an animation has --samples"
         return
     if job.is_spread:
         yield still, ("a still picture in realtime mode is made by one device: give --mode reference or --animate, or "

@@ -15,7 +15,7 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
-from solari_vk.scene.placement import Placed, resolved
+from solari_vk.scene.placement import PARTS, Placed, resolved
 
 MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
 
@@ -63,8 +63,8 @@ class Camera(Checked, Placed):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
-    which the constructor takes too. vertical_fov is in radians
-    (`math.radians(45)`). orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
+    which the constructor takes too. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
+    angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
     closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
     focused at focus_distance, in meters along the view axis; with 0 all is sharp. Only PathTracer renders depth of
@@ -88,7 +88,7 @@ class Camera(Checked, Placed):
     _converters = {
         "name": checks.text,
         "transform": checks.affine_transform,
-        "vertical_fov": checks.number(1e-4, math.pi - 1e-4, "radians"),
+        "vertical_fov": checks.number(1e-4, math.pi - 1e-4, "radians (fov takes degrees)"),
         "orthographic_height": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
@@ -98,14 +98,25 @@ class Camera(Checked, Placed):
         "jitter": checks.array(2),
     }
 
-    _derived = ("position", "rotation")
-    _resolve = resolved
+    _derived = ("position", "rotation", "fov")
+    _place = resolved
+
+    @classmethod
+    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
+        if "fov" in given:
+            if "vertical_fov" in given:
+                raise SolariError("Camera: fov is vertical_fov in degrees: give one of them")
+            try:
+                given["vertical_fov"] = math.radians(checks.number(0.01, 179.99, "degrees")(given.pop("fov")))
+            except (TypeError, ValueError) as error:
+                raise SolariError(f"Camera: fov {error}") from None
+        return cls._place(given, current) if given.keys() & {"transform", *PARTS} else given
 
     @_Placing
     @classmethod
     def look_at(cls, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any) -> Camera:
         """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the
-        constructor, such as vertical_fov.
+        constructor, such as fov.
 
         To move a camera, use `place`. Raises SolariError if position and target are equal, if up is parallel to the
         view, and for numbers that aren't finite or overflow.
@@ -215,6 +226,15 @@ class Camera(Checked, Placed):
         rest = {"aperture": self.aperture, "auto_exposure": self.auto_exposure}
         more = "".join(f", {name}={value:.4g}" for name, value in rest.items() if value)
         return f"<{self.describe()} at {place}, {lens}, ev100={self.ev100:.4g}{more}>"
+
+    @property
+    def fov(self) -> float:
+        """The vertical field of view in degrees: `vertical_fov`, which is in radians. May be assigned."""
+        return math.degrees(self.vertical_fov)
+
+    @fov.setter
+    def fov(self, fov: float) -> None:
+        self.update(fov=fov)
 
     @property
     def exposure(self) -> float:

@@ -6,6 +6,7 @@ A converter raises TypeError or ValueError with a text that continues the field'
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -91,7 +92,12 @@ def _zero_or_one(value: Any, choices: str) -> int:
 
 
 def pixels(value: Any) -> NDArray[np.uint8]:
-    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image."""
+    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image, or from
+    the path of a file."""
+    if isinstance(value, (str, os.PathLike)):
+        from solari_vk.scene.images.image_files import read_pixels
+
+        value = read_pixels(value)
     given = np.asarray(value)
     if given.ndim == 2:
         given = np.stack([given] * 3, axis=-1)
@@ -188,13 +194,13 @@ def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[A
 
 
 def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:
-    """An object of a type; an array or another of the scene's objects is passed to the type's constructor."""
+    """An object of a type; an array, a path or another of the scene's objects is passed to the type's constructor."""
 
     def convert(value: Any) -> Any:
         if (optional and value is None) or isinstance(value, kind()):
             return value
-        if not isinstance(value, (np.ndarray, Checked)):
-            raise TypeError(f"must be a {kind().__name__} or an array of pixels, not {type(value).__name__}")
+        if not isinstance(value, (np.ndarray, str, os.PathLike, Checked)):
+            raise TypeError(f"must be a {kind().__name__}, an array of pixels or a path, not {type(value).__name__}")
         return kind()(value)
 
     return convert

@@ -18,7 +18,8 @@ from solari_vk.scene.observed import Checked, checked
 class TextureImage(Checked):
     """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
 
-    `pixels` is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
+    pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file; the attribute is always RGBA. Materials
+    decide by the kind of the texture whether it is sRGB.
     """
 
     pixels: NDArray[np.uint8]
@@ -42,7 +43,7 @@ class TextureImage(Checked):
 
 @checked
 class Texture(Checked):
-    """An image and how it is sampled. image: a TextureImage, or an array of pixels.
+    """An image and how it is sampled. image: a TextureImage, an array of pixels, or the path of a file.
 
     uv_transform (2, 3) maps a mesh's (u, v, 1) to texture coordinates. uv_set: 0 for the mesh's uvs, 1 for its
     second_uvs. wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge". magnification and minification:
@@ -120,13 +121,13 @@ class Material(Checked):
     is the color of fibers that shine at grazing angles, with sheen_roughness. anisotropy in [0, 1] spreads reflections
     along the tangent, turned by anisotropy_rotation in radians towards the bitangent.
 
-    A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base color and emissive
-    are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
-    with z computed from x and y. The other textures have their channels where glTF has them: transmission and clearcoat
-    in red, clearcoat roughness in green, specular, sheen roughness and diffuse transmission in alpha, the colors of the
-    three, sRGB, in red, green and blue, the direction of anisotropy in red and green and its strength in blue. A
-    double-sided material is visible, and emits, on both sides. The back side of other materials is invisible to
-    cameras, but blocks all other rays.
+    A texture is a Texture, a TextureImage, an array of pixels or the path of a file. Textures multiply the values: base
+    color and emissive are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are
+    in tangent space, with z computed from x and y. The other textures have their channels where glTF has them:
+    transmission and clearcoat in red, clearcoat roughness in green, specular, sheen roughness and diffuse transmission
+    in alpha, the colors of the three, sRGB, in red, green and blue, the direction of anisotropy in red and green and
+    its strength in blue. A double-sided material is visible, and emits, on both sides. The back side of other materials
+    is invisible to cameras, but blocks all other rays.
 
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies

@@ -6,7 +6,7 @@ import functools
 import operator
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
@@ -51,12 +51,23 @@ class Observable(Hints):
 
 
 def _shown(value: Any) -> str:
-    """A field's value in a few words: the name of an object, the shape of a large array."""
+    """A field's value in a few words: the name of an object, where a transform moves to, the shape of a large array."""
     if isinstance(value, Observable):
         return value.describe()
     if isinstance(value, np.ndarray):
+        if value.shape == (4, 4):
+            x, y, z = value[:3, 3]
+            return f"<to ({x:.4g}, {y:.4g}, {z:.4g})>"
+        if value.dtype.kind == "f" and value.size <= 4:
+            return f"({', '.join(f'{number:.4g}' for number in value.flat)})"
         return str(value.tolist()) if value.size <= 4 else f"array{value.shape}"
     return repr(value)
+
+
+def _equal(value: Any, default: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return isinstance(default, np.ndarray) and np.array_equal(value, default)
+    return bool(value is default or (type(value) is type(default) and value == default))
 
 
 class Checked(Observable):
@@ -66,6 +77,7 @@ class Checked(Observable):
     _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
     _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
     _derived: ClassVar[tuple[str, ...]] = ()  # names that can be assigned, of which `_resolve` makes fields
+    _defaults: ClassVar[Mapping[str, Any]] = {}  # of the fields; MISSING where there is none; `checked` sets it
     _ready = False
     name: str
 
@@ -121,7 +133,10 @@ class Checked(Observable):
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={_shown(getattr(self, name))}' for name in self._names)})"
+        """The fields that aren't as by default."""
+        given = {name: getattr(self, name) for name in self._names}
+        shown = (f"{name}={_shown(value)}" for name, value in given.items() if not _equal(value, self._defaults[name]))
+        return f"{type(self).__name__}({', '.join(shown)})"
 
     def _validate(self) -> None:
         """Raise SolariError if fields don't fit together."""
@@ -136,6 +151,10 @@ def checked(kind: Kind) -> Kind:
     dataclass(eq=False, repr=False)(kind)
     given = {field.name: field.metadata for field in fields(kind)}  # type: ignore[arg-type]
     kind._names = dict.fromkeys(given)
+    kind._defaults = {
+        field.name: field.default if field.default_factory is MISSING else field.default_factory()
+        for field in fields(kind)  # type: ignore[arg-type]
+    }
     own = {name: metadata["converter"] for name, metadata in given.items() if "converter" in metadata}
     kind._converters = own | dict(kind._converters)
     init: Callable[..., None] = kind.__init__

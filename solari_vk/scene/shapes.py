@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from itertools import product
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_attribute
 from solari_vk.scene.model import Mesh
 
 
@@ -54,6 +55,7 @@ def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 
     return quad(center, side, np.cross(normal, side), name="lamp")
 
 
+@checked_keywords(who="shapes")
 def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), inward: bool = False) -> Mesh:
     """An axis-aligned box of 12 triangles facing outward, or inward as a room does; sides in meters."""
     corner_low, corner_high = np.asarray(low, np.float64), np.asarray(high, np.float64)
@@ -73,6 +75,7 @@ def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), 
     return polygons(*faces, name="box")
 
 
+@checked_keywords(who="shapes")
 def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
     """A sphere around the origin with smooth normals. segments: at least 3, around; half as many from pole to pole."""
     if not 0 < radius < math.inf:
@@ -103,6 +106,7 @@ def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
     )
 
 
+@checked_keywords(who="shapes")
 def plane(width: float = 1.0, depth: float | None = None) -> Mesh:
     """A rectangle around the origin that faces +y, such as a floor: width along x, depth along z (width), in meters.
 
@@ -116,6 +120,7 @@ def plane(width: float = 1.0, depth: float | None = None) -> Mesh:
     )  # fmt: skip
 
 
+@checked_keywords(who="shapes")
 def cylinder(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Mesh:
     """A closed cylinder around the origin, along y; lengths in meters. segments: at least 3, around."""
     r, y = _sizes("cylinder", radius=radius, height=height) * (1, 0.5)
@@ -123,6 +128,7 @@ def cylinder(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Me
     return _revolved(profile, [(0, 1), (0, 1), (1, 0), (1, 0), (0, -1), (0, -1)], segments, "cylinder")
 
 
+@checked_keywords(who="shapes")
 def cone(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Mesh:
     """A closed cone around the origin: its tip is half the height above it, its base as far below; lengths in meters.
     segments: at least 3, around."""
@@ -131,6 +137,7 @@ def cone(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Mesh:
     return _revolved([(0, y), (r, -y), (r, -y), (0, -y)], [side, side, (0, -1), (0, -1)], segments, "cone")
 
 
+@checked_keywords(who="shapes")
 def capsule(radius: float = 0.25, height: float = 0.5, segments: int = 32) -> Mesh:
     """A cylinder along y with half spheres at its ends, around the origin; height: of the cylinder alone, in meters.
 
@@ -144,6 +151,7 @@ def capsule(radius: float = 0.25, height: float = 0.5, segments: int = 32) -> Me
     return _revolved(r * normals + np.stack([0 * middle, middle], axis=1), normals, segments, "capsule")
 
 
+@checked_keywords(who="shapes")
 def torus(radius: float = 0.5, tube_radius: float = 0.2, segments: int = 48) -> Mesh:
     """A ring around the y axis: radius is that of the circle in the middle of its tube, in meters.
 
@@ -200,3 +208,10 @@ def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) 
         normals=(outward[:, None, [0, 1, 0]] * around).reshape(-1, 3),
         uvs=np.stack([u, v], axis=-1).reshape(-1, 2), triangles=np.array(indices), name=name,
     )  # fmt: skip
+
+
+if not TYPE_CHECKING:  # or checkers would take any name
+
+    def __getattr__(name: str) -> NoReturn:
+        shapes = [known for known, value in globals().items() if getattr(value, "__module__", "") == __name__]
+        raise unknown_attribute("shapes has no", name, lambda: shapes)

@@ -210,6 +210,12 @@ class Settings(SeparatePasses):
         else:
             setattr(self, name, text)
 
+    def __repr__(self) -> str:
+        """The settings that aren't as by default."""
+        values = {name: getattr(self, name) for name in FIELDS}
+        changed = (f"{name}={value!r}" for name, value in values.items() if value != DEFAULTS[name])
+        return f"Settings({', '.join(changed)})"
+
     @property
     def built_in(self) -> tuple[Any, ...]:
         """The values of the fields that are built into pipelines or sizes."""

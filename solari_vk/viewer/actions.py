@@ -108,7 +108,8 @@ class Actions:
 
     def screenshot(self) -> None:
         path = take_screenshot(self._session)
-        self._session.say(f"wrote {path}, with an .exr and the command line that renders it in a .txt")
+        left = "; edits, which it leaves out, are listed there" if self._session.edits else ""
+        self._session.say(f"wrote {path}, with an .exr and the command line that renders it in a .txt{left}")
 
     def reload(self) -> None:
         self._session.reload(shaders=True, file=True)

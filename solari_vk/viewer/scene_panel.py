@@ -128,6 +128,7 @@ class ScenePanel:
         if edited[0]:
             with self._session.showing_mistakes():
                 setattr(item, field, edited[1])
+                self._session.edits[item, field] = None
 
 
 def share(label: str, value: float) -> tuple[bool, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from solari_vk.scene.model import Camera
 from solari_vk.viewer.camera_control import CameraControl
@@ -42,6 +43,8 @@ class Session(Messages):
         self.player = Player(self.scene)
         self.pick: Pick | None = None
         """The instance and the point that the user picked."""
+        self.edits: dict[tuple[Any, str], None] = {}
+        """The objects and the names of their fields that the user edited in the panels, in the order of first edits."""
         self.has_panels = self.shows_panels = self.shows_help = False
         self.timings: dict[str, float] = {}
         """GPU milliseconds of each pass in the last finished frame."""
@@ -91,5 +94,6 @@ class Session(Messages):
     def _load_file(self) -> None:
         if self._sources.load_again():
             self.pick = None
+            self.edits.clear()
             if self.player.posed:
                 self.player.show(self.player.seconds)

@@ -132,3 +132,15 @@ def test_damaged_orthographic_cameras(writer):
 def test_what_camera_for_refuses(arguments, message):
     with pytest.raises(SolariError, match=message):
         sv.builtin("cornell_box").camera_for(*arguments)
+
+
+def test_fov_is_vertical_fov_in_degrees():
+    camera = sv.Camera.look_at((0, 0, 1), (0, 0, 0), fov=60)
+    assert camera.vertical_fov == pytest.approx(math.radians(60))
+    camera.fov = 30
+    assert (camera.fov, camera.position.tolist()) == (pytest.approx(30), [0, 0, 1])
+    camera.update(fov=20, position=(1, 2, 3))
+    assert (camera.fov, camera.position.tolist()) == (pytest.approx(20), [1, 2, 3])
+    for wrong in (0, 180, float("nan"), "wide"):
+        with pytest.raises(SolariError, match="Camera: fov"):
+            camera.fov = wrong

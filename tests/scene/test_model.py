@@ -9,6 +9,7 @@ import weakref
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from solari_vk import Environment, Sky
 from solari_vk.errors import SolariError
@@ -45,6 +46,17 @@ def test_arrays_are_copied_converted_and_frozen():
     assert (made.positions.dtype, made.triangles.dtype) == (np.float32, np.uint32)
     with pytest.raises(ValueError, match="read-only"):
         made.positions[0, 0] = 1
+
+
+def test_textures_from_files(tmp_path):
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    for given in (tmp_path / "a.png", str(tmp_path / "a.png")):
+        assert (Material(base_color_texture=given).base_color_texture.image.pixels == pixels).all()
+        assert (TextureImage(given).pixels == pixels).all()
+    (tmp_path / "b.png").write_bytes(b"none")
+    with pytest.raises(SolariError, match=r"b\.png is not a PNG"):
+        Texture(tmp_path / "b.png")
 
 
 PIXEL = TextureImage(np.zeros((1, 1, 4), np.uint8))
@@ -87,7 +99,7 @@ REFUSED = [
     (Material, {"roughness": 0, "perceptual_roughness": 0}, "name the same field: give one"),
     (Material, {"base_color": [0, 0, 1.1]}, "base_color must lie between 0 and 1"),
     (Material, {"base_color_texture": np.ones((2, 2, 3))}, "integers, not float64: give 8-bit pixels"),
-    (Material, {"normal_texture": TRIANGLE}, "normal_texture must be a Texture or an array of pixels, not list"),
+    (Material, {"normal_texture": TRIANGLE}, "must be a Texture, an array of pixels or a path, not list"),
     (Instance, {"mesh": None, "material": Material()}, "mesh must be a Mesh, not NoneType"),
     (DirectionalLight, {"direction": [0, 0, 0]}, "direction must not be zero"),
     (PointLight, {"position": [0, 1, 0], "radius": 1e-9}, "radius must be 0 or at least 1e-05 m"),
@@ -100,7 +112,7 @@ REFUSED = [
     (Texture, {"image": PIXEL, "uv_set": 10**5000}, "uv_set must be 0 or 1, not a value of the type int"),
     (Camera, {"near": 0}, r"near must be a finite number between 1e-09 and 1e\+18"),
     (Camera, {"orthographic_height": 1e-30}, "orthographic_height"),
-    (Camera, {"fov": 1.0}, r"Camera has no field 'fov'; did you mean 'vertical_fov'"),
+    (Camera, {"vertical_fow": 1.0}, r"Camera has no field 'vertical_fow'; did you mean 'vertical_fov'"),
 ]
 TRANSFORMS = [
     (np.eye(3), "shape"),
@@ -248,3 +260,12 @@ def test_only_real_numbers_are_taken(value):
 def test_shapes_have_a_size(make):
     with pytest.raises(SolariError, match="needs a"):
         make()
+
+
+def test_words_for_objects_leave_out_defaults():
+    assert repr(Material()) == "Material()"
+    red = Material(base_color=(1, 0, 0), roughness=0.25, name="red")
+    assert repr(red) == "Material(base_color=(1, 0, 0), perceptual_roughness=0.25, name='red')"
+    ball = Instance(shapes.sphere(), red, (1, 2, 3))
+    assert repr(ball) == "Instance(mesh=Mesh 'sphere', material=Material 'red', transform=<to (1, 2, 3)>)"
+    assert repr(PointLight((0, 1, 0))) == "PointLight(position=(0, 1, 0))"

@@ -248,6 +248,24 @@ def test_the_command_of_a_screenshot_renders_the_same_bits(open_viewer, tmp_path
     assert np.asarray(Image.open(first.with_suffix(".png"))).shape == (64, 64, 3)
 
 
+def test_a_screenshot_has_the_windows_size_and_lists_edits(open_viewer, tmp_path):
+    scene_panel = pytest.importorskip("solari_vk.viewer.scene_panel", exc_type=ImportError)
+    viewer = open_viewer(**FLAT, source="builtin:cornell_box", folder=tmp_path, mode="reference")
+    viewer.scale.fix(0.5)
+    viewer.run(frames=2)
+    assert viewer.pictures.size == (32, 32)
+    panel, scene = scene_panel.ScenePanel(viewer), viewer.scene
+    panel._edit(scene.materials[1], "base_color", (True, (0.25, 0.5, 1)))
+    panel._edit(scene.materials[1], "base_color", (False, (1, 1, 1)))
+    panel._edit(scene.instances[0], "visible", (True, False))
+    viewer.act("screenshot")
+    assert np.asarray(Image.open(tmp_path / "solari-001.png")).shape == viewer.capture().shape == (64, 64, 3)
+    _, heading, *edits = (tmp_path / "solari-001.txt").read_text().splitlines()
+    assert edits == ["# scene.materials[1].base_color = [0.25, 0.5, 1.0]", "# scene.instances[0].visible = False"]
+    assert "leaves out" in heading
+    assert "listed there" in viewer.message
+
+
 def test_a_screenshot_that_cannot_be_written_is_reported(open_viewer, tmp_path):
     (tmp_path / "file").write_text("")
     viewer = open_viewer(**FLAT, folder=tmp_path / "file" / "shots")

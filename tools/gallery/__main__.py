@@ -49,7 +49,9 @@ def page(names: list[str]) -> str:
     """The text of docs/gallery.md."""
     lines = [
         "# Gallery\n",
-        f"The path tracer, and beside it one denoised frame of the realtime renderer, its {FRAMES}th.",
+        "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n",
+        "`tools/helmets.py` makes this picture by the path tracer, with a thin lens, and denoises it.\n",
+        f"Below: the path tracer, and beside it one denoised frame of the realtime renderer, its {FRAMES}th.",
         "`python tools/gallery` renders all of them.\n",
     ]
     for name in names:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import io
+import os
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.budget import charge
+from solari_vk.budget import charge, load_budget
 from solari_vk.errors import SolariError
+from solari_vk.files import read_regular
 from solari_vk.scene.images import dds, exr, ktx2
 from solari_vk.scene.images.mip_chain import srgb_of_linear
 
@@ -41,6 +44,13 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
     text = f"the image of {image.width} x {image.height} pixels"
     charge(_BYTES_PER_PIXEL * count, who, text, working=working_bytes(image))
     return image
+
+
+def read_pixels(path: str | os.PathLike[str]) -> Pixels:
+    """The pixels (height, width, 4) of a file. Raises SolariError for one that is missing, damaged or too large."""
+    who = os.fspath(path)
+    with load_budget():
+        return decode(open_image(read_regular(Path(who), who), who), who)
 
 
 def working_bytes(image: Any) -> int:

@@ -15,7 +15,7 @@ out=[]
 with sv.Device() as device, sv.Renderer(device, scene, (320,240)) as r:
     for v in range(20):
         eye = rng.uniform((-8,1,-8),(8,4,8))
-        cam = sv.Camera.look_at(eye,(0,1,0),vertical_fov=np.radians(60))
+        cam = sv.Camera.look_at(eye,(0,1,0),fov=60)
         f = r.render(cam)
         depth=f["depth"]; normal=f["shading_normal"]; ids=f["instance_id"]
         boxes={}

@@ -8,7 +8,7 @@ s.add(sv.shapes.plane(10), sv.Material(base_color="#808080"))
 a=s.add(sv.shapes.sphere(.5), sv.Material(base_color=(.9,.6,.2),metallic=1,roughness=.1),(-.7,.5,0))
 b=s.add(sv.shapes.sphere(.5), sv.Material(base_color=(.9,.6,.2),metallic=1,roughness=.5,clearcoat=1),(.7,.5,0))
 sv.studio_lights(s,ground=False)
-s.camera=sv.Camera.look_at((0,1.2,3),(0,.5,0),vertical_fov=np.radians(45))
+s.camera=sv.Camera.look_at((0,1.2,3),(0,.5,0),fov=45)
 with sv.Device() as d, sv.PathTracer(d,s,(320,180)) as t:
     f=t.render(samples=16)
     img=np.asarray(f)

@@ -15,5 +15,5 @@ with sv.Device() as d, sv.RayTracer(d,s) as tracer:
     for k in range(32):
         w=rng.normal(size=(len(v),3)); w/=np.linalg.norm(w,axis=1)[:,None]; w[:,1]=abs(w[:,1])
         hit=tracer.trace(v+[0,1e-3,0],w)
-        ao+=~np.isfinite(hit["t"])
+        ao+=~np.isfinite(hit.t)
     print((ao/32).reshape(n,n).mean())

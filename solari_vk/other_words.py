@@ -1,0 +1,107 @@
+"""What other programs call things, and what they are called here: errors for unknown names say it."""
+
+from __future__ import annotations
+
+_ENVIRONMENT = "Environment(path) is the light of a .hdr or .exr file: scene.environment = Environment(path)"
+_SUN = "DirectionalLight(direction) is a sun, Sky(direction) a sky with one"
+_ARRAY = 'frame["radiance"] is the array in cd/m^2, frame.image() the picture in 8 bits'
+_EYE = "Camera.look_at(position, target) makes a camera, camera.place(position, target) moves one"
+_MOVE = "assign to position, rotation or transform"
+_MAKE = "scene.add(mesh, material, position) makes an object of a mesh"
+_PARTS = "position, rotation, scale or transform say where it is"
+_FLUX = "intensity is in cd, lumens in lm"
+_MOVED = "meshes have no place: give position, rotation, scale or transform to scene.add, or assign to the instance's"
+_OWN_MATERIAL = "colors are the material's: scene.add(mesh, Material(base_color=...))"
+_LENS = "fov is in degrees, vertical_fov in radians, both from the bottom to the top of the picture"
+_LOAD = "solari_vk.open(path) is a file framed and lit, solari_vk.load(path) the file as it is"
+_SHAPE = "solari_vk.shapes has box, sphere, plane, cylinder, cone, capsule and torus"
+_SAMPLES = "samples are given to render: tracer.render(samples=256)"
+_SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color"}
+
+# By what is asked: by lower-case name, what to say.
+OTHER_WORDS: dict[str, dict[str, str]] = {
+    "solari_vk": {
+        **dict.fromkeys(("environmentmap", "envmap", "hdri", "skybox", "background", "imagebasedlight"), _ENVIRONMENT),
+        **dict.fromkeys(("sun", "sunlight", "distantlight"), _SUN),
+        **dict.fromkeys(("sphere", "box", "cube", "plane", "cylinder", "quad", "torus", "cone", "capsule"), _SHAPE),
+        **dict.fromkeys(("studio", "studiolight", "studiolighting"), "studio_lights(scene) adds soft boxes"),
+        **dict.fromkeys(("arealight", "rectlight", "quadlight", "rectarealight"),
+                        "a mesh that emits is an area light: scene.add(shapes.quad(...), Material(emissive=...))"),
+        **dict.fromkeys(("light", "pointlights"), "use PointLight, SpotLight, DirectionalLight, Environment, Sky"),
+        **dict.fromkeys(("render", "trace", "raytrace"),
+                        "Renderer(device, scene, size).render() is realtime, PathTracer(...) the reference"),
+        **dict.fromkeys(("object", "node", "model", "shape", "entity", "actor"), _MAKE),
+        **dict.fromkeys(("load_scene", "load_file", "load_mesh", "read", "load_obj"), _LOAD),
+    },
+    "shapes": {
+        "cube": "box(low, high) is one", "rectangle": "plane, quad and polygons are flat", "disk": "see polygons",
+        **dict.fromkeys(("icosphere", "uv_sphere", "ball"), "sphere(radius) is one"),
+    },
+    "shapes.box": dict.fromkeys(("size", "extents", "width"), "low and high are opposite corners, (3,) each"),
+    "shapes.plane": dict.fromkeys(("size", "length"), "width is along x and depth along z"),
+    "Scene": {
+        **dict.fromkeys(("load", "open", "from_file", "from_gltf"), _LOAD),
+        **dict.fromkeys(("render", "show", "view"), "Renderer(device, scene, size).render() makes pictures of it"),
+        **dict.fromkeys(("objects", "children", "nodes", "entities"), "instances are its objects, by number or name"),
+        **dict.fromkeys(("background", "envmap", "hdri", "sky"), "environment is its light from all around"),
+    },
+    "Scene.animate": {"time": "write scene.animate(seconds, clip)"},
+    "Material": {
+        **{word: f"it is called {here} here" for word, here in _SURFACE.items()},
+        **dict.fromkeys(("metalness",), "it is called metallic here"),
+        **dict.fromkeys(("emission", "emit", "emission_color"), "it is called emissive here, and is in cd/m^2"),
+        **dict.fromkeys(("opacity", "transparency"), "it is alpha, with alpha_mode='blend'; glass has transmission"),
+        **dict.fromkeys(("glass", "refraction"), "transmission=1 is glass, solid=True glass that isn't thin"),
+        **dict.fromkeys(("map", "texture", "image"), "base_color_texture takes a path, an array or a Texture"),
+        "shininess": "it is called roughness here, and the other way round", "side": "see double_sided",
+    },
+    "Instance": {
+        **dict.fromkeys(("translation", "translate", "location", "rotate", "matrix", "pose", "rotation_euler"), _PARTS),
+        **dict.fromkeys(("color", "base_color", "texture"), _OWN_MATERIAL),
+    },
+    "Mesh": dict.fromkeys(("translate", "position", "rotate", "rotation", "scale", "transform"), _MOVED),
+    "Camera": {
+        **dict.fromkeys(("eye", "origin", "target", "up", "lookat", "location", "to_world"), _EYE),
+        **dict.fromkeys(("translate", "moved", "move", "move_to", "set_position"), f"{_MOVE}, or call place"),
+        **dict.fromkeys(("yfov", "fovy", "angle", "field_of_view", "perspective"), _LENS),
+        **dict.fromkeys(("width", "height", "resolution", "aspect", "aspect_ratio", "size"),
+                        "the size is the renderer's: Renderer(device, scene, (width, height))"),
+        **dict.fromkeys(("orthographic", "ortho", "ortho_scale"), "orthographic_height is in meters"),
+        **dict.fromkeys(("znear", "clip_start"), "it is called near here"),
+        **dict.fromkeys(("fstop", "f_number", "dof"), "camera.focus_on(point, f_number) focuses as photographers do"),
+    },
+    "PointLight": dict.fromkeys(("power", "energy", "watts", "brightness", "luminance"), _FLUX),
+    "SpotLight": {
+        **dict.fromkeys(("power", "energy", "watts", "brightness"), _FLUX),
+        **dict.fromkeys(("angle", "spot_size", "cone_angle"), "outer_cone_angle is from the axis, in radians"),
+        **dict.fromkeys(("target", "look_at"), "direction is the way it shines: target - position"),
+    },
+    "DirectionalLight": dict.fromkeys(("intensity", "strength", "energy", "irradiance"), "it is illuminance, in lux"),
+    "Environment": {
+        **dict.fromkeys(("path", "file", "filename", "url"), "image takes the path: Environment(path)"),
+        **dict.fromkeys(("strength", "scale"), "it is called intensity here"),
+    },
+    "RenderedFrame": {
+        **dict.fromkeys(("to_srgb8", "to_uint8", "to_pil", "show", "rgb", "pixels"),
+                        "image() is the picture in 8 bits, save(path) writes it"),
+        **dict.fromkeys(("numpy", "array", "to_numpy", "data", "radiance"), _ARRAY),
+        **dict.fromkeys(("depth", "normal", "normals", "albedo"), 'frame["depth"] is one of its results: see keys()'),
+    },
+    "hits": {
+        **dict.fromkeys(("distance", "distances", "depth"), "it is called t here, in lengths of the direction"),
+        **dict.fromkeys(("point", "points", "location", "hit_position"), "it is called position here"),
+        **dict.fromkeys(("hit", "valid", "mask"), "np.isfinite(hits.t) is where rays hit"),
+        **dict.fromkeys(("triangle", "face", "primitive_id"), "it is called primitive here"),
+    },
+    "PathTracer": dict.fromkeys(("spp", "samples", "num_samples", "max_samples"), _SAMPLES),
+    "PathTracer.render": dict.fromkeys(("spp", "num_samples", "sample_count"), "it is called samples here"),
+    "Renderer": dict.fromkeys(("samples", "spp"), "call render() for each frame: light gathers over frames"),
+}  # fmt: skip
+
+
+def here(what: str, name: str) -> str:
+    """What a name of other programs is called here; "" if there is nothing to say.
+
+    what: the start of a message, such as "Material has no field".
+    """
+    return OTHER_WORDS.get(what.partition(" ")[0].rstrip(":"), {}).get(name, "")

@@ -1,0 +1,63 @@
+"""The page for those who come from other programs: each call of ours in its tables is there, and runs in its order."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from test_pages import DOCS, SMALLER, blocks, folder, text_of  # noqa: F401  # `folder` is a fixture
+
+import solari_vk as sv
+from solari_vk.cli import _parser
+
+PAGE = DOCS / "guides/coming_from.md"
+ON_A_DEVICE = {"tracer": sv.PathTracer, "renderer": sv.Renderer, "frame": sv.RenderedFrame}
+
+
+def calls():
+    """The code in the last cells of the tables of calls."""
+    for section in re.split(r"^## ", text_of(PAGE), flags=re.M)[2:]:
+        for cell in re.findall(r"^\| .* \| (.*) \|$", section, re.M)[1:]:
+            yield from re.findall(r"(?<!`)`([^`]+)`", cell)
+
+
+def run(code, names):
+    for shown, smaller in (*SMALLER.items(), (r"\(320, 180\)", "(16, 9)")):
+        code = re.sub(shown, smaller, code)
+    if code.startswith("solari-vk "):
+        _parser().parse_args(code.split()[1:])
+    elif code == "solid=False":
+        sv.Material(transmission=1, solid=False)
+    elif code.startswith("scene.animate("):
+        sv.load("character.glb").animate(*eval(code.removeprefix("scene.animate").replace(")", ",)"), names))
+    else:
+        exec(compile(code, PAGE.name, "exec"), names)
+
+
+def names_of_the_page():
+    return {"mesh": pytest.importorskip("trimesh").creation.box(), "seconds": 0.5, "clip": 0}
+
+
+def test_calls_are_there(folder):  # noqa: F811
+    """Those that need no device run; the others name methods and results that are there."""
+    assert len(list(calls())) > 70
+    names = names_of_the_page()
+    (program,) = blocks(PAGE, "python")
+    run("\n".join(line for line in program.splitlines() if "evice" not in line), names)
+    for code in calls():
+        if not re.search(r"\b(device|tracer|renderer|frame)\b", code):
+            run(code, names)
+        for name, method in re.findall(r"\b(tracer|renderer|frame)\.(\w+)", code):
+            assert hasattr(ON_A_DEVICE[name], method), code
+        for name in re.findall(r"(?:tracer|frame)\[\"(\w+)\"\]", code):
+            assert name in sv.PathTracer.OUTPUTS, code
+        for call in re.findall(r"sv\.(?:PathTracer|Renderer|RayTracer)", code):
+            assert eval(call, {"sv": sv})
+
+
+@pytest.mark.slow
+def test_calls_run(any_device, folder):  # noqa: F811
+    names = names_of_the_page()
+    for code in (*blocks(PAGE, "python"), *calls()):
+        run(code, names)
+    names["device"].close()
