@@ -115,8 +115,8 @@ DIFFERENCES = (
                _light(lambda light: isinstance(light, DirectionalLight))),
     Difference("mitsuba", "spotlights", "their light falls off linearly with the angle, and they have no size",
                _light(_is_spot)),
-    Difference("luxcore", "disney", "LuxCore's `disney` stands for the material: its diffuse lobe is brighter at grazing "
-               "angles, and rough metals lose what they reflect more than once", _with(_is_layered)),
+    Difference("luxcore", "disney", "LuxCore's `disney` stands for the material: its diffuse lobe is brighter at "
+               "grazing angles, and rough metals lose what they reflect more than once", _with(_is_layered)),
     Difference("luxcore", "partial glass", "left out: a material that transmits a part of its light is opaque there",
                _with(lambda m: 0 < m.transmission < 1 or m.transmission_texture or m.metallic > 0 < m.transmission)),
     Difference("luxcore", "thin glass", "its archglass lets all light pass and reflects a part besides: panes are up "
@@ -132,8 +132,8 @@ DIFFERENCES = (
                _light(_is_spot)),
     Difference("all", "range of lights", "light without an end, as real light",
                _light(lambda light: isinstance(light, PunctualLight) and light.range is not None)),
-    Difference("all", "both sides", "emissive surfaces shine on both sides in Cycles and on the front in Mitsuba and LuxCore; "
-               "ours on both if the material is double-sided", _with(lambda m: m.emits)),
+    Difference("all", "both sides", "emissive surfaces shine on both sides in Cycles and on the front in Mitsuba and "
+               "LuxCore; ours on both if the material is double-sided", _with(lambda m: m.emits)),
     Difference(
         "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
         "seen at grazing angles are brighter or darker, also where the surface is matte",
