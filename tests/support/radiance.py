@@ -71,13 +71,13 @@ def trace(root, octree, origins, toward, *options):
     return LUMENS_PER_WATT * np.frombuffer(found, np.float32).reshape(-1, 3)[:, 1].astype(np.float64)
 
 
-def compare(device, python, folder, samples=65536):
+def compare(device, python, folder, samples=2**18):
     """Illuminances at POINTS in lux: ours, its standard error, and the same of Radiance, each (N,)."""
     root = package(python)
     sky = run(root, "gendaylit", *SKY).decode()
     words = sky.split()
     sun_radiance = float(words[words.index("light") + 4 + 1])
-    to_sun = [float(word) for word in words[words.index("sun") + 3 :][:3]]
+    to_sun = [float(word) for word in words[words.index("sun") + 4 :][:3]]
     bare = sky[: sky.index("void light")] + sky[sky.index("void brightfunc") :]
     room = "".join(
         f"\nvoid plastic {name} 0 0 5 {share} {share} {share} 0 0\n" + "".join(

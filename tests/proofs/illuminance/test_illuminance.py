@@ -1,4 +1,4 @@
-"""`illuminance` against closed forms: derived after the cases 5.2 to 5.11 of CIE 171:2006, of which these are neither
+"""`illuminance` against closed forms: derived after the cases of chapter 5 of CIE 171:2006, of which these are neither
 copies nor a certificate. Luminaires have no IES files yet, so a bulb and a spotlight stand in for them."""
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box
 
 BAR = 0.003  # beside four standard errors
-BY_CHANCE = "5.6", "5.7", "5.9", "5.10", "5.11"  # cases whose light no light sample finds
+NOISY = "5.6", "5.7", "5.9", "5.11", "cylindrical, bulb"  # cases whose light is found by chance
 UP, ACROSS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
 BLACK = {"base_color": 0.0, "specular": 0.0}
 IOR = 1.5
+GLASS = {"base_color": 1.0, "transmission": 1, "roughness": 0, "ior": IOR}
 FLOOR = [(0, 0, 0), (0.7, 0, 0.4), (-1.5, 0, 1)]
 
 
@@ -72,42 +73,19 @@ def around(opening):
     return sv.Instance(shapes.polygons(*made), sv.Material(**BLACK))
 
 
-def daylight(opening, pane=None):
+def daylight(opening):
+    """Through an opening of a ceiling, or of a wall below one."""
     scene = sv.Scene(around(opening))
-    if pane is not None:
-        scene.add(pane, sv.Material(transmission=1, roughness=0, ior=IOR))
+    if opening is WINDOW:
+        scene.add(shapes.polygons(rectangle((-500, 2), 3.0, (-500, 500))), sv.Material(**BLACK))
     scene.environment = sv.Environment(100.0)
     return scene
-
-
-def through_pane(points):
-    """The sky of 100 cd/m^2 through OPENING with a thin pane, which in glTF has one boundary: by quadrature."""
-    steps = (np.arange(400) + 0.5) / 400 * 2
-    x, z = np.meshgrid(steps - 0.5, steps - 1)
-    found = []
-    for point in np.asarray(points, np.float64):
-        toward = np.stack([x - point[0], np.full_like(x, 2.0), z - point[2]], axis=-1)
-        distance = np.linalg.norm(toward, axis=-1)
-        cosine = 2 / distance
-        found.append(100 * (cosine**2 / distance**2 * (1 - fresnel(cosine))).sum() * (2 / 400) ** 2)
-    return np.array(found)
-
-
-def under_solid_glass():
-    """All of a sky of 100 cd/m^2 through a large sheet, with the light that goes back and forth in it."""
-    scene = sv.Scene()
-    scene.add(shapes.box((-200, 1, -200), (200, 1.006, 200)), sv.Material(transmission=1, solid=True, roughness=0,
-                                                                          ior=IOR))  # fmt: skip
-    scene.environment = sv.Environment(100.0)
-    cosine = (np.arange(10000) + 0.5) / 10000
-    expected = 2 * math.pi * 100 * (cosine * (1 - fresnel(cosine)) / (1 + fresnel(cosine))).mean()
-    return scene, [(0, 0, 0)], UP, [expected]
 
 
 def sun_on_pane(degrees):
     angle = math.radians(degrees)
     scene = lit_by(sv.DirectionalLight((-math.sin(angle), -math.cos(angle), 0), illuminance=1000))
-    scene.add(shapes.quad((0, 1, 0), (0, 0, 50), (50, 0, 0)), sv.Material(transmission=1, roughness=0, ior=IOR))
+    scene.add(shapes.quad((0, 1, 0), (0, 0, 50), (50, 0, 0)), sv.Material(**GLASS))
     return scene, [(0, 0, 0)], UP, [1000 * math.cos(angle) * (1 - fresnel(math.cos(angle)))]
 
 
@@ -150,9 +128,6 @@ CASES = {
         white_cube(), [(0, -1, 0), (0.9, -1, 0.9), (0.3, 0.2, 0.1)], UP, np.full(3, math.pi / (1 - 0.6))),
     "5.9 sky through an opening of the roof": lambda: (
         daylight(OPENING), FLOOR, UP, polygon_irradiance(FLOOR, [UP], OPENING, 100)),
-    "5.10 the same with a pane": lambda: (
-        daylight(OPENING, shapes.polygons(OPENING)), FLOOR, UP, through_pane(FLOOR)),
-    "5.10 sky through a sheet of solid glass": under_solid_glass,
     "5.11 sky through a window": lambda: (
         daylight(WINDOW), [(0, 0.5, 0), (1, 1, 0.5)], UP,
         polygon_irradiance([(0, 0.5, 0), (1, 1, 0.5)], [UP], WINDOW, 100)),
@@ -171,7 +146,7 @@ def white_cube():
 def measure_case(device, name):
     """The largest error beyond four standard errors, as a share of the largest illuminance."""
     scene, points, normal, expected = CASES[name]()
-    samples = 2**17 if name.startswith(BY_CHANCE) else 2**13
+    samples = 2**17 if name.startswith(NOISY) else 2**13
     found = sv.illuminance(device, scene, points, normal, samples=samples, cylindrical=name.startswith("cylindrical"))
     scale = np.max(expected)
     beyond = np.maximum(np.abs(found.lux - expected) - 4 * found.standard_error, 0).max() / scale
