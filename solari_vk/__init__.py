@@ -48,7 +48,7 @@ _HOMES = {
     "renderer": ("Renderer",),
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
-    "illuminance": ("illuminance",),
+    "light_meter": ("illuminance",),
     "tracer": ("RayTracer",),
     "viewer.app": ("Viewer",),
 }
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
-    from solari_vk.illuminance import illuminance
+    from solari_vk.light_meter import illuminance
     from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, encode_picture, tonemap

@@ -56,26 +56,25 @@ def illuminance(
     if not len(places):
         return Illuminance(np.zeros(shape), np.zeros(shape))
     pixels = max(1, min(BUSY // len(places), samples // LEAST_SAMPLES))  # of a point
-    repeated = (np.repeat(array, pixels, axis=0) for array in (places, directions))
-    with _PointTracer(device, scene, *repeated, cylindrical, max_bounces, seed) as tracer:
+    repeated = np.repeat(np.concatenate([places, directions], axis=1), pixels, axis=0)
+    with _PointTracer(device, scene, repeated, cylindrical, max_bounces, seed) as tracer:
         frame = tracer.render(Camera(), math.ceil(samples / pixels), time_limit=time_limit)
-        light = frame["raw_radiance"].astype(np.float64).reshape(-1, 3) @ LUMINANCE_WEIGHTS
-        variance = frame["variance"].astype(np.float64).reshape(-1)
-    light, variance = (array[: len(places) * pixels].reshape(len(places), pixels) for array in (light, variance))
+        measured = frame["raw_radiance"].astype(np.float64) @ LUMINANCE_WEIGHTS, frame["variance"].astype(np.float64)
+    light, variance = (array.ravel()[: len(repeated)].reshape(-1, pixels) for array in measured)
     error = np.sqrt(variance.sum(axis=1)) / pixels
     return Illuminance(*(math.pi * array.reshape(shape) for array in (light.mean(axis=1), error)))
 
 
 class _PointTracer(PathTracer):
-    """A path tracer whose pixels are points (N, 3) with normals (N, 3), row by row; the last row is filled up."""
+    """A path tracer whose pixels are points with normals (N, 6), row by row; the last row is filled up."""
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, points: NDArray[Any], normals: NDArray[Any],
-        cylindrical: bool, max_bounces: int, seed: int,
+        self, device: Device, scene: Scene | SceneBinder, points: NDArray[Any], cylindrical: bool, max_bounces: int,
+        seed: int,
     ) -> None:  # fmt: skip
         width = math.ceil(math.sqrt(len(points)))
         size = width, math.ceil(len(points) / width)
-        self._points = np.resize(np.concatenate([points, normals], axis=1), (size[0] * size[1], 6))
+        self._points = np.resize(points, (size[0] * size[1], 6))
         super().__init__(device, scene, size, max_bounces=max_bounces + 1, seed=seed)
         self._frame.uniforms["measurement.cylindrical"] = cylindrical
 
