@@ -55,7 +55,7 @@ MAY_IMPORT = {
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},
     "reference": RENDERING,
-    "light_meter": {"color", "reference", *RENDERING},
+    "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},

@@ -1,5 +1,5 @@
-// The light that falls on points: the radiance that a white Lambert surface would have there, illuminance over pi. Paths
-// start at the points. The cylindrical illuminance is the mean over all normals perpendicular to an axis.
+// The light that falls on points: the radiance that a white Lambert surface would have there, illuminance over pi.
+// Paths start at the points. The cylindrical illuminance is the mean over all normals perpendicular to an axis.
 #version 460
 #include "passes/pathtracer/trace.glsl"
 
