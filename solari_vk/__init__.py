@@ -49,6 +49,7 @@ _HOMES = {
     "renderer": ("Renderer",),
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
+    "light_meter": ("illuminance",),
     "tracer": ("RayTracer",),
     "viewer.app": ("Viewer",),
 }
@@ -60,8 +61,8 @@ __all__ = [
     "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "kelvin", "list_devices",
-    "load", "load_gltf", "notebook", "open", "render_large", "rt", "save_image", "save_video", "shapes",
+    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "illuminance", "kelvin",
+    "list_devices", "load", "load_gltf", "notebook", "open", "render_large", "rt", "save_image", "save_video", "shapes",
     "studio_lights", "tonemap",
 ]  # fmt: skip
 
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
+    from solari_vk.light_meter import illuminance
     from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, encode_picture, tonemap

@@ -75,13 +75,17 @@ class PathTracer(PictureRenderer):
             self._begin_picture(denoises=False)
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
-            self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._tables))
+            self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
         except BaseException:
             self.close()
             raise
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         return [pathtracer.trace_stage(size, self._band_rows, self.settings)]
+
+    def _inputs(self) -> dict[str, Any]:
+        """What the stages' shaders are given beside the scene, by name."""
+        return dict(self._tables)
 
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
@@ -238,7 +242,7 @@ class PathTracer(PictureRenderer):
         if frame.frame_count < self._next_look:
             return
         self._next_look = 2 * frame.frame_count
-        spent = frame.timings.get("pathtracer/trace", 0.0)
+        spent = sum(frame.timings.values())
         size = dict(self._sizes).get(frame.timed_value, 0)
         if not spent or not size:
             return

@@ -57,6 +57,7 @@ MAY_IMPORT = {
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},
     "reference": RENDERING,
+    "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},
     "frame_means": {"output", "renderer"},
@@ -67,7 +68,7 @@ MAY_IMPORT = {
     "measure": {"", "cluster", *LIBRARY},
     "cli": {"", "viewer", "cluster", "conformance", "measure", *LIBRARY},
     "__main__": {"cli"},
-    "": {"viewer", "cluster", "notebook", *LIBRARY},
+    "": {"viewer", "cluster", "notebook", "light_meter", *LIBRARY},
 }
 GLSL_MAY_INCLUDE = {"common": r"common/", "scene": r"common/|scene/", "passes": r"common/|scene/|passes/"}
 

@@ -163,7 +163,7 @@ def test_a_renderer_that_is_missing_is_left_out_with_the_command(fakes, tmp_path
 
 def test_wrong_options_are_errors(tmp_path):
     assert pythons_of(("cycles=a/python",), "b")["cycles"] == "a/python"
-    assert pythons_of((), "b") == {"cycles": "b", "mitsuba": "b", OURS: sys.executable}
+    assert pythons_of((), "b") == {"cycles": "b", "mitsuba": "b", "luxcore": "b", OURS: sys.executable}
     for text, said in (("cycles", "give a renderer and its Python"), ("arnold=x", "there is no renderer")):
         with pytest.raises(SolariError, match=said):
             pythons_of((text,), "b")
@@ -267,6 +267,7 @@ def test_differences_name_those_that_apply():
     assert {(d.judge, d.what) for d in that_apply(plain)} == {
         ("cycles", "colored glass"), ("cycles", "attenuation"), ("cycles", "sheen"), ("cycles", "spotlights"),
         ("mitsuba", "rough glass"), ("mitsuba", "attenuation"), ("mitsuba", "sheen"), ("mitsuba", "spotlights"),
+        ("luxcore", "rough glass"), ("luxcore", "attenuation"), ("luxcore", "sheen"), ("luxcore", "spotlights"),
         ("all", "range of lights"),
     }  # fmt: skip
     textured = sv.Material(metallic=1, metallic_roughness_texture=np.zeros((1, 1, 3), np.uint8))
@@ -285,7 +286,7 @@ def test_the_guide_has_all_differences():
 # ---- real renderers ---------------------------------------------------------------------------------
 
 
-@pytest.fixture(params=["cycles", "mitsuba"])
+@pytest.fixture(params=["cycles", "mitsuba", "luxcore"])
 def judge(request, tmp_path):
     """Renders by a renderer that is installed: judge(scene, camera, samples), the picture."""
     if why := KINDS[request.param].missing(PYTHON):
@@ -317,6 +318,18 @@ def test_environments_have_our_directions(judge, turn):
         look = 5000 * (scene.environment.rotation @ toward[place])  # from afar the floor is small
         seen = judge(scene, sv.Camera.look_at(look, 2 * look, vertical_fov=0.02)).mean(axis=(0, 1))
         assert seen == pytest.approx(6 * np.eye(3)[channel], abs=0.3)
+
+
+def test_pictures_lie_where_ours_do(judge):
+    """The middle of a floor, which is darker than what surrounds it, seen from above."""
+    scene = sv.load(judge.file)
+    scene.environment = sv.Environment(1.0)
+    above = sv.Camera.look_at((0.3, 10, 0.5), (0.3, 0, 0.5), up=(0, 0, -1), vertical_fov=0.7)
+    seen = 1 - judge(scene, above, 64)[..., 0]
+    rows, columns = np.mgrid[:16, :24] + 0.5
+    middle = [(seen * places).sum() / seen.sum() for places in (rows, columns)]
+    pixels_of_meter = 16 / (20 * np.tan(0.35))
+    assert middle == pytest.approx([8 - 0.5 * pixels_of_meter, 12 - 0.3 * pixels_of_meter], abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,8 @@ class TrialJob(DeviceOptions):
     """The same scenes through other renderers."""
 
     files: tuple[Path, ...] = option("glTF files, each a scene", names=("files",), nargs="+", type=Path)
-    against: tuple[str, ...] = option("the other renderers: cycles, mitsuba (both)", "A,B", type=words,
-                                      default=("cycles", "mitsuba"))
+    against: tuple[str, ...] = option("the other renderers: cycles, mitsuba, luxcore (the first two)", "A,B",
+                                      type=words, default=("cycles", "mitsuba"))
     output: Path = option("for the page, index.html, with trial.json and pictures; made if it isn't there", "FOLDER",
                           names=("-o", "--output"), type=Path, required=True)
     size: tuple[int, int] = option("width and height of pictures (256x256)", "WxH", type=size, default=(256, 256))

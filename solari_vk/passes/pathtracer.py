@@ -53,17 +53,19 @@ class Settings:
                 raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {quoted(value)}")
 
 
-def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
+def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace") -> Stage:
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
-    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
+    With the shader "illuminance", paths start at a point for each pixel in place of the camera. Inputs: `*_table`,
+    `brdf_averages`; with "illuminance" `measured_points`. Outputs: `radiance_mean`, `luminance_deviations`,
+    `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     return Stage(
         "pathtracer",
         buffers={"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels},
-        passes=[Pass("pathtracer/trace", threads=(size[0], rows), constants=brdf)],
+        passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows), constants=brdf)],
     )
 
 

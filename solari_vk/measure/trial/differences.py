@@ -60,6 +60,21 @@ def _is_animated(scene: Scene) -> bool:
     return any(instance.posed for instance in scene)
 
 
+TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of translation.py
+    ("attenuation", "left out: the solid is clear there",
+     _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
+    ("sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
+    ("anisotropy", "left out", _with(lambda m: m.anisotropy > 0)),
+    ("clearcoat", "Disney's coat: a quarter as strong, with another roughness, and without its normal texture",
+     _with(lambda m: m.clearcoat > 0)),
+    ("reflectance", "colors and textures of a dielectric's reflections are left out",
+     _with(lambda m: m.specular_texture or m.specular_color_texture or m.reflectance.std() > 0)),
+    ("diffuse transmission", "left out", _with(lambda m: m.diffuse_transmission > 0)),
+    ("unlit", "left out: black there", _with(lambda m: m.unlit)),
+    ("uvs", "all textures of a material take the uvs, and one way to wrap, of the first", _with(_moves_uvs_apart)),
+    ("vertex colors", "with a base color texture they are left out, as is their alpha",
+     lambda scene: any(instance.mesh.colors is not None for instance in scene)),
+)  # fmt: skip
 DIFFERENCES = (
     Difference(
         "cycles", "textures", "Cycles interpolates 8-bit sRGB textures before it decodes them: contrasty textures that "
@@ -95,28 +110,30 @@ DIFFERENCES = (
     Difference("mitsuba", "rough glass", "its roughdielectric loses light that a rough surface scatters more than "
                "once: solids darken with their roughness",
                _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0)),
-    Difference("mitsuba", "attenuation", "left out: the solid is clear there",
-               _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
-    Difference("mitsuba", "sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
-    Difference("mitsuba", "anisotropy", "left out", _with(lambda m: m.anisotropy > 0)),
-    Difference("mitsuba", "clearcoat", "Disney's coat: a quarter as strong, with another roughness, and without its "
-               "normal texture", _with(lambda m: m.clearcoat > 0)),
-    Difference("mitsuba", "reflectance", "colors and textures of a dielectric's reflections are left out",
-               _with(lambda m: m.specular_texture or m.specular_color_texture or m.reflectance.std() > 0)),
-    Difference("mitsuba", "diffuse transmission", "left out", _with(lambda m: m.diffuse_transmission > 0)),
-    Difference("mitsuba", "unlit", "left out: black there", _with(lambda m: m.unlit)),
-    Difference("mitsuba", "uvs", "all textures of a material take the uvs, and one way to wrap, of the first",
-               _with(_moves_uvs_apart)),
-    Difference("mitsuba", "vertex colors", "with a base color texture they are left out, as is their alpha",
-               lambda scene: any(instance.mesh.colors is not None for instance in scene)),
+    *(Difference(judge, *row) for judge in ("mitsuba", "luxcore") for row in TRANSLATED),
     Difference("mitsuba", "suns", "a sun has no disk: its shadows are sharp",
                _light(lambda light: isinstance(light, DirectionalLight))),
     Difference("mitsuba", "spotlights", "their light falls off linearly with the angle, and they have no size",
                _light(_is_spot)),
+    Difference("luxcore", "disney", "LuxCore's `disney` stands for the material: its diffuse lobe is brighter at "
+               "grazing angles, and rough metals lose what they reflect more than once", _with(_is_layered)),
+    Difference("luxcore", "partial glass", "left out: a material that transmits a part of its light is opaque there",
+               _with(lambda m: 0 < m.transmission < 1 or m.transmission_texture or m.metallic > 0 < m.transmission)),
+    Difference("luxcore", "thin glass", "its archglass lets all light pass and reflects a part besides: panes are up "
+               "to 4 % brighter",
+               _with(lambda m: m.transmission > 0 and not m.solid)),
+    Difference("luxcore", "rough glass", "its roughglass has another distribution of normals, and loses light that a "
+               "rough surface scatters more than once",
+               _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0)),
+    Difference("luxcore", "texels", "textures are interpolated where the file says nearest, and repeated where it says "
+               "mirrored", _with(lambda m: any(
+                   t.magnification == "nearest" or t.wrap_u == "mirrored_repeat" for t in _textures(m).values()))),
+    Difference("luxcore", "spotlights", "between its cones a spotlight falls off by another curve, and has no size",
+               _light(_is_spot)),
     Difference("all", "range of lights", "light without an end, as real light",
                _light(lambda light: isinstance(light, PunctualLight) and light.range is not None)),
-    Difference("all", "both sides", "emissive surfaces shine on both sides in Cycles and on the front in Mitsuba; ours "
-               "on both if the material is double-sided", _with(lambda m: m.emits)),
+    Difference("all", "both sides", "emissive surfaces shine on both sides in Cycles and on the front in Mitsuba and "
+               "LuxCore; ours on both if the material is double-sided", _with(lambda m: m.emits)),
     Difference(
         "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
         "seen at grazing angles are brighter or darker, also where the surface is matte",

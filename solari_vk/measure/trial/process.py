@@ -53,6 +53,7 @@ KINDS = {
     OURS: Kind("solari_vk", "in_solari", "solari_vk"),
     "cycles": Kind("Cycles", "in_cycles", "bpy"),
     "mitsuba": Kind("Mitsuba 3", "in_mitsuba", "mitsuba"),
+    "luxcore": Kind("LuxCore", "in_luxcore", "pyluxcore"),
 }
 
 

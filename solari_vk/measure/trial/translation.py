@@ -1,4 +1,5 @@
-"""A scene's meshes and materials in the words of Mitsuba 3, as files: what judges/in_mitsuba.py reads.
+"""A scene's meshes and materials in the words of Mitsuba 3, as files: what judges/in_mitsuba.py and
+in_luxcore.py read.
 
 What has no counterpart there is left out, and named by differences.py. Mitsuba's diffuse, dielectric, roughdielectric
 and thindielectric mean the same as our materials; its `principled` is Disney's model, which is near to glTF's.

@@ -1,0 +1,141 @@
+// The loop of the path tracer: updates each pixel's mean with more samples. A shader that includes this file says where
+// paths start.
+#ifndef PASSES_PATHTRACER_TRACE_GLSL
+#define PASSES_PATHTRACER_TRACE_GLSL
+
+#include "common/pixel.glsl"
+#include "passes/pathtracer/bindings.glsl"
+#include "scene/walk.glsl"
+
+struct Path {
+    Walk walk;
+    Receiver receiver;  // where the light samples were chosen that compete with the walk's direction
+    uint bounce;        // the number of surfaces that the walk has left
+    vec3 radiance;
+    uint rays;
+};
+
+// A surface from which a walk goes on.
+struct Vertex {
+    SurfaceInteraction surface;
+    Brdf brdf;
+    mat3 frame;    // with the shading normal as its z axis
+    vec3 wo;       // in the frame
+    Medium below;  // on the other side
+};
+
+// Sets the walk of a new path of a pixel. Returns whether it starts at a vertex, which is set then, or else with a ray.
+bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rng);
+
+// The density of a bounce as MIS uses it: INFINITY gives light samples no weight, 0 gives them all the weight.
+float mis_pdf(float pdf) {
+    if (path_sampling.light_strategy == LIGHT_STRATEGY_BRDF || pdf == INFINITY) { return INFINITY; }
+    return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : pdf;
+}
+
+// Traces the walk to its next surface. Returns whether it goes on from there.
+bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
+    Segment segment = trace_segment(path.walk, path.receiver, rng);
+    path.rays += segment.rays;
+    if (!accumulate_segment(path.walk, segment, path.radiance)) { return false; }
+    SurfaceInteraction surface = resolve_surface(path.walk, segment.hit);
+    if (path.bounce == 0u) {
+        path.radiance += shown_emission(surface);
+    } else {
+        remove_straight_transmission(segment.hit, path.walk.direction, surface.material, path.walk.throughput);
+        float light_pdf = hit_light_pdf(path.receiver, segment.hit, surface, path.walk.direction);
+        path.radiance += emitted_light(path.walk, surface, light_pdf);
+    }
+    if (path.bounce == path_sampling.max_bounces) { return false; }
+    vertex.surface = surface;
+    vertex.frame = orthonormalize(surface.world_normal);
+    vertex.wo = -path.walk.direction * vertex.frame;
+    vertex.brdf = prepare_brdf(surface.material, vertex.wo);
+    vertex.below = medium_below(segment.hit.instance, surface.material);
+    return true;
+}
+
+// Adds a light sample at a surface, and samples the direction in which the walk leaves it. Returns whether it goes on.
+bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
+    SurfaceInteraction surface = vertex.surface;
+    path.receiver = Receiver(surface.world_position, surface.world_normal);
+    NextEvent event;
+    event.radiance = vec3(0.0);
+    if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF) {
+        bool mis = path_sampling.light_strategy == LIGHT_STRATEGY_MIS;
+        event = sample_light(
+            path.walk, surface, vertex.brdf, vertex.frame, vertex.wo, vertex.below, path.receiver, mis, rng
+        );
+    }
+    BrdfSample next = sample_brdf(vertex.brdf, vertex.wo, rng);
+    bool possible = scatter(path.walk, next, vertex.frame, surface.geometric_world_normal, vertex.below);
+    path.walk.bounce_pdf = mis_pdf(path.walk.bounce_pdf);
+    path.walk.origin = ray_origin(surface, path.walk.direction);
+    path.bounce += 1u;
+    bool goes_on = possible && survives(path.walk, max_component(path.walk.throughput), path.bounce, rng);
+
+    // last, when the surface isn't needed any more
+    if (max_component(event.radiance) > 0.0) {
+        path.rays += 1u;
+        path.radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
+    }
+    return goes_on;
+}
+
+void trace_paths() {
+    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
+    if (!is_inside(pixel, camera.size) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
+
+    // The mean is updated sample by sample, so that its bits don't depend on how samples are split into dispatches. A
+    // mean keeps the precision of the millionth sample, which a sum would lose.
+    uint index = pixel_index(pixel, camera.size);
+    uint sample_index = path_sampling.sample_index;
+    vec3 mean = vec3(0.0);
+    float deviations = 0.0;
+    Path path;
+    path.rays = 0u;
+    if (sample_index > 0u) {
+        mean = radiance_mean.at[index];
+        deviations = luminance_deviations.at[index];
+        path.rays = ray_count.at[index];
+    }
+    uint last_sample_index = sample_index + path_sampling.samples_per_dispatch;
+
+    // One loop over the rays of all samples: when a path ends, the next one starts, so invocations don't wait for the
+    // longest path of their neighbors.
+    bool path_ended = true;
+    uint rng;
+    Vertex vertex;
+    while (true) {
+        if (path_ended) {
+            if (sample_index == last_sample_index) { break; }
+#ifdef LOW_DISCREPANCY
+            sequence_index = path_sampling.first_sample + sample_index;
+#else
+            rng = seed_rng(pixel, path_sampling.first_sample + sample_index, path_sampling.seed);
+#endif
+            path.receiver = CHOSEN_BY_POWER;
+            path.bounce = 0u;
+            path.radiance = vec3(0.0);
+        }
+#ifdef LOW_DISCREPANCY
+        rng = seed_rng(pixel, path.bounce, path_sampling.seed);  // the same for all samples, whatever they drew before
+#endif
+        bool at_vertex = path_ended && start_path(pixel, path, vertex, rng);
+        at_vertex = at_vertex || reach_vertex(path, vertex, rng);
+        path_ended = !at_vertex || !leave_vertex(path, vertex, rng);
+        if (path_ended) {
+            sample_index += 1u;
+            // Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
+            vec3 apart = path.radiance - mean;
+            mean += apart / float(sample_index);
+            deviations += luminance(apart) * luminance(path.radiance - mean);
+        }
+    }
+
+    radiance_mean.at[index] = mean;
+    luminance_deviations.at[index] = deviations;
+    ray_count.at[index] = path.rays;
+}
+
+#endif
