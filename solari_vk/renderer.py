@@ -82,6 +82,8 @@ class Renderer(PictureRenderer):
             self._has_history = False
             self._blended_changes = 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
+            # of the latest camera
+            self._has_lens = any(camera.has_lens for camera in self.binder.scene.cameras)
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
@@ -100,8 +102,8 @@ class Renderer(PictureRenderer):
     @property
     def gbuffer(self) -> str:
         """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
-        the scene."""
-        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features)
+        the scene and the camera."""
+        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._has_lens)
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
@@ -130,10 +132,14 @@ class Renderer(PictureRenderer):
             camera = self._camera_or_default(camera)
         if camera.aperture:
             raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
+        if camera.has_lens and self.settings.gbuffer == "raster":
+            raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
+        self._has_lens = camera.has_lens
+        self.binder.note_camera(camera)
         self._frame.apply_edits()
         self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
-                self._frame.uniforms.version)  # fmt: skip
+                self._has_lens, self._frame.uniforms.version)  # fmt: skip
         if seen != self._settings_seen:
             if self._built != self._build_key():
                 self._rebuild()

@@ -28,7 +28,7 @@ from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.matrices import placed_box
-from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
 MAX_INSTANCES = 1 << 24
@@ -69,6 +69,8 @@ class SceneBinder:
         self._previous_users: set[object] = set()
         self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
         self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights))
+        for camera in scene.cameras:
+            self.note_camera(camera)
         scene.watch(self)
         self._write_rows: dict[Instance, None] = {}
         self._first = True
@@ -90,6 +92,13 @@ class SceneBinder:
     def features(self) -> frozenset[str]:
         """The specialization constants that are true in the scene's pipelines, as of the latest `update`."""
         return self._features.constants
+
+    def note_camera(self, camera: Camera) -> None:
+        """Take note of a camera before pictures are made with it: lenses are a feature of the shaders."""
+        if camera.has_lens:
+            features = self.features
+            self._features.note(camera)
+            self.version += self.features != features
 
     @property
     def instances(self) -> dict[int, Instance]:

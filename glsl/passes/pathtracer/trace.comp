@@ -43,10 +43,12 @@ void main() {
         if (path_ended) {
             if (sample_index == last_sample_index) { break; }
             rng = seed_rng(pixel, sample_index, path_sampling.seed);
-            CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
+            vec2 position = vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng));
+            CameraRay ray = make_camera_ray(position);
             if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
             walk = start_walk(ray);
             walk.cone_width = walk.cone_spread = 0.0;  // the finest level of textures: samples average it
+            if (!is_seen(position)) { walk.throughput = vec3(0.0); }
             receiver = CHOSEN_BY_POWER;
             bounce = 0u;
             radiance = vec3(0.0);
