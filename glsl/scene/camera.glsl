@@ -1,30 +1,10 @@
-// The cameras of this frame and of the previous one, their rays, and how they project points.
-// solari_vk/bound/projection.py fills the two uniform blocks.
+// Rays of cameras, and how they project points.
 #ifndef SCENE_CAMERA_GLSL
 #define SCENE_CAMERA_GLSL
 
-#extension GL_EXT_scalar_block_layout : require
-
 #include "generated/bound/features.glsl"
+#include "scene/camera_block.glsl"
 #include "scene/lens.glsl"
-
-struct Camera {
-    mat4x3 world_from_view;  // the camera looks along -z, y up
-    mat4x3 view_from_world;
-    // Horizontal, vertical; of parallel projections half the width and the height in meters, of lenses in focal lengths.
-    vec2 tan_half_fov;
-    float near;              // distance of the near plane
-    float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane
-    float lens_radius;       // 0 where all is sharp
-    float focus_distance;    // along the view axis
-    uvec2 size;              // in pixels, of what is rendered
-    uvec2 picture_size;      // in pixels, of the picture that is made of it
-    vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
-    Lens lens;
-};
-
-layout(set = 0, scalar) uniform CameraBlock { Camera camera; };
-layout(set = 0, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
 
 bool is_parallel(Camera from) { return from.parallel_range > 0.0; }
 

@@ -4,18 +4,7 @@
 #ifndef SCENE_LENS_GLSL
 #define SCENE_LENS_GLSL
 
-// The kinds, in the order of KINDS in solari_vk/scene/lens.py. The depth of PINHOLE and BROWN_CONRADY is measured along
-// the view axis, that of the others along the ray.
-const uint PINHOLE = 0u, BROWN_CONRADY = 1u, FISHEYE = 2u, STEREOGRAPHIC = 3u, EQUIRECTANGULAR = 4u;
-
-struct Lens {
-    uint kind;
-    float limit;    // what it sees: up to this angle from the view axis, of BROWN_CONRADY up to this slope
-    float reach;    // how far from the principal point that is in the picture
-    vec4 low;       // distortion: k1, k2, p1, p2, or of FISHEYE k1 to k4
-    vec4 high;      // k3 to k6
-    vec4 prism;     // s1 to s4
-};
+#include "scene/camera_block.glsl"
 
 const int NEWTON_STEPS = 12;
 const float LENS_TOLERANCE = 1e-7;  // in focal lengths

@@ -1,6 +1,6 @@
 """How a camera reaches the shaders: Camera -> Projection -> the uniform blocks `camera` and `previous_camera`.
 
-glsl/scene/camera.glsl declares the blocks and makes rays from them.
+glsl/scene/camera_block.glsl declares the blocks.
 """
 
 from __future__ import annotations

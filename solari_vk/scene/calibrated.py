@@ -110,10 +110,10 @@ class Calibrated:
         if self.orthographic_height or self.projection == "equirectangular":
             raise SolariError(f"{self.describe()}: orthographic and equirectangular cameras have no intrinsic matrix")
         width, height = _size(size)
-        half = lens_of(self, (width, height)).half
+        fy = height / 2 / lens_of(self, (width, height)).half[1]
         (x, y), (dx, dy) = self.principal_point.tolist(), self.jitter.tolist()
         return np.array([
-            [width / 2 / half[0], 0, x * width - dx - 0.5], [0, height / 2 / half[1], y * height - dy - 0.5], [0, 0, 1]
+            [fy * self.pixel_aspect, 0, x * width - dx - 0.5], [0, fy, y * height - dy - 0.5], [0, 0, 1]
         ])  # fmt: skip
 
     def extrinsics(self) -> tuple[Floats, Floats]:

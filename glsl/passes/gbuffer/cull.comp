@@ -6,6 +6,7 @@
 #include "passes/gbuffer/bindings.glsl"
 #include "passes/gbuffer/depth_pyramid.glsl"
 #include "scene/bindings.glsl"
+#include "scene/camera.glsl"
 
 layout(local_size_x = 64) in;
 layout(constant_id = draw_pass_id) const uint draw_pass = 0u;  // 0 for the first, 1 for the second
