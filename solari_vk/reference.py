@@ -184,7 +184,7 @@ class PathTracer(PictureRenderer):
 
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
-        self.binder.note_camera(camera)
+        self._note_camera(camera)
         self.binder.update()
         projection = Projection.of(camera, self.size)
         shown = (self.binder.revision, self.size, *projection.view)

@@ -82,8 +82,6 @@ class Renderer(PictureRenderer):
             self._has_history = False
             self._blended_changes = 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
-            # of the latest camera
-            self._has_lens = any(camera.has_lens for camera in self.binder.scene.cameras)
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
@@ -132,10 +130,7 @@ class Renderer(PictureRenderer):
             camera = self._camera_or_default(camera)
         if camera.aperture:
             raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
-        if camera.has_lens and self.settings.gbuffer == "raster":
-            raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
-        self._has_lens = camera.has_lens
-        self.binder.note_camera(camera)
+        self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._frame.apply_edits()
         self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,

@@ -20,7 +20,8 @@ struct Lens {
 struct Camera {
     mat4x3 world_from_view;  // the camera looks along -z, y up
     mat4x3 view_from_world;
-    // Horizontal, vertical; of parallel projections half the width and the height in meters, of lenses in focal lengths.
+    // Horizontal, vertical; of parallel projections half the width and the height in meters, of lenses in focal
+    // lengths.
     vec2 tan_half_fov;
     float near;              // distance of the near plane
     float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane

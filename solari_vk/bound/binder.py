@@ -45,8 +45,7 @@ class SceneBinder:
 
     def __init__(self, device: Device, scene: Scene) -> None:
         self.scene = scene
-        self.version = 0
-        self.revision = self.blended_changes = 0
+        self.version = self.revision = self.blended_changes = 0
         self._device = device
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
@@ -68,12 +67,9 @@ class SceneBinder:
         self._last_id = 0
         self._previous_users: set[object] = set()
         self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
-        self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights))
-        for camera in scene.cameras:
-            self.note_camera(camera)
+        self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights, *scene.cameras))
         scene.watch(self)
-        self._write_rows: dict[Instance, None] = {}
-        self._first = True
+        self._write_rows, self._first = dict[Instance, None](), True
 
     def note(self, changed: Observable) -> None:
         """Record that an object was added, removed or edited. The watched objects call this."""
@@ -92,13 +88,6 @@ class SceneBinder:
     def features(self) -> frozenset[str]:
         """The specialization constants that are true in the scene's pipelines, as of the latest `update`."""
         return self._features.constants
-
-    def note_camera(self, camera: Camera) -> None:
-        """Take note of a camera before pictures are made with it: lenses are a feature of the shaders."""
-        if camera.has_lens:
-            features = self.features
-            self._features.note(camera)
-            self.version += self.features != features
 
     @property
     def instances(self) -> dict[int, Instance]:
@@ -184,6 +173,8 @@ class SceneBinder:
                 self._features.note(item)
             self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
+        elif isinstance(item, Camera):
+            self._features.note(item)
         elif isinstance(item, Material):
             self._write_rows.update(dict.fromkeys(self._materials.change(item)))
         elif isinstance(item, Mesh):

@@ -55,6 +55,7 @@ FEATURES = (
     Feature("UNLIT", Material, lambda material: material.unlit),
     Feature("LENSES", Camera, lambda camera: camera.has_lens),
 )
+LENSES = "SCENE_LENSES"
 LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 
 

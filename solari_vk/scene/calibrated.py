@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,6 @@ from solari_vk.scene import checks
 from solari_vk.scene.lens import Lens, make_lens
 from solari_vk.scene.matrices import transform_points
 
-if TYPE_CHECKING:
-    from solari_vk.scene.camera import Camera
-
 Floats = NDArray[np.float64]
 FROM_OPENCV = np.diag((1.0, -1.0, -1.0))  # of axes: cameras here have y up and look along -z
 LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "image_circle")
@@ -23,7 +20,7 @@ LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "i
 ROTATION_TOLERANCE = 1e-3
 
 
-def lens_of(camera: Camera, size: tuple[int, int]) -> Lens:
+def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
     """The lens of a camera in a picture of this size; of an orthographic camera in meters for focal lengths.
 
     Raises SolariError for a distortion that isn't invertible in the picture.
@@ -101,7 +98,7 @@ class Calibrated:
             transform=transform, projection=projection, vertical_fov=fov, pixel_aspect=fx / fy,
             principal_point=((cx + 0.5) / width, (cy + 0.5) / height), distortion=np.ravel(distortion), **fields,
         )  # type: ignore[call-arg]  # fmt: skip
-        lens_of(camera, (width, height))  # type: ignore[arg-type]
+        lens_of(camera, (width, height))
         return camera
 
     def intrinsics(self: Any, size: tuple[int, int]) -> Floats:

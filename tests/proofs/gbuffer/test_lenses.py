@@ -98,8 +98,8 @@ def test_a_fisheye_shows_what_a_panorama_shows(device):
     image circle the picture is black."""
     scene, fisheye = room(), LENSES["circle"]()
     wide = (192, 96)
-    panorama = trace(device, scene, 64, wide)
-    picture = trace(device, scene, 64, SIZE, fisheye)
+    panorama = trace(device, scene, 192, wide)
+    picture = trace(device, scene, 192, SIZE, fisheye)
     steps = (np.arange(4) - 1.5) / 4
     at = PIXELS[:, :, None, None] + np.stack(np.meshgrid(steps, steps), -1)
     _, directions = fisheye.rays(at, SIZE)
