@@ -34,7 +34,7 @@ void main() {
     // One loop over the rays of all samples: when a path ends, the next one starts, so invocations don't wait for the
     // longest path of their neighbors.
     uint bounce = 0u;
-    bool path_ended = true;
+    bool path_ended = true, seen = true;
     uint rng;
     vec3 radiance;
     Walk walk;
@@ -48,7 +48,7 @@ void main() {
             if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
             walk = start_walk(ray);
             walk.cone_width = walk.cone_spread = 0.0;  // the finest level of textures: samples average it
-            if (!is_seen(position)) { walk.throughput = vec3(0.0); }
+            seen = is_seen(position);
             receiver = CHOSEN_BY_POWER;
             bounce = 0u;
             radiance = vec3(0.0);
@@ -96,6 +96,7 @@ void main() {
 
         if (path_ended) {
             sample_index += 1u;
+            if (!seen) { radiance = vec3(0.0); }
             // Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
             vec3 apart = radiance - mean;
             mean += apart / float(sample_index);
