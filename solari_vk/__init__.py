@@ -35,6 +35,7 @@ _HOMES = {
     "scene.gltf": ("load_gltf",),
     "scene.group": ("Group",),
     "scene.load": ("load",),
+    "scene.colmap": ("ColmapImage", "load_colmap", "save_colmap"),
     "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
     "scene.lights.sky": ("Sky",),
@@ -57,13 +58,13 @@ _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Animation", "CallbackError", "Camera", "Channel", "Deformation", "Device", "DeviceError", "DirectionalLight",
-    "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
-    "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
-    "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "illuminance", "kelvin",
-    "list_devices", "load", "load_gltf", "notebook", "open", "render_large", "rt", "save_image", "save_video", "shapes",
-    "studio_lights", "tonemap",
+    "Animation", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device", "DeviceError",
+    "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass",
+    "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder",
+    "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError",
+    "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
+    "kelvin", "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open", "render_large", "rt",
+    "save_colmap", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.animation.keyframes import Channel
     from solari_vk.scene.animation.rig import Rig
     from solari_vk.scene.builtin import builtin
+    from solari_vk.scene.colmap import ColmapImage, load_colmap, save_colmap
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.group import Group

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.features import LENSES
 from solari_vk.errors import SolariError, quoted
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
@@ -42,6 +43,7 @@ class PictureRenderer(SceneUser, ABC):
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
+    _has_lens = False  # whether the latest camera has one
     _looked_for_light = False
     _metered = 0  # pictures that chose an exposure
 
@@ -51,6 +53,7 @@ class PictureRenderer(SceneUser, ABC):
         super().__init__(device, scene)
         try:
             self.binder.update()
+            self._has_lens = any(camera.has_lens for camera in self.binder.scene.cameras)
             table, self._tables = brdf_table.compute(device)
             self._owned.enter_context(table)
             self.first_hits = self._owned.enter_context(closing(FirstHits(device, self.binder, self._tables)))
@@ -185,6 +188,15 @@ class PictureRenderer(SceneUser, ABC):
         if not isinstance(camera, Camera):
             raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}")
         return camera
+
+    def _note_camera(self, camera: Camera, rasters: bool = False) -> None:
+        """Take note of a camera before a picture is made with it: lenses are a feature of the shaders. Raises
+        SolariError for a lens if the picture is rastered."""
+        if camera.has_lens and rasters:
+            raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
+        self._has_lens = camera.has_lens
+        if camera.has_lens and LENSES not in self.binder.features:
+            self.binder.note(camera)
 
     def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
         what = type(self).__name__

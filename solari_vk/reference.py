@@ -203,15 +203,12 @@ class PathTracer(PictureRenderer):
 
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
+        self._note_camera(camera)
         self.binder.update()
-        view = (
-            camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist(),
-            camera.orthographic_height, camera.aperture, camera.focus_distance,
-        )  # fmt: skip
-        shown = (self.binder.revision, self.size, *view)
+        projection = Projection.of(camera, self.size)
+        shown = (self.binder.revision, self.size, *projection.view)
         if shown != self._shown:
-            self._shown = shown
-            self._projection = Projection.of(camera, self.size)
+            self._shown, self._projection = shown, projection
             self._begin_picture(self._denoises)
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)

@@ -100,8 +100,8 @@ class Renderer(PictureRenderer):
     @property
     def gbuffer(self) -> str:
         """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
-        the scene."""
-        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features)
+        the scene and the camera."""
+        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._has_lens)
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
@@ -130,10 +130,11 @@ class Renderer(PictureRenderer):
             camera = self._camera_or_default(camera)
         if camera.aperture:
             raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
+        self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._frame.apply_edits()
         self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
-                self._frame.uniforms.version)  # fmt: skip
+                self._has_lens, self._frame.uniforms.version)  # fmt: skip
         if seen != self._settings_seen:
             if self._built != self._build_key():
                 self._rebuild()

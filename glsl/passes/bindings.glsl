@@ -5,7 +5,7 @@
 #extension GL_EXT_scalar_block_layout : require
 
 #include "generated/settings.glsl"
-#include "scene/camera.glsl"
+#include "scene/camera_block.glsl"
 
 layout(set = 1, scalar) uniform FrameBlock {
     uint index;             // counts the renderer's frames, and is never reset

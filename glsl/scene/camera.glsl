@@ -1,27 +1,17 @@
-// The cameras of this frame and of the previous one, their rays, and how they project points.
-// solari_vk/bound/projection.py fills the two uniform blocks.
+// Rays of cameras, and how they project points.
 #ifndef SCENE_CAMERA_GLSL
 #define SCENE_CAMERA_GLSL
 
-#extension GL_EXT_scalar_block_layout : require
-
-struct Camera {
-    mat4x3 world_from_view;  // the camera looks along -z, y up
-    mat4x3 view_from_world;
-    vec2 tan_half_fov;       // horizontal, vertical; of parallel projections half the width and the height in meters
-    float near;              // distance of the near plane
-    float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane
-    float lens_radius;       // 0 where all is sharp
-    float focus_distance;    // along the view axis
-    uvec2 size;              // in pixels, of what is rendered
-    uvec2 picture_size;      // in pixels, of the picture that is made of it
-    vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
-};
-
-layout(set = 0, scalar) uniform CameraBlock { Camera camera; };
-layout(set = 0, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
+#include "generated/bound/features.glsl"
+#include "scene/camera_block.glsl"
+#include "scene/lens.glsl"
 
 bool is_parallel(Camera from) { return from.parallel_range > 0.0; }
+
+bool has_lens(Camera from) { return SCENE_LENSES && from.lens.kind != PINHOLE; }
+
+// Whether depth is measured along the ray, since the camera may see more than half of what is around it.
+bool is_wide(Camera from) { return SCENE_LENSES && from.lens.kind >= FISHEYE; }
 
 // The line of sight of a position in the picture, in view space: the point at a depth is start + depth * along.
 struct ViewLine {
@@ -32,6 +22,10 @@ struct ViewLine {
 // position: in pixels, with jitter; the center of the first pixel is (0.5, 0.5).
 ViewLine view_line(vec2 position, Camera from) {
     vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
+    if (has_lens(from)) {
+        vec3 along = lens_direction(ndc * from.tan_half_fov, from.lens);
+        return ViewLine(vec3(0.0), along * vec3(1.0, -1.0, -1.0));
+    }
     vec2 lateral = ndc * from.tan_half_fov * vec2(1.0, -1.0);
     bool parallel = is_parallel(from);
     return ViewLine(vec3(parallel ? lateral : vec2(0.0), 0.0), vec3(parallel ? vec2(0.0) : lateral, -1.0));
@@ -45,6 +39,13 @@ struct CameraRay {
     float cone_width;   // of a pixel's footprint at the origin
     float cone_spread;  // how fast the footprint widens
 };
+
+// Whether a lens sees anything at a position of the picture in pixels, without jitter: the corners of a circular
+// fisheye's picture are black.
+bool is_seen(vec2 pixel_position) {
+    vec2 ndc = 2.0 * (pixel_position + camera.jitter) / vec2(camera.size) - 1.0;
+    return !is_wide(camera) || length(ndc * camera.tan_half_fov) <= camera.lens.reach;
+}
 
 // The ray through a position of the picture in pixels, without jitter.
 CameraRay make_camera_ray(vec2 pixel_position) {
@@ -62,6 +63,11 @@ CameraRay make_camera_ray(vec2 pixel_position) {
     bool parallel = is_parallel(camera);
     ray.cone_width = parallel ? height : 0.0;
     ray.cone_spread = parallel ? 0.0 : height;
+    if (has_lens(camera)) {
+        vec2 below = vec2(0.0, float(camera.size.y) / float(camera.picture_size.y));
+        vec3 along = view_line(pixel_position + camera.jitter + below, camera).along;
+        ray.cone_spread = length(normalize(along) - line.along / slant);
+    }
     return ray;
 }
 
@@ -82,12 +88,17 @@ CameraRay through_lens(CameraRay ray, vec2 on_lens) {
 bool is_camera_static() {
     return previous_camera.world_from_view == camera.world_from_view
         && previous_camera.tan_half_fov == camera.tan_half_fov
-        && previous_camera.parallel_range == camera.parallel_range;
+        && previous_camera.parallel_range == camera.parallel_range && previous_camera.lens == camera.lens;
 }
 
 // The position of a world point in a camera's picture in uv, without jitter; far outside for points behind the camera.
 vec2 project_to_uv(vec3 world_position, Camera from) {
     precise vec3 view = from.view_from_world * vec4(world_position, 1.0);
+    if (has_lens(from)) {
+        vec2 at;
+        bool seen = find_lens_position(view * vec3(1.0, -1.0, -1.0), from.lens, at);
+        return seen ? 0.5 + 0.5 * at / from.tan_half_fov : vec2(-1000.0);
+    }
     if (!(view.z < 0.0)) { return vec2(-1000.0); }
     precise vec2 uv = 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
     return uv;

@@ -28,7 +28,7 @@ from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.matrices import placed_box
-from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
 MAX_INSTANCES = 1 << 24
@@ -45,8 +45,7 @@ class SceneBinder:
 
     def __init__(self, device: Device, scene: Scene) -> None:
         self.scene = scene
-        self.version = 0
-        self.revision = self.blended_changes = 0
+        self.version = self.revision = self.blended_changes = 0
         self._device = device
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
@@ -68,10 +67,9 @@ class SceneBinder:
         self._last_id = 0
         self._previous_users: set[object] = set()
         self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
-        self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights))
+        self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights, *scene.cameras))
         scene.watch(self)
-        self._write_rows: dict[Instance, None] = {}
-        self._first = True
+        self._write_rows, self._first = dict[Instance, None](), True
 
     def note(self, changed: Observable) -> None:
         """Record that an object was added, removed or edited. The watched objects call this."""
@@ -175,6 +173,8 @@ class SceneBinder:
                 self._features.note(item)
             self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
+        elif isinstance(item, Camera):
+            self._features.note(item)
         elif isinstance(item, Material):
             self._write_rows.update(dict.fromkeys(self._materials.change(item)))
         elif isinstance(item, Mesh):

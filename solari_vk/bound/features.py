@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.punctual import PunctualLight
 from solari_vk.scene.material import Material
@@ -52,7 +53,9 @@ FEATURES = (
             is_lobe=True, transmits=True),
     Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
     Feature("UNLIT", Material, lambda material: material.unlit),
+    Feature("LENSES", Camera, lambda camera: camera.has_lens),
 )
+LENSES = "SCENE_LENSES"
 LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 
 

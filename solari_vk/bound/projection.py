@@ -1,6 +1,6 @@
 """How a camera reaches the shaders: Camera -> Projection -> the uniform blocks `camera` and `previous_camera`.
 
-glsl/scene/camera.glsl declares the blocks and makes rays from them.
+glsl/scene/camera_block.glsl declares the blocks.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from operator import is_
 from typing import Any, NamedTuple
 
 from solari_vk.gpu.frame.uniforms import Uniforms
+from solari_vk.scene.calibrated import LENS_FIELDS, lens_of
 from solari_vk.scene.model import Camera
 
 Numbers = tuple[float, ...]
 # Of struct Camera.
 FIELDS = (
     "world_from_view", "view_from_world", "tan_half_fov", "near", "parallel_range", "lens_radius", "focus_distance",
-    "size", "picture_size", "jitter",
+    "size", "picture_size", "jitter", "lens",
 )  # fmt: skip
 PARALLEL_RANGE = 4096.0
 """How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
@@ -47,10 +48,17 @@ class Projection(NamedTuple):
     source: tuple[Any, ...]
     """What the projection was made from."""
     numbers: Numbers
-    """The fields of the shaders' struct Camera in its order, but for sizes and jitter."""
+    """The fields of the shaders' struct Camera in its order, but for sizes, jitter and lens."""
     jitter: tuple[float, float]
-    """The camera's own."""
+    """The camera's own, and the distance of the principal point from the middle, in pixels."""
+    lens: Numbers
+    """The fields of the shaders' struct Lens."""
     exposure: float
+
+    @property
+    def view(self) -> tuple[Any, ...]:
+        """All that decides on what each pixel shows."""
+        return self.numbers, self.jitter, self.lens
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int], known: Projection | None = None) -> Projection:
@@ -58,6 +66,7 @@ class Projection(NamedTuple):
         source = (
             camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100,
             camera.orthographic_height, camera.aperture, camera.focus_distance, size,
+            *(getattr(camera, name) for name in LENS_FIELDS),
         )  # fmt: skip
         if known is not None and all(map(is_, source, known.source)):
             return known
@@ -71,16 +80,17 @@ class Projection(NamedTuple):
         n, o, p = (f * g - i * d) / volume, (i * a - c * g) / volume, (c * d - f * a) / volume
         q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
         height = camera.orthographic_height
-        half_height = height / 2 if height else math.tan(camera.vertical_fov / 2)
-        jitter_x, jitter_y = camera.jitter.tolist()
+        lens = lens_of(camera, size)
+        (jitter_x, jitter_y), (center_x, center_y) = camera.jitter.tolist(), camera.principal_point.tolist()
+        jitter = jitter_x + (0.5 - center_x) * size[0], jitter_y + (0.5 - center_y) * size[1]
         numbers = (
             a, d, g, b, e, h, c, f, i, x, y, z,
             j, n, q, k, o, r, m, p, s,
             -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
-            half_height * size[0] / size[1], half_height, camera.near, PARALLEL_RANGE * height, camera.aperture / 2,
+            *lens.half, camera.near, PARALLEL_RANGE * height, camera.aperture / 2,
             camera.focus_distance,
         )  # fmt: skip
-        return cls(source, numbers, (jitter_x, jitter_y), camera.exposure)
+        return cls(source, numbers, jitter, (lens.kind, lens.limit, lens.reach, *lens.distortion), camera.exposure)
 
 
 class CameraUniforms:
@@ -113,7 +123,7 @@ class CameraUniforms:
         width, height = render_size or size
         (x, y), (dx, dy) = projection.jitter, offset
         jitter = x * (width / size[0]) + dx, y * (height / size[1]) + dy
-        numbers = (*projection.numbers, width, height, *size, *jitter)
+        numbers = (*projection.numbers, width, height, *size, *jitter, *projection.lens)
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers

@@ -27,6 +27,7 @@ LOWEST, HIGHEST = math.radians(5), math.radians(75)  # of random cameras above t
 INSIDE = 0.7  # of the way from a room's center to what is there, random cameras stay within
 LEAST_APART = 1.0  # the two places that decide on a camera in a room, relative to the first one's distance
 NAME = "transforms.json"
+TERMS, FISHEYE_TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), ("k1", "k2", "k3", "k4")  # of distortion
 Floats = NDArray[np.float64]
 
 
@@ -108,23 +109,48 @@ def _poses_of_nerf(given: dict[str, Any], path: Path, aspect: float) -> list[dic
         poses = []
         for frame in given["frames"]:
             lens = {**given, **frame}
+            pose = {"transform": frame["transform_matrix"], **_lens_of_nerf(lens)}
             if "fl_x" in lens or "fl_y" in lens:
-                slope = lens["h"] / (2 * (lens["fl_y"] if "fl_y" in lens else lens["fl_x"]))
-            else:
+                length = lens["fl_y"] if "fl_y" in lens else lens["fl_x"]
+                fov = lens["h"] / length if "projection" in pose else 2 * math.atan(lens["h"] / (2 * length))
+            elif "projection" not in pose:
                 across = lens["w"] / lens["h"] if "w" in lens else aspect
-                slope = math.tan(lens["camera_angle_x"] / 2) / across
-            poses.append({"transform": frame["transform_matrix"],
-                          "vertical_fov_degrees": math.degrees(2 * math.atan(slope))})  # fmt: skip
+                fov = 2 * math.atan(math.tan(lens["camera_angle_x"] / 2) / across)
+            else:
+                fov = math.pi  # of panoramas, without effect
+            poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
         return poses
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise SolariError(f"--cameras {path}: it lacks a field of {NAME}, or has a wrong one: {error}") from None
 
 
+def _lens_of_nerf(lens: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a pose that a frame's camera model, principal point and distortion mean."""
+    model = lens.get("camera_model", "OPENCV")
+    if model == "EQUIRECTANGULAR":
+        return {"projection": "equirectangular"}
+    if model not in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE"):
+        raise ValueError(f"camera_model is {model!r}, not OPENCV, OPENCV_FISHEYE, PINHOLE or EQUIRECTANGULAR")
+    fisheye = model == "OPENCV_FISHEYE"
+    found: dict[str, Any] = {"projection": "fisheye"} if fisheye else {}
+    if "cx" in lens and "cy" in lens:
+        found["principal_point"] = lens["cx"] / lens["w"], lens["cy"] / lens["h"]
+    if "fl_x" in lens and "fl_y" in lens:
+        found["pixel_aspect"] = lens["fl_x"] / lens["fl_y"]
+    found["distortion"] = [float(lens.get(name, 0.0)) for name in (FISHEYE_TERMS if fisheye else TERMS)]
+    return found
+
+
 def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
-    """Numbered views of the cameras. Raises SolariError for a camera that a pinhole doesn't describe."""
+    """Numbered views of the cameras. Raises SolariError for a camera that transforms.json can't describe."""
     for number, camera in enumerate(cameras):
-        if camera.orthographic_height:
-            raise SolariError(f"view {number}: {camera.describe()} is orthographic: {NAME} describes perspective ones")
+        if camera.orthographic_height or camera.projection == "stereographic" or len(camera.distortion) > 8:
+            kind = "orthographic" if camera.orthographic_height else camera.projection
+            raise SolariError(f"view {number}: {camera.describe()} is {kind}: {NAME} describes perspective, fisheye "
+                              "and equirectangular ones, without thin prism distortion")  # fmt: skip
+        if camera.projection != cameras[0].projection:
+            raise SolariError(f"view {number}: {camera.describe()} is {camera.projection} and view 0 isn't: {NAME} has "
+                              "one camera_model")  # fmt: skip
     return [View(f"{number:05}{suffix}", camera) for number, camera in enumerate(cameras)]
 
 
@@ -141,16 +167,26 @@ def _transforms(style: Style, views: Sequence[View]) -> dict[str, Any]:
         camera = view.camera
         transform = camera.transform.copy()
         transform[:3, :3] /= np.linalg.norm(transform[:3, :3], axis=0)
-        length = height / (2 * math.tan(camera.vertical_fov / 2))
         beside = style.files_of(view)[1:]
         frames.append({
-            "file_path": view.name, "transform_matrix": transform.tolist(),
-            "fl_x": length, "fl_y": length, "camera_angle_x": 2 * math.atan(width / (2 * length)),
+            "file_path": view.name, "transform_matrix": transform.tolist(), **_nerf_lens(camera, style.size),
             "exposure": camera.exposure, "layer_paths": dict(zip(style.layers, beside, strict=False)),
         })  # fmt: skip
-    first = frames[0]
-    return {
-        "camera_model": "OPENCV", "w": width, "h": height, "cx": width / 2, "cy": height / 2,
-        "fl_x": first["fl_x"], "fl_y": first["fl_y"], "camera_angle_x": first["camera_angle_x"],
-        "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "layers": list(style.layers), "frames": frames,
-    }  # fmt: skip
+    model = {"fisheye": "OPENCV_FISHEYE", "equirectangular": "EQUIRECTANGULAR"}
+    shared = _nerf_lens(views[0].camera, style.size)
+    return {"camera_model": model.get(views[0].camera.projection, "OPENCV"), "w": width, "h": height, **shared,
+            "layers": list(style.layers), "frames": frames}  # fmt: skip
+
+
+def _nerf_lens(camera: Camera, size: tuple[int, int]) -> dict[str, float]:
+    """Focal lengths and principal point in pixels, where the first pixel's center is (0.5, 0.5), and distortion."""
+    if camera.projection == "equirectangular":
+        return {}
+    (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
+    lens = {"fl_x": fx, "fl_y": fy, "cx": cx + 0.5, "cy": cy + 0.5}
+    names = FISHEYE_TERMS if camera.projection == "fisheye" else TERMS
+    if camera.projection == "perspective":
+        lens["camera_angle_x"] = 2 * math.atan(size[0] / (2 * fx))
+    given = [*camera.distortion.tolist(), *[0.0] * len(names)]
+    return lens | {name: term for number, (name, term) in enumerate(zip(names, given, strict=False))
+                   if number < 4 or any(given[4:])}  # fmt: skip

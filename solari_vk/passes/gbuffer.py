@@ -16,11 +16,14 @@ PROXIES = "SCENE_PROXIES"  # the feature of instances with a ray_mesh
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
-def way_on(device_kind: str, way: str = "auto", features: Collection[str] = ()) -> str:
+def way_on(device_kind: str, way: str = "auto", features: Collection[str] = (), has_lens: bool = False) -> str:
     """ "raster" or "traced". For "auto", what is faster on a device of this kind (`DeviceProperties.kind`), and raster
-    where a scene with these features has meshes for rays alone, so that pictures show the others."""
+    where a scene with these features has meshes for rays alone, so that pictures show the others; traced for cameras
+    with a lens, since raster draws straight lines."""
     if way != "auto":
         return way
+    if has_lens:
+        return "traced"
     return "raster" if device_kind == "cpu" or PROXIES in features else "traced"
 
 

@@ -23,10 +23,10 @@ FIRST_HIT_AOVS = (
 )  # fmt: skip
 AOVS = (*FIRST_HIT_AOVS, "variance")
 """Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
-view axis (meters, inf without a surface), position (meters), geometric_normal and shading_normal (world space, towards
-the camera), albedo, roughness_metallic (perceptual roughness), emissive (radiance) and instance_id (row, 2^32 - 1
-without a surface). variance is that of the mean luminance if all samples of the pixel were independent; they are points
-of low-discrepancy sequences, so the mean's own variance is smaller."""
+view axis, of wide lenses along the ray (meters, inf without a surface), position (meters), geometric_normal and
+shading_normal (world space, towards the camera), albedo, roughness_metallic (perceptual roughness), emissive (radiance)
+and instance_id (row, 2^32 - 1 without a surface). variance is that of the mean luminance if all samples of the pixel
+were independent; they are points of low-discrepancy sequences, so the mean's own variance is smaller."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
+from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.lens import PROJECTIONS, TERMS
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Placed, resolved
 
@@ -47,6 +49,16 @@ def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.f
     return transform
 
 
+def _projection(value: Any) -> str:
+    return checks.one_of(PROJECTIONS)("fisheye" if isinstance(value, str) and value == "equidistant" else value)
+
+
+def _distortion(value: Any) -> NDArray[np.float64]:
+    """Numbers, none if all are 0."""
+    given: NDArray[np.float64] = checks.array(None, dtype=np.float64, max_abs=1e6)(value)
+    return given if given.any() else given[:0]
+
+
 class _Placing:
     """A class method that is `place` where it is called on an object."""
 
@@ -59,7 +71,7 @@ class _Placing:
 
 
 @checked
-class Camera(Checked, Placed):
+class Camera(Checked, Placed, Calibrated):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
@@ -71,6 +83,12 @@ class Camera(Checked, Placed):
     field. `focus_on` sets both as photographers do. auto_exposure: the first picture that a renderer makes with the
     camera chooses ev100, for which `render` waits (realtime: the first four frames); then it stays, as a number that is
     assigned does.
+
+    projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic"; or
+    "equirectangular", a panorama of 360 x 180 degrees. vertical_fov is the picture's without distortion. pixel_aspect
+    is fx / fy. principal_point (2,) is where the view axis is, in shares of the picture from its top left corner.
+    distortion: OpenCV's numbers, see `from_opencv`. image_circle: the angle in radians that a fisheye or stereographic
+    lens sees; beyond it the picture is black.
     """
 
     _: KW_ONLY
@@ -83,12 +101,17 @@ class Camera(Checked, Placed):
     ev100: float = 0.0
     auto_exposure: bool = False
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
+    projection: str = "perspective"
+    pixel_aspect: float = 1.0
+    principal_point: NDArray[np.float64] = field(default_factory=lambda: np.full(2, 0.5))
+    distortion: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    image_circle: float = 2 * math.pi
     name: str = ""
 
     _converters = {
         "name": checks.text,
         "transform": checks.affine_transform,
-        "vertical_fov": checks.number(1e-4, math.pi - 1e-4, "radians (fov takes degrees)"),
+        "vertical_fov": checks.number(1e-4, 2 * math.pi, "radians (fov takes degrees)"),
         "orthographic_height": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
@@ -96,6 +119,11 @@ class Camera(Checked, Placed):
         "ev100": checks.number(-100, 100),
         "auto_exposure": checks.flag,
         "jitter": checks.array(2),
+        "projection": _projection,
+        "pixel_aspect": checks.number(1e-3, 1e3),
+        "principal_point": checks.array(2, dtype=np.float64, max_abs=10),
+        "distortion": _distortion,
+        "image_circle": checks.number(1e-4, 2 * math.pi, "radians"),
     }
 
     _derived = ("position", "rotation", "fov")
@@ -107,7 +135,7 @@ class Camera(Checked, Placed):
             if "vertical_fov" in given:
                 raise SolariError("Camera: fov is vertical_fov in degrees: give one of them")
             try:
-                given["vertical_fov"] = math.radians(checks.number(0.01, 179.99, "degrees")(given.pop("fov")))
+                given["vertical_fov"] = math.radians(checks.number(0.01, 360, "degrees")(given.pop("fov")))
             except (TypeError, ValueError) as error:
                 raise SolariError(f"Camera: fov {error}") from None
         return cls._place(given, current) if given.keys() & {"transform", *PARTS} else given
@@ -173,7 +201,7 @@ class Camera(Checked, Placed):
         if given.shape not in ((), (3,)):
             raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {given.shape}")
         distance = float((self.transform[:3, 3] - given) @ back if given.shape == (3,) else given)
-        if not distance > 0 or not f_number > 0 or self.orthographic_height:
+        if not distance > 0 or not f_number > 0 or self.orthographic_height or self.has_lens:
             raise SolariError("Camera.focus_on: a perspective camera, a target before it and a positive f-number are "
                               f"needed, not {distance:g} m and f/{f_number}")  # fmt: skip
         focal_length = sensor_height / (2 * math.tan(self.vertical_fov / 2))
@@ -186,11 +214,12 @@ class Camera(Checked, Placed):
 
         Also takes "up", "vertical_fov_degrees" and the fields of POSED, or a whole "transform" for position and target.
         """
-        known = {"position", "target", "up", "transform", "vertical_fov_degrees", *POSED}
+        known = {"position", "target", "up", "transform", "vertical_fov_degrees", *POSED, *LENS_FIELDS}
         if not isinstance(pose, dict) or not known.issuperset(pose):
             raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {quoted(pose)}")
         try:
             fields: dict[str, Any] = {name: float(pose[name]) for name in POSED if name in pose}
+            fields |= {name: pose[name] for name in LENS_FIELDS if name in pose}
             if "vertical_fov_degrees" in pose:
                 fields["vertical_fov"] = math.radians(pose["vertical_fov_degrees"])
             if "transform" in pose:
@@ -205,9 +234,35 @@ class Camera(Checked, Placed):
             "transform": self.transform.tolist(),
             "vertical_fov_degrees": math.degrees(self.vertical_fov),
             **{name: getattr(self, name) for name in POSED},
+            **self.lens_fields(),
         }
 
+    def lens_fields(self) -> dict[str, Any]:
+        """Those of LENS_FIELDS that aren't as in a pinhole camera with square pixels, as plain JSON values."""
+        values = {name: getattr(self, name) for name in LENS_FIELDS}
+        plain = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
+        return {name: value for name, value in plain.items() if value != _PINHOLE[name]}
+
+    @property
+    def has_lens(self) -> bool:
+        """Whether pictures aren't those of a pinhole or of a parallel projection: raster can't draw them."""
+        return self.projection != "perspective" or len(self.distortion) > 0
+
     def _validate(self) -> None:
+        kind = self.projection
+        if kind == "perspective" and self.vertical_fov > math.pi - 1e-4:
+            raise SolariError(f"{self.describe()}: vertical_fov must be at most pi - 0.0001 radians in a perspective "
+                              f"camera, not {self.vertical_fov:g}; a fisheye sees more")  # fmt: skip
+        if len(self.distortion) not in TERMS[kind]:
+            raise SolariError(f"{self.describe()}: distortion of a {kind} camera has {_listed(TERMS[kind])} numbers, "
+                              f"not {len(self.distortion)}")  # fmt: skip
+        if self.has_lens and (self.orthographic_height or self.aperture):
+            what = "orthographic" if self.orthographic_height else "one with an aperture"
+            raise SolariError(f"{self.describe()}: a {kind} camera with a lens model isn't {what}: set "
+                              "orthographic_height and aperture to 0")  # fmt: skip
+        unused = set(self.lens_fields()) & UNUSED[kind]
+        if unused:
+            raise SolariError(f"{self.describe()}: a {kind} camera has no {' or '.join(sorted(unused))}")
         if 0 < self.orthographic_height < MIN_HEIGHT:
             raise SolariError(f"{self.describe()}: orthographic_height must be 0, which means perspective, or at least "
                               f"{MIN_HEIGHT:g} m, not {self.orthographic_height:g}")  # fmt: skip
@@ -223,6 +278,7 @@ class Camera(Checked, Placed):
         place = f"({x:.4g}, {y:.4g}, {z:.4g}) towards ({dx:.3g}, {dy:.3g}, {dz:.3g})"
         fov = f"vertical_fov={self.vertical_fov:.4g} ({math.degrees(self.vertical_fov):.3g} degrees)"
         lens = f"orthographic_height={self.orthographic_height:.4g}" if self.orthographic_height else fov
+        lens = "".join(f"{name}={value}, " for name, value in self.lens_fields().items()) + lens
         rest = {"aperture": self.aperture, "auto_exposure": self.auto_exposure}
         more = "".join(f", {name}={value:.4g}" for name, value in rest.items() if value)
         return f"<{self.describe()} at {place}, {lens}, ev100={self.ev100:.4g}{more}>"
@@ -241,6 +297,20 @@ class Camera(Checked, Placed):
         """The factor by which pictures multiply radiance."""
         return float(1.0 / (1.2 * 2.0**self.ev100))
 
+
+def _listed(numbers: tuple[int, ...]) -> str:
+    return " or ".join(map(str, numbers))
+
+
+_PINHOLE = {
+    "projection": "perspective", "pixel_aspect": 1.0, "principal_point": [0.5, 0.5], "distortion": [],
+    "image_circle": 2 * math.pi,
+}  # fmt: skip
+UNUSED = {
+    "perspective": {"image_circle"}, "fisheye": set[str](), "stereographic": set[str](),
+    "equirectangular": {"image_circle", "pixel_aspect", "principal_point"},
+}  # fmt: skip
+"""The fields that would have no effect."""
 
 POSED = ("near", "ev100", "orthographic_height", "aperture", "focus_distance")
 """The fields of a camera that a pose has under the same name."""

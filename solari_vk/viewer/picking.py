@@ -77,9 +77,4 @@ def point_at(
     camera: Camera, size: tuple[int, int], pixel: tuple[float, float], view_depth: float
 ) -> NDArray[np.float64]:
     """The point in world space behind a position in pixels, `view_depth` meters along the view axis."""
-    height = camera.orthographic_height
-    half_height = height / 2 if height else view_depth * np.tan(camera.vertical_fov / 2)
-    across = (2 * pixel[0] / size[0] - 1) * half_height * size[0] / size[1]
-    up = (1 - 2 * pixel[1] / size[1]) * half_height
-    found: NDArray[np.float64] = camera.transform[:3] @ (across, up, -view_depth, 1.0)
-    return found
+    return camera.unproject((pixel[0] - 0.5, pixel[1] - 0.5), view_depth, size)

@@ -23,7 +23,7 @@ void denoised_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
-    EdgeStopping edges = make_edge_stopping(load_guide(pixel), 0.0, MIN_ALPHA_NO_EDGES);
+    EdgeStopping edges = make_edge_stopping(load_guide(pixel), pixel, 0.0, MIN_ALPHA_NO_EDGES);
     ivec2 last = ivec2(camera.size) - 1;
     for (int axis = 0; axis < 2; axis++) {
         Signals found[2];

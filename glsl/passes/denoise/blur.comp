@@ -107,7 +107,7 @@ void main() {
     vec2 values = luminances(bits.w, own);
     float max_min_alpha = state == EDGES_UNKNOWN ? MIN_ALPHA_NO_EDGES : MIN_ALPHA_UNCERTAIN;
     float uncertainty = max(own.specular.deviation, 0.0) / max(values.y, 1e-9);
-    EdgeStopping edges = make_edge_stopping(guide, uncertainty, max_min_alpha);
+    EdgeStopping edges = make_edge_stopping(guide, pixel, uncertainty, max_min_alpha);
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {

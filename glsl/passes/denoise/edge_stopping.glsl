@@ -9,8 +9,9 @@ struct EdgeStopping {
     uint kind;
     // The surface's plane, in units of PLANE_TOLERANCE pixel widths. A pixel that is x, y away and d deep is d *
     // dot(plane, (x, y, 1)) - plane_offset tolerances off the plane; in parallel projections dot(plane, (x, y, d)) -
-    // plane_offset.
+    // plane_offset. Wide lenses: divided by the square root of 1 + dot(turn, (x^2, y^2)).
     vec3 plane;
+    vec2 turn;               // the square of the angle between neighboring pixels
     float plane_offset;
     vec3 normal;             // as quantized_normal gives it
     float material;          // as quantized_material gives it
@@ -19,7 +20,7 @@ struct EdgeStopping {
 
 // uncertainty: the standard deviation of the light by the specular lobe over its mean. max_min_alpha: the least
 // alpha (squared roughness) that counts, where it is 1 or more.
-EdgeStopping make_edge_stopping(Guide guide, float uncertainty, float max_min_alpha) {
+EdgeStopping make_edge_stopping(Guide guide, ivec2 pixel, float uncertainty, float max_min_alpha) {
     vec2 slopes = 2.0 * camera.tan_half_fov * vec2(1.0, -1.0) / vec2(camera.size);
     vec3 normal = guide.normal / (PLANE_TOLERANCE * pixel_width(guide.depth));
     vec3 in_view = normal * mat3(camera.world_from_view);
@@ -32,8 +33,18 @@ EdgeStopping make_edge_stopping(Guide guide, float uncertainty, float max_min_al
         per_depth = -in_view.z;
         offset = per_depth * guide.depth;
     }
+    vec3 plane = vec3(in_view.xy * slopes, per_depth);
+    vec2 turn = vec2(0.0);
+    if (has_lens(camera)) {
+        vec2 at = vec2(pixel) + 0.5 + camera.jitter;
+        vec3 along = view_line(at, camera).along;
+        vec3 across = view_line(at + vec2(1.0, 0.0), camera).along - along;
+        vec3 down = view_line(at + vec2(0.0, 1.0), camera).along - along;
+        plane.xy = in_view * mat2x3(across, down);
+        turn = vec2(dot(across, across), dot(down, down));
+    }
     return EdgeStopping(
-        guide.kind, vec3(in_view.xy * slopes, per_depth), offset, NORMAL_SCALE * guide.normal,
+        guide.kind, plane, turn, offset, NORMAL_SCALE * guide.normal,
         MATERIAL_SCALE * guide.material,
         0.5 / (NORMAL_SCALE * NORMAL_SCALE * vec2(DIFFUSE_NORMAL_TOLERANCE, tolerance))
     );
@@ -45,6 +56,7 @@ vec2 edge_stopping_weights(EdgeStopping edges, uvec2 other, ivec2 step) {
     float plane_coordinate = is_parallel(camera)
         ? dot(edges.plane, vec3(step, depth))
         : depth * dot(edges.plane, vec3(step, 1.0));
+    if (is_wide(camera)) { plane_coordinate *= inversesqrt(1.0 + dot(edges.turn, vec2(step * step))); }
     vec3 normal_difference = quantized_normal(other) - edges.normal;
     float curvature = 0.5 * length(normal_difference) / NORMAL_SCALE * length(vec2(step)) / PLANE_TOLERANCE;
     float plane_distance = max(abs(plane_coordinate - edges.plane_offset) - curvature, 0.0);

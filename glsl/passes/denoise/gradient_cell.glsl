@@ -8,7 +8,7 @@
 #include "common/pixel.glsl"
 #include "generated/passes/denoise.glsl"
 #include "passes/denoise/lobe_history.glsl"
-#include "scene/camera.glsl"
+#include "scene/camera_block.glsl"
 
 struct Gradient {
     float difference_sum;  // luminance minus that of the history; noise of either sign cancels out

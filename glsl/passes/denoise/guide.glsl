@@ -9,6 +9,7 @@
 #include "passes/denoise/bindings.glsl"
 #include "passes/denoise/constants.glsl"
 #include "passes/guides/bindings.glsl"
+#include "scene/camera.glsl"
 
 const uint NO_SURFACE = 0u;        // nothing that has noise: no surface, or in mirrors of metal none but lights
 const uint PRIMARY_SURFACE = 1u;   // what the pixel shows itself

@@ -82,7 +82,7 @@ void main() {
     if (!has_long_history) {
         float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
         edges = make_edge_stopping(
-            guide, uncertainty, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_NO_EDGES
+            guide, pixel, uncertainty, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_NO_EDGES
         );
     }
     for (int i = has_long_history ? 4 : 0; i < (has_long_history ? 5 : 9); i++) {

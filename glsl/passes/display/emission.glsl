@@ -8,6 +8,7 @@
 
 vec3 visible_emission(uvec2 pixel) {
     vec3 emitted = unpack_emissive(imageLoad(gbuffer, ivec2(pixel)));
+    if (!is_seen(vec2(pixel) + 0.5)) { return vec3(0.0); }
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     float inverse_depth = imageLoad(depth, ivec2(pixel)).x / camera.near;
     float t = inverse_depth > 0.0 ? 1.0 / (inverse_depth * ray.depth_per_t) : INFINITY;

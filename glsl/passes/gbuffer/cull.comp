@@ -6,6 +6,7 @@
 #include "passes/gbuffer/bindings.glsl"
 #include "passes/gbuffer/depth_pyramid.glsl"
 #include "scene/bindings.glsl"
+#include "scene/camera.glsl"
 
 layout(local_size_x = 64) in;
 layout(constant_id = draw_pass_id) const uint draw_pass = 0u;  // 0 for the first, 1 for the second
@@ -37,13 +38,15 @@ bool is_beyond(ViewBox box, vec3 normal, float distance) {
 }
 
 bool is_outside_frustum(ViewBox box) {
-    // Jitter moves the picture's edge by less than a pixel, whose width is 2 / size of tan_half_fov.
-    vec2 slope = camera.tan_half_fov * (1.0 + 4.0 / vec2(camera.size));
+    // The picture's edges, two pixels further out. Jitter moves them, by much where the principal point isn't in the
+    // middle. A pixel's width is 2 / size of tan_half_fov.
+    vec2 margin = 1.0 + 4.0 / vec2(camera.size), shift = 2.0 * camera.jitter / vec2(camera.size) * vec2(1.0, -1.0);
+    vec4 slope = camera.tan_half_fov.xyxy * vec4(margin + shift, margin - shift);  // right, top, left, bottom
     bool parallel = is_parallel(camera);
-    vec2 distance = parallel ? slope : vec2(0.0);
-    slope = parallel ? vec2(0.0) : slope;
-    return is_beyond(box, vec3(1.0, 0.0, slope.x), distance.x) || is_beyond(box, vec3(-1.0, 0.0, slope.x), distance.x)
-        || is_beyond(box, vec3(0.0, 1.0, slope.y), distance.y) || is_beyond(box, vec3(0.0, -1.0, slope.y), distance.y)
+    vec4 distance = parallel ? slope : vec4(0.0);
+    slope = parallel ? vec4(0.0) : slope;
+    return is_beyond(box, vec3(1.0, 0.0, slope.x), distance.x) || is_beyond(box, vec3(-1.0, 0.0, slope.z), distance.z)
+        || is_beyond(box, vec3(0.0, 1.0, slope.y), distance.y) || is_beyond(box, vec3(0.0, -1.0, slope.w), distance.w)
         || is_beyond(box, vec3(0.0, 0.0, 1.0), -camera.near);
 }
 

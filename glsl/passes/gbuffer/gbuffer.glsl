@@ -18,7 +18,7 @@ struct GBufferSurface {
     bool exists;
     uint instance;
     vec3 world_position;
-    float view_depth;  // meters along the view axis
+    float view_depth;  // meters along the view axis, of wide lenses along the ray
     vec3 world_normal;            // shading normal, bent to face the camera
     vec3 geometric_world_normal;  // faces the camera
     // Rays leave from world_position + ray_offset * geometric_world_normal. Always 0 in surfaces of the previous frame.
@@ -170,7 +170,10 @@ vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 worl
 // Exactly 0 for what is static, also where a compiler rounds the two projections differently.
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
     if (previous_world_position == world_position && is_camera_static()) { return vec2(0.0); }
-    return project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera);
+    vec2 motion = project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera);
+    // Around a panorama the shorter way.
+    if (SCENE_LENSES && camera.lens.kind == EQUIRECTANGULAR) { motion.x -= round(motion.x); }
+    return motion;
 }
 
 // The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.

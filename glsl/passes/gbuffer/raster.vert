@@ -2,6 +2,7 @@
 #version 460
 #include "passes/bindings.glsl"
 #include "scene/bindings.glsl"
+#include "scene/camera.glsl"
 
 layout(location = 0) flat out uint row;
 layout(location = 1) flat out uint triangle;

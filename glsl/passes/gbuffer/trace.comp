@@ -12,7 +12,7 @@ void main() {
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     uvec2 alpha_seed = pixel_alpha_seed(at);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
-    if (hit.instance == NO_INDEX) {
+    if (hit.instance == NO_INDEX || !is_seen(vec2(at) + 0.5)) {
         store_pixel(ivec2(at), resolve_empty_pixel(ray));
     } else {
         store_pixel(ivec2(at), resolve_pixel(ray, hit, meshes.at[instances.at[hit.instance].ray_mesh]));

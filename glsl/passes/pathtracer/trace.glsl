@@ -40,7 +40,7 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     if (!accumulate_segment(path.walk, segment, path.radiance)) { return false; }
     SurfaceInteraction surface = resolve_surface(path.walk, segment.hit);
     if (path.bounce == 0u) {
-        path.radiance += shown_emission(surface);
+        path.radiance += path.walk.throughput * shown_emission(surface);
     } else {
         remove_straight_transmission(segment.hit, path.walk.direction, surface.material, path.walk.throughput);
         float light_pdf = hit_light_pdf(path.receiver, segment.hit, surface, path.walk.direction);

@@ -32,7 +32,16 @@ def packing(dtype: np.dtype[Any], names: Sequence[str]) -> tuple[struct.Struct, 
         kind, offset = fields[name][:2]
         if offset != end:
             raise SolariError(f"field {name} of the record must follow the one before it without a gap: {names}")
-        base, shape = kind.subdtype or (kind, ())
-        format += f"{int(np.prod(shape))}{_CODES[base.str[1:]]}"
+        format += _format(kind, name)
         end = offset + kind.itemsize
     return struct.Struct(format), begin
+
+
+def _format(kind: np.dtype[Any], name: str) -> str:
+    if kind.fields:
+        packed, begin = packing(kind, tuple(kind.fields))
+        if begin or packed.size != kind.itemsize:
+            raise SolariError(f"field {name} of the record has a gap")
+        return packed.format[1:]
+    base, shape = kind.subdtype or (kind, ())
+    return f"{int(np.prod(shape))}{_CODES[base.str[1:]]}"

@@ -29,6 +29,7 @@ TOLERANCES = {
     "color": 4e-3, "perceptual_roughness": 1.01 / 255, "emissive": 0.02, "metallic": 1.01 / 255, "normal": 2e-3,
     "geometric_normal": 1e-4, "motion": 1e-6, "reflectance": 0.0, "instance": 0.0,
 }  # fmt: skip
+OFFSET = {"principal_point": (0.8, -0.1), "pixel_aspect": 1.3}  # of the picture
 ORTHOGRAPHIC = (0.0, 3.4)  # heights of what cameras see; 0 in perspective
 
 
@@ -145,7 +146,7 @@ def change(scene, random, number):
         instances[-1].visible = not instances[-1].visible
 
 
-def check_culling(device, orthographic_height=0.0):
+def check_culling(device, orthographic_height=0.0, **lens):
     """Culling changes no pixel while a camera moves and jumps among walls, and instances move, appear and disappear.
     Each visible instance is counted once: drawn, or culled for one reason."""
     frame_count, random = 32, np.random.default_rng(5)
@@ -164,7 +165,8 @@ def check_culling(device, orthographic_height=0.0):
             if number % 7 == 6:  # a cut: visibility in the previous frame says nothing about this one
                 eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
             fov = random.uniform(1.0, 1.6)
-            camera = sv.Camera.look_at(eye, target, vertical_fov=fov, orthographic_height=orthographic_height * fov)
+            height = orthographic_height * fov
+            camera = sv.Camera.look_at(eye, target, vertical_fov=fov, orthographic_height=height, **lens)
             change(scene, random, number)
             visible = sum(instance.visible for instance in scene.instances)
             expected = renderers["none"].render(camera)
@@ -213,9 +215,16 @@ def test_motion(device, way):
     check_still(device, way)
 
 
-@pytest.mark.parametrize("height", [0.0, 5.0])
-def test_culling(device, height):
-    check_culling(device, height)
+@pytest.mark.parametrize(("height", "lens"), [(0.0, {}), (5.0, {}), (0.0, OFFSET), (5.0, OFFSET)])
+def test_culling(device, height, lens):
+    check_culling(device, height, **lens)
+
+
+@pytest.mark.parametrize("height", ORTHOGRAPHIC)
+def test_an_offset_principal_point(device, height):
+    scene = zoo(height)
+    scene.camera.update(**OFFSET)
+    check_raster(device, scene)
 
 
 GBUFFER_FILE, CULL, RASTER_FILE = (f"passes/gbuffer/{name}" for name in ("gbuffer.glsl", "cull.comp", "raster.glsl"))

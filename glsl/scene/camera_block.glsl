@@ -1,0 +1,39 @@
+// The cameras of this frame and of the previous one. solari_vk/bound/projection.py fills the two uniform blocks.
+#ifndef SCENE_CAMERA_BLOCK_GLSL
+#define SCENE_CAMERA_BLOCK_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+
+// The kinds, in the order of KINDS in solari_vk/scene/lens.py. The depth of PINHOLE and BROWN_CONRADY is measured along
+// the view axis, that of the others along the ray.
+const uint PINHOLE = 0u, BROWN_CONRADY = 1u, FISHEYE = 2u, STEREOGRAPHIC = 3u, EQUIRECTANGULAR = 4u;
+
+struct Lens {
+    uint kind;
+    float limit;    // what it sees: up to this angle from the view axis, of BROWN_CONRADY up to this slope
+    float reach;    // how far from the principal point that is in the picture
+    vec4 low;       // distortion: k1, k2, p1, p2, or of FISHEYE k1 to k4
+    vec4 high;      // k3 to k6
+    vec4 prism;     // s1 to s4
+};
+
+struct Camera {
+    mat4x3 world_from_view;  // the camera looks along -z, y up
+    mat4x3 view_from_world;
+    // Horizontal, vertical; of parallel projections half the width and the height in meters, of lenses in focal
+    // lengths.
+    vec2 tan_half_fov;
+    float near;              // distance of the near plane
+    float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane
+    float lens_radius;       // 0 where all is sharp
+    float focus_distance;    // along the view axis
+    uvec2 size;              // in pixels, of what is rendered
+    uvec2 picture_size;      // in pixels, of the picture that is made of it
+    vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
+    Lens lens;
+};
+
+layout(set = 0, scalar) uniform CameraBlock { Camera camera; };
+layout(set = 0, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
+
+#endif

@@ -1,0 +1,169 @@
+"""Calibrated cameras: matrices and distortion as in OpenCV, points in the picture, rays of pixels."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError, quoted
+from solari_vk.scene import checks
+from solari_vk.scene.lens import Lens, make_lens
+from solari_vk.scene.matrices import transform_points
+
+Floats = NDArray[np.float64]
+FROM_OPENCV = np.diag((1.0, -1.0, -1.0))  # of axes: cameras here have y up and look along -z
+LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "image_circle")
+"""The fields of a camera that say which lens it has."""
+ROTATION_TOLERANCE = 1e-3
+
+
+def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
+    """The lens of a camera in a picture of this size; of an orthographic camera in meters for focal lengths.
+
+    Raises SolariError for a distortion that isn't invertible in the picture.
+    """
+    fov = camera.vertical_fov
+    if camera.projection == "equirectangular":
+        half = math.pi, math.pi / 2
+    else:
+        if camera.orthographic_height:
+            half_height = camera.orthographic_height / 2
+        elif camera.projection == "fisheye":
+            half_height = fov / 2
+        else:
+            half_height = 2 * math.tan(fov / 4) if camera.projection == "stereographic" else math.tan(fov / 2)
+        half = half_height * size[0] / size[1] / camera.pixel_aspect, half_height
+    x, y = camera.principal_point.tolist()
+    try:
+        return make_lens(
+            camera.projection, half, (x, y), tuple(camera.distortion.tolist()), camera.image_circle, tuple(size)
+        )
+    except SolariError as error:
+        raise SolariError(f"{camera.describe()}: {error}") from None
+
+
+def _matrix(value: ArrayLike, what: str, *shape: int) -> Floats:
+    try:
+        return np.asarray(checks.array(*shape, dtype=np.float64)(value), np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SolariError(f"Camera.from_opencv: {what} {error}") from None
+
+
+def _size(size: Any) -> tuple[int, int]:
+    given = np.asarray(size)
+    if given.shape != (2,) or given.dtype.kind not in "iu" or not (given > 0).all():
+        raise SolariError(f"Camera: size is (width, height) in pixels, not {quoted(size)}")
+    return int(given[0]), int(given[1])
+
+
+class Calibrated:
+    """The part of `Camera` that speaks of pixels, in OpenCV's convention: pixel centers are whole numbers, as the
+    indices of arrays are. The center of the first pixel is (0, 0), and the picture's top left corner (-0.5, -0.5)."""
+
+    transform: Floats
+
+    @classmethod
+    def from_opencv(
+        cls, K: ArrayLike, R: ArrayLike, t: ArrayLike, size: tuple[int, int], distortion: ArrayLike = (), *,
+        projection: str = "perspective", **fields: Any,
+    ) -> Self:  # fmt: skip
+        """A camera as OpenCV's calibration gives it.
+
+        K (3, 3): focal lengths and principal point in pixels of a picture of `size` (width, height), without skew;
+        pictures of other sizes show the same. R (3, 3), t (3,) in meters: a point is at R @ world + t in the camera's
+        frame, which has x right, y down and z forward. distortion: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3,
+        s4]]], or with projection="fisheye" k1 to k4 as of cv2.fisheye; also "stereographic". fields: further arguments
+        of the constructor. Raises SolariError for numbers that aren't finite, skew, an R that isn't a rotation, and a
+        distortion that isn't invertible in the picture.
+        """
+        (fx, skew, cx), (zero, fy, cy), last = _matrix(K, "K", 3, 3).tolist()
+        rotation, shift = _matrix(R, "R", 3, 3), _matrix(np.ravel(t), "t", 3)
+        width, height = _size(size)
+        if skew or zero or last != [0, 0, 1] or not (fx > 0 and fy > 0):
+            raise SolariError("Camera.from_opencv: K is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 "
+                              f"and no skew, not {np.asarray(K).tolist()}")  # fmt: skip
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if not off < ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise SolariError("Camera.from_opencv: R is a rotation from the world to the camera. The rows of this one "
+                              f"aren't perpendicular and of length 1, or it mirrors: {rotation.tolist()}")  # fmt: skip
+        transform = np.eye(4)
+        transform[:3, :3] = rotation.T @ FROM_OPENCV
+        transform[:3, 3] = -rotation.T @ shift
+        half = height / 2 / fy
+        fov = {"fisheye": 2 * half, "stereographic": 4 * math.atan(half / 2)}.get(projection, 2 * math.atan(half))
+        camera = cls(
+            transform=transform, projection=projection, vertical_fov=fov, pixel_aspect=fx / fy,
+            principal_point=((cx + 0.5) / width, (cy + 0.5) / height), distortion=np.ravel(distortion), **fields,
+        )  # type: ignore[call-arg]  # fmt: skip
+        lens_of(camera, (width, height))
+        return camera
+
+    def intrinsics(self: Any, size: tuple[int, int]) -> Floats:
+        """OpenCV's matrix K (3, 3) for pictures of this size; `distortion` is a field. Raises SolariError for
+        orthographic and equirectangular cameras, which have none."""
+        if self.orthographic_height or self.projection == "equirectangular":
+            raise SolariError(f"{self.describe()}: orthographic and equirectangular cameras have no intrinsic matrix")
+        width, height = _size(size)
+        fy = height / 2 / lens_of(self, (width, height)).half[1]
+        (x, y), (dx, dy) = self.principal_point.tolist(), self.jitter.tolist()
+        return np.array([
+            [fy * self.pixel_aspect, 0, x * width - dx - 0.5], [0, fy, y * height - dy - 0.5], [0, 0, 1]
+        ])  # fmt: skip
+
+    def extrinsics(self) -> tuple[Floats, Floats]:
+        """R (3, 3) and t (3,): a point of the world is at R @ point + t in OpenCV's camera frame."""
+        axes = self.transform[:3, :3] / np.linalg.norm(self.transform[:3, :3], axis=0)
+        rotation = FROM_OPENCV @ np.linalg.inv(axes)
+        return rotation, -rotation @ self.transform[:3, 3]
+
+    def _pixels(self: Any, size: tuple[int, int]) -> tuple[Lens, Floats, Floats]:
+        """The lens, the principal point in pixels, and the pixels of a focal length, (2,) each."""
+        width, height = _size(size)
+        lens, pixels = lens_of(self, (width, height)), np.array((width, height), np.float64)
+        return lens, self.principal_point * pixels - self.jitter - 0.5, pixels / 2 / np.array(lens.half)
+
+    def project(self: Any, points: ArrayLike, size: tuple[int, int]) -> Floats:
+        """Where points of the world (..., 3) are in a picture of this size, (..., 2) in pixels.
+
+        NaN for points that the camera doesn't see: behind it, beyond its image circle, or where a distortion folds.
+        Points beyond the picture's edges have positions too.
+        """
+        rotation, shift = self.extrinsics()
+        given = np.asarray(points, np.float64)
+        if given.shape[-1:] != (3,):
+            raise SolariError(f"Camera.project: points have the shape (..., 3), not {given.shape}")
+        seen = given @ rotation.T + shift
+        lens, center, scale = self._pixels(size)
+        if self.orthographic_height:
+            return np.asarray(np.where(seen[..., 2:] > 0, seen[..., :2], np.nan) * scale + center)
+        return np.asarray(lens.positions(seen) * scale + center)
+
+    def rays(self: Any, pixels: ArrayLike, size: tuple[int, int]) -> tuple[Floats, Floats]:
+        """What pixels (..., 2) of a picture of this size look along: origins and unit directions in the world, (..., 3)
+        each. NaN where a lens sees nothing."""
+        start, along = self._lines(pixels, size)
+        return start, along / np.linalg.norm(along, axis=-1, keepdims=True)
+
+    def unproject(self: Any, pixels: ArrayLike, depth: ArrayLike, size: tuple[int, int]) -> Floats:
+        """The points of the world (..., 3) that pixels (..., 2) show at depths (...), as `frame["depth"]` has them."""
+        start, along = self._lines(pixels, size)
+        return np.asarray(start + np.asarray(depth, np.float64)[..., None] * along)
+
+    def _lines(self: Any, pixels: ArrayLike, size: tuple[int, int]) -> tuple[Floats, Floats]:
+        """The point at a depth is start + depth * along, (..., 3) each."""
+        given = np.asarray(pixels, np.float64)
+        if given.shape[-1:] != (2,):
+            raise SolariError(f"Camera: pixels have the shape (..., 2), not {given.shape}")
+        lens, center, scale = self._pixels(size)
+        at = (given - center) / scale
+        if self.orthographic_height:
+            start, along = np.concatenate([at, np.zeros_like(at[..., :1])], -1), np.array((0.0, 0.0, 1.0))
+        else:
+            start, along = np.zeros((*at.shape[:-1], 3)), lens.directions(at)
+        axes = np.eye(4)
+        axes[:3, :3] = self.transform[:3, :3] / np.linalg.norm(self.transform[:3, :3], axis=0) @ FROM_OPENCV
+        axes[:3, 3] = self.transform[:3, 3]
+        return transform_points(axes, start), np.broadcast_to(along, start.shape) @ axes[:3, :3].T
