@@ -46,7 +46,10 @@ def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> i
 
 
 def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> Camera:
-    """The camera of some rows of a picture of this size, from the row `top` on."""
+    """The camera of some rows of a picture of this size, from the row `top` on. Raises SolariError for a lens."""
+    if lens := camera.lens_fields():
+        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, has no {min(lens)}: "
+                          "render a smaller one")  # fmt: skip
     share, offset = rows / size[1], top + rows / 2 - size[1] / 2
     return dataclasses.replace(
         camera, vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)), auto_exposure=False,

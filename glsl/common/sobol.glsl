@@ -1,6 +1,6 @@
-// Points that cover the unit square evenly over consecutive frames or samples: a Sobol sequence in two dimensions with nested
-// uniform (Owen) scrambling and shuffling by hashes. Burley, "Practical Hash-based Owen Scrambling" (JCGT 2020). Each
-// point alone is uniformly distributed, and points of different seeds are independent.
+// Points that cover the unit square evenly over consecutive frames or samples: a Sobol sequence in two dimensions with
+// nested uniform (Owen) scrambling and shuffling by hashes. Burley, "Practical Hash-based Owen Scrambling" (JCGT 2020).
+// Each point alone is uniformly distributed, and points of different seeds are independent.
 #ifndef COMMON_SOBOL_GLSL
 #define COMMON_SOBOL_GLSL
 

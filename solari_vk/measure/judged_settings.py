@@ -47,7 +47,7 @@ def run(
     if not change:
         raise SolariError("bench settings: name the settings to judge, such as --change restir=on")
     unchanged, *changed = (_settings(base, text) for text in ("", *change))
-    looks = LOOKS
+    looks: tuple[int, ...] = LOOKS
     if quick:
         size, timed_size, seeds, samples, looks = (16, 16), (16, 16), 2, 16, (2,)
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
@@ -62,8 +62,8 @@ def run(
                 before = _judge(device, scene, case, truths, unchanged, seeds)
                 for rows, settings, time in zip(tables, changed, times, strict=True):
                     after = _judge(device, scene, case, truths, settings, seeds)
-                    for look, *errors in zip(case.looks, before, after, strict=True):
-                        rows.append([scene.name, case.name, str(look), *_cells(*errors, spent, time)])
+                    for look, old, new in zip(case.looks, before, after, strict=True):
+                        rows.append([scene.name, case.name, str(look), *_cells(old, new, spent, time)])
         for text, rows in zip(change, tables, strict=True):
             given = f", both with {base}" if base else ""
             sizes = f"{size[0]}x{size[1]}, {seeds} runs, timed at {timed_size[0]}x{timed_size[1]}"

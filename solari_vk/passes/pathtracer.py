@@ -56,9 +56,8 @@ class Settings:
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace") -> Stage:
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
-    With the shader "illuminance", paths start at a point for each pixel in place of the camera. Inputs: `*_table`,
-    `brdf_averages`; with "illuminance" `measured_points`. Outputs: `radiance_mean`, `luminance_deviations`,
-    `ray_count`.
+    With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
+    camera. Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)

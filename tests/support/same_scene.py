@@ -93,7 +93,9 @@ def check_fields(found, wanted):
     for name in (field.name for field in dataclasses.fields(wanted) if field.name not in ("name", "color", strength)):
         a, b = getattr(found, name), getattr(wanted, name)
         assert (a is None) == (b is None), name
-        if b is not None:
+        if isinstance(b, str):
+            assert a == b, name
+        elif b is not None:
             near(np.asarray(a, np.float64), np.asarray(b, np.float64), 1e-5)
     if strength:
         near(getattr(found, strength) * found.color, getattr(wanted, strength) * wanted.color, 1e-6)

@@ -53,7 +53,10 @@ class Images:
         """The linear colors (H, W, 3) of an EXR image, of any brightness; None for others, and without one."""
         entry = self._document.item("image", number, user)
         try:
-            image, who, _ = self._open(entry, self._source(entry))
+            source = self._source(entry)
+            file = self._file(entry, source[1])
+            entry.charge(0, "its file", working=file.nbytes)
+            image, who, _ = self._open(entry, source, file.tobytes())
             return image.colors(who)[..., :3] if isinstance(image, ExrImage) else None
         except BudgetError:
             raise
