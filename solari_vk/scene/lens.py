@@ -50,7 +50,7 @@ class Lens(NamedTuple):
         radius = np.hypot(x, y)
         stereographic = self.kind == STEREOGRAPHIC
         angle = 2 * np.arctan(radius / 2) if stereographic else fisheye_angle(radius, self.distortion, self.limit)
-        angle[radius > self.reach] = np.nan
+        angle = np.where(radius > self.reach, np.nan, angle)
         around = at * np.divide(np.sin(angle), radius, out=np.ones_like(radius), where=radius > 0)[..., None]
         return np.concatenate([around, np.cos(angle)[..., None]], -1)
 

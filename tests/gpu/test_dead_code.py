@@ -3,6 +3,8 @@
 import re
 import subprocess
 
+from support.seeded_bugs import Bug, seeded
+
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts
@@ -73,6 +75,16 @@ def test_what_main_reaches_stays(shaders):
 def test_a_second_time_nothing_goes():
     spirv = compile_shader("passes/gbuffer/raster.frag")
     assert without_dead_code(spirv) == spirv
+
+
+def test_shaders_of_overlays_alone_are_not_optimized():
+    path = "passes/solari019/restir_di/spatial_and_shade.comp"
+    usual, other = compile_shader(path), compile_shader("passes/denoise/blur.comp")
+    with seeded(Bug(path, "main", "correct();")):
+        patched = compile_shader(path)
+        assert compile_shader("passes/denoise/blur.comp") == other
+    assert reflect(patched).bindings == reflect(usual).bindings
+    assert disassembled(patched).count("OpFunctionCall") > 10 > disassembled(usual).count("OpFunctionCall")
 
 
 def test_texts_are_dropped_and_all_else_stays(shaders):

@@ -141,6 +141,6 @@ def test_fov_is_vertical_fov_in_degrees():
     assert (camera.fov, camera.position.tolist()) == (pytest.approx(30), [0, 0, 1])
     camera.update(fov=20, position=(1, 2, 3))
     assert (camera.fov, camera.position.tolist()) == (pytest.approx(20), [1, 2, 3])
-    for wrong in (0, 180, float("nan"), "wide"):
+    for wrong in (0, 361, float("nan"), "wide"):
         with pytest.raises(SolariError, match="Camera: fov"):
             camera.fov = wrong
