@@ -17,7 +17,7 @@ RUN apt-get update \
     && apt-get install -y --no-install-recommends libvulkan1 mesa-vulkan-drivers \
     && rm -rf /var/lib/apt/lists/*
 COPY --from=wheel /wheels /wheels
-RUN pip install --no-cache-dir "$(echo /wheels/*.whl)[oidn,video,formats]"
+RUN pip install --no-cache-dir "$(echo /wheels/*.whl)[all]"
 # The driver's compiled shaders: keep them by -v solari-vk-cache:/cache
 ENV XDG_CACHE_HOME=/cache
 WORKDIR /work

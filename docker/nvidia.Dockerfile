@@ -21,7 +21,7 @@ RUN apt-get update \
 ENV NVIDIA_VISIBLE_DEVICES=all
 ENV NVIDIA_DRIVER_CAPABILITIES=graphics,utility
 COPY --from=wheel /wheels /wheels
-RUN pip install --no-cache-dir "$(echo /wheels/*.whl)[oidn,video,formats]"
+RUN pip install --no-cache-dir "$(echo /wheels/*.whl)[all]"
 ENV XDG_CACHE_HOME=/cache
 WORKDIR /work
 ENTRYPOINT ["solari-vk"]

@@ -11,7 +11,7 @@ from abc import ABCMeta
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 
-from solari_vk.other_words import here
+from solari_vk.other_words import advice_for
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -75,7 +75,7 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
 
     what: the start of the message, such as "Material has no field".
     """
-    if isinstance(name, str) and (advice := here(what, name.lower())):
+    if isinstance(name, str) and (advice := advice_for(what, name.lower())):
         return SolariError(f"{what} {quoted(name)}: {advice}")
     names = list(dict.fromkeys(filter(None, known)))
     text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()

@@ -16,7 +16,8 @@ _LENS = "fov is in degrees, vertical_fov in radians, both from the bottom to the
 _LOAD = "solari_vk.open(path) is a file framed and lit, solari_vk.load(path) the file as it is"
 _SHAPE = "solari_vk.shapes has box, sphere, plane, cylinder, cone, capsule and torus"
 _SAMPLES = "samples are given to render: tracer.render(samples=256)"
-_SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color"}
+_SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color",
+            "metalness": "metallic"}  # fmt: skip
 
 # By what is asked: by lower-case name, what to say.
 OTHER_WORDS: dict[str, dict[str, str]] = {
@@ -47,8 +48,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     },
     "Scene.animate": {"time": "write scene.animate(seconds, clip)"},
     "Material": {
-        **{word: f"it is called {here} here" for word, here in _SURFACE.items()},
-        **dict.fromkeys(("metalness",), "it is called metallic here"),
+        **{word: f"it is called {ours} here" for word, ours in _SURFACE.items()},
         **dict.fromkeys(("emission", "emit", "emission_color"), "it is called emissive here, and is in cd/m^2"),
         **dict.fromkeys(("opacity", "transparency"), "it is alpha, with alpha_mode='blend'; glass has transmission"),
         **dict.fromkeys(("glass", "refraction"), "transmission=1 is glass, solid=True glass that isn't thin"),
@@ -99,7 +99,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 
 
-def here(what: str, name: str) -> str:
+def advice_for(what: str, name: str) -> str:
     """What a name of other programs is called here; "" if there is nothing to say.
 
     what: the start of a message, such as "Material has no field".

@@ -11,7 +11,7 @@ from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob
 from solari_vk.cli.subject import Subject, expose
 from solari_vk.files import make_folder
-from solari_vk.output.movie import check_encoder, write_movie
+from solari_vk.output.movie import write_movie
 from solari_vk.settings import Settings
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     from solari_vk.cluster import RenderTask, Style, blocks
     from solari_vk.cluster.journal import open_journal
 
-    if job.is_movie:
-        check_encoder(job.output)
     output = job.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if job.is_movie else output.parent
     make_folder(folder)
@@ -45,8 +43,10 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
         if subject.auto_exposure:
             expose(subject.cameras, metered(pool, subject, subject.cameras[:1], job.size))
         views = _views(job, subject, style.clip, ".png" if job.is_movie else output.suffix)
-        by_path_tracer = [RenderTask(style, number, (view,)) for number, view in enumerate(views)]
-        tasks = by_path_tracer if style.settings is None else blocks(style, views)
+        if style.settings is None:
+            tasks = [RenderTask(style, number, (view,)) for number, view in enumerate(views)]
+        else:
+            tasks = blocks(style, views)
         journal = open_journal(folder / f"{output.stem}.jsonl", pool, subject.scene, tasks)
         complete = render_files(pool, subject.scene, tasks, journal, job)
     if job.is_movie and complete:

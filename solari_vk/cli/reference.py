@@ -24,6 +24,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
+from solari_vk.output.movie import check_encoder
 
 SAMPLES, DENOISED_SAMPLES = 256, 64
 
@@ -50,7 +51,9 @@ def run(job: StillJob | MovieJob) -> int:
         oidn.check_installed()
     if isinstance(job, MovieJob):
         samples = job.samples or (DENOISED_SAMPLES if job.denoise else SAMPLES)
-        return animation.run(job, load(job, clip=job.clip), samples)
+        if job.is_movie:
+            check_encoder(job.output)
+        return animation.run(job, load(job, clip=job.clip, time=job.time), samples)
     total = job.samples
     if total is None and job.target_error is None:
         total = DENOISED_SAMPLES if job.denoise else SAMPLES

@@ -76,5 +76,6 @@ def _middle(depth: NDArray[np.floating[Any]]) -> float | None:
 def point_at(
     camera: Camera, size: tuple[int, int], pixel: tuple[float, float], view_depth: float
 ) -> NDArray[np.float64]:
-    """The point in world space behind a position in pixels, `view_depth` meters along the view axis."""
+    """The point in world space behind a position in pixels, `view_depth` meters along the view axis, of wide lenses
+    along the ray."""
     return camera.unproject((pixel[0] - 0.5, pixel[1] - 0.5), view_depth, size)
