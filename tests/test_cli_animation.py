@@ -57,6 +57,9 @@ def test_pictures_of_a_moment(render, file, tmp_path):
         assert code == 0, said
         sizes.append(seen(tmp_path / "picture.png").sum())
     assert sizes[1] > 4 * sizes[0] > 0
+    orbit = "--samples", 1, "--animate", "orbit", "--frames", 1
+    code, said = render(file, "--clip", 1, "--time", 1.0, *orbit)
+    assert code == 0, said
 
 
 @pytest.mark.parametrize(
