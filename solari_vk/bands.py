@@ -47,13 +47,15 @@ def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> i
 
 def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> Camera:
     """The camera of some rows of a picture of this size, from the row `top` on. Raises SolariError for a lens."""
-    if lens := camera.lens_fields():
-        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, has no {min(lens)}: "
-                          "render a smaller one")  # fmt: skip
-    share, offset = rows / size[1], top + rows / 2 - size[1] / 2
+    if camera.has_lens:
+        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, is of a camera without "
+                          "distortion and fisheye: render a smaller one")  # fmt: skip
+    share, (x, y) = rows / size[1], camera.principal_point
+    offset = top + rows / 2 - size[1] * y
     return dataclasses.replace(
         camera, vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)), auto_exposure=False,
         orthographic_height=share * camera.orthographic_height, jitter=camera.jitter + np.array((0, offset)),
+        principal_point=np.array((x, 0.5)),
     )  # fmt: skip
 
 

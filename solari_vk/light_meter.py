@@ -39,7 +39,7 @@ def illuminance(
     """The illuminance at points of a scene, by path tracing from them: without bias, with a standard error each.
 
     points (..., 3) in meters and normals (..., 3) of any length are broadcast against each other. Planar illuminance is
-    that of a plane's side that the normal points away from, upwards by default; cylindrical illuminance is the mean
+    that of a plane's side to which the normal points, upwards by default; cylindrical illuminance is the mean
     over the side of a small upright cylinder whose axis is the normal. samples: paths from each point, at least 16;
     the error falls with the root of their number. max_bounces: surfaces that scatter light on its way; 0 is direct
     light alone. seed: a whole number; another one gives independent noise. time_limit: seconds after which it stops

@@ -1,4 +1,4 @@
-"""Noise, measured: pictures of many seeds against the variance that the path tracer itself tells. `python seeds.py`."""
+"""Noise, measured: pictures of many seeds against the variance of independent samples. `python seeds.py`."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
 
 
 def pictures(device, scene, seeds, size=(48, 48), samples=8):
-    """Radiance (seeds, height, width, 3) of one picture for each seed, and the mean of the variances it tells."""
+    """Radiance (seeds, height, width, 3) of one picture for each seed, and the variance with independent samples."""
     found, variances = [], []
     binder = sv.SceneBinder(device, scene)  # holds the scene on the device once, for all of them
     for seed in seeds:
@@ -22,7 +22,8 @@ def pictures(device, scene, seeds, size=(48, 48), samples=8):
 
 if __name__ == "__main__":
     with sv.Device() as device:
-        found, told = pictures(device, sv.builtin("cornell_box"), range(16))
+        found, independent = pictures(device, sv.builtin("cornell_box"), range(16))
     np.save("seeds.npy", found)
     measured = (found @ LUMINANCE).var(axis=0, ddof=1)
-    print(f"standard deviation of a pixel: {np.sqrt(measured.mean()):.4f} measured, {np.sqrt(told.mean()):.4f} told")
+    print(f"standard deviation of a pixel: {np.sqrt(measured.mean()):.4f}, "
+          f"{np.sqrt(independent.mean()):.4f} of independent samples")

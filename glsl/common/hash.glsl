@@ -19,9 +19,9 @@ uvec4 pcg4d(uvec4 v) {
     return v;
 }
 
-// The initial state of the generator for a pixel, a sample and a seed.
-uint seed_rng(uvec2 pixel, uint sample_index, uint seed) {
-    return pcg4d(uvec4(pixel, sample_index, seed)).x;
+// The initial state of the generator for a pixel, a seed, and a number, such as that of a sample or of a bounce.
+uint seed_rng(uvec2 pixel, uint number, uint seed) {
+    return pcg4d(uvec4(pixel, number, seed)).x;
 }
 
 // The upper 24 bits as a number in [0, 1).

@@ -116,8 +116,10 @@ def _poses_of_nerf(given: dict[str, Any], path: Path, aspect: float) -> list[dic
             elif "projection" not in pose:
                 across = lens["w"] / lens["h"] if "w" in lens else aspect
                 fov = 2 * math.atan(math.tan(lens["camera_angle_x"] / 2) / across)
+            elif pose["projection"] == "equirectangular":
+                fov = math.pi  # without effect
             else:
-                fov = math.pi  # of panoramas, without effect
+                fov = lens["camera_angle_x"] * lens["h"] / lens["w"]
             poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
         return poses
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:

@@ -97,7 +97,7 @@ def _cells(before: Errors, after: Errors, time_before: float, time_after: float)
     """Of errors (raw and denoised, seeds)."""
     cells = []
     for old, new in zip(before, after, strict=True):
-        mean, width = interval(new / old.mean())
+        mean, width = interval(new / old)  # of the same seeds
         cells += [f"{old.mean():.3g}", f"{new.mean():.3g}", f"{mean:.2f} ± {width:.2f}"]
     gain = after[1].mean() * time_after / (before[1].mean() * time_before)
     return [*cells, f"{time_before:.2f}", f"{time_after:.2f}", f"{gain:.2f}"]

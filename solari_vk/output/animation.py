@@ -38,7 +38,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     """Cameras along the poses of a JSON file: `fps` for each second, or `count` of them if given.
 
     The file is a list of poses as Camera.from_pose takes them. All have a "time" in seconds or none has: then the poses
-    are one second apart. Values that a pose omits are those of `camera`. Position, orientation, field of view and
+    are one second apart. Values that a pose omits, and the lens, are those of `camera`. Position, orientation, field of view and
     exposure follow cubic Hermite curves through the poses. Raises SolariError for any other file.
     """
     times, poses = _read(Path(path), camera)
@@ -49,7 +49,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     frame_times = np.linspace(times[0], times[-1], count)
     channels = {
         "transform": np.array([pose.transform for pose in poses]),
-        "fov": np.array([math.log(math.tan(pose.vertical_fov / 2)) for pose in poses]),
+        "fov": np.array([math.log(math.tan(pose.vertical_fov / 4)) for pose in poses]),
         "ev100": np.array([pose.ev100 for pose in poses]),
     }
     curves = {name: _interpolate(times, values, frame_times) for name, values in channels.items()}
@@ -57,7 +57,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
         transform[:3, :3], transform[3] = nearest_rotation(transform[:3, :3]), (0, 0, 0, 1)  # but for rounding
         try:
-            cameras.append(_camera(camera, transform, 2 * math.atan(math.exp(fov)), float(ev100)))
+            cameras.append(_camera(camera, transform, 4 * math.atan(math.exp(fov)), float(ev100)))
         except SolariError as error:  # curves overshoot
             raise SolariError(f"{path}: the curve between its poses leaves the range of a camera: {error}") from None
     return cameras
@@ -88,7 +88,7 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
 
 
 def _pose(path: Path, index: int, item: dict[str, Any], camera: Camera) -> Camera:
-    known = {"vertical_fov_degrees": math.degrees(camera.vertical_fov), "ev100": camera.ev100}
+    known = {"vertical_fov_degrees": math.degrees(camera.vertical_fov), "ev100": camera.ev100, **camera.lens_fields()}
     try:
         return Camera.from_pose(known | {key: value for key, value in item.items() if key != "time"})
     except SolariError as error:

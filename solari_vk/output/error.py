@@ -23,15 +23,20 @@ Floats = NDArray[np.float64]
 
 
 def error_of_mean(mean: NDArray[Any], variance: NDArray[Any]) -> float:
-    """The error of a mean (height, width, 3) of unbiased samples. variance (height, width): of the mean's luminance."""
-    return math.sqrt(relative_squares(mean, variance).mean())
+    """The error of a mean (height, width, 3) of unbiased samples. variance (height, width): of the mean's luminance.
+
+    One standard error of blocks is added, because few of them may be near the truth by chance.
+    """
+    squares = relative_squares(mean, variance)
+    return math.sqrt(float(squares.mean()) + float(squares.std()) / math.sqrt(squares.size))
 
 
 def error_of_other(picture: NDArray[Any], first: NDArray[Any], second: NDArray[Any]) -> float:
     """The error of any picture (height, width, 3), such as a denoised one, by samples that aren't in it.
 
-    first, second (height, width, 3): means without bias of two independent halves of these samples. The product of
-    their differences from the picture is on average the picture's squared error, bias included, however noisy they are.
+    first, second (height, width, 3): means without bias of two halves of these samples. The product of their
+    differences from the picture is on average the picture's squared error, bias included, however noisy they are, if
+    both are independent.
     One standard error is added, because they may be near the picture by chance. A block counts as off by 100 % at most,
     so that a few bright samples don't decide.
     """

@@ -93,7 +93,8 @@ class Calibrated:
         transform[:3, :3] = rotation.T @ FROM_OPENCV
         transform[:3, 3] = -rotation.T @ shift
         half = height / 2 / fy
-        fov = {"fisheye": 2 * half, "stereographic": 4 * math.atan(half / 2)}.get(projection, 2 * math.atan(half))
+        wide = {"fisheye": 2 * half, "equidistant": 2 * half, "stereographic": 4 * math.atan(half / 2)}
+        fov = wide.get(projection, 2 * math.atan(half))
         camera = cls(
             transform=transform, projection=projection, vertical_fov=fov, pixel_aspect=fx / fy,
             principal_point=((cx + 0.5) / width, (cy + 0.5) / height), distortion=np.ravel(distortion), **fields,

@@ -55,9 +55,11 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
         except (ValueError, IndexError):
             raise SolariError(f"{path}, line {number}: an image is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, not "
                               f"'{line[:80]}'") from None  # fmt: skip
+        if not any((w, x, y, z)):
+            raise SolariError(f"{path}, line {number}: the quaternion QW QX QY QZ is 0")
         if where not in lenses:
             raise SolariError(f"{path}, line {number}: there is no camera {where} in cameras.txt")
-        length = float(np.linalg.norm((w, x, y, z))) or 1.0
+        length = float(np.linalg.norm((w, x, y, z)))
         rotation = quaternion_rotation(x / length, y / length, z / length, w / length)
         found.append(_image(name, rotation, shift, *lenses[where]))
     return found
@@ -83,7 +85,7 @@ def _image(
         distortion = np.zeros(8)
         for place, term in zip(places, terms, strict=True):
             distortion[place] = term
-    except ValueError:
+    except (ValueError, IndexError):
         raise SolariError(f"{path}, line {number}: a camera of the model {model} has a size and "
                           f"{3 + (not is_simple) + len(places)} parameters") from None  # fmt: skip
     fisheye = model == "OPENCV_FISHEYE"

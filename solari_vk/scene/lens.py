@@ -182,9 +182,8 @@ def _fisheye(terms: tuple[float, ...], seen: float, half: tuple[float, float]) -
 
 def _brown_conrady(terms: tuple[float, ...], at: Floats, half: tuple[float, float]) -> Lens:
     """The lens up to the first slope at which positions fold; at (..., 2): those of the picture."""
-    far = 4 * max(float(np.nanmax(np.abs(undistort(at, terms)), initial=0.0)), float(np.abs(at).max()))
     turns = np.linspace(0, 2 * math.pi, 16, endpoint=False)
-    radii = np.linspace(0, min(far, 1e3), 513)
+    radii = np.tan(np.linspace(0, math.atan(1e3), 2049))
     with np.errstate(all="ignore"):
         derivative = distort(radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], -1), terms)[1]
         folds = ~(np.linalg.det(derivative) > 0).all(axis=1)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.scene.calibrated import LENS_FIELDS
 from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
 from solari_vk.scene.model import Camera, Scene
 
@@ -148,9 +149,7 @@ class CameraControl:
 
     def take(self, camera: Camera) -> None:
         """Take another camera's pose and field of view, and keep the exposure."""
-        self.camera.update(
-            vertical_fov=camera.vertical_fov, near=camera.near, orthographic_height=camera.orthographic_height
-        )
+        self.camera.update(near=camera.near, **_view(camera))
         self._jump(camera.transform)
 
     def reset(self) -> None:
@@ -170,7 +169,7 @@ class CameraControl:
         except ValueError:
             raise SolariError(f"the clipboard holds no camera pose, but {text[:40]!r}") from None
         pasted = Camera.from_pose(pose)
-        self.camera.update(vertical_fov=pasted.vertical_fov, orthographic_height=pasted.orthographic_height)
+        self.camera.update(**_view(pasted))
         self._jump(pasted.transform)
         if "ev100" in pose:
             self.camera.ev100 = pasted.ev100
@@ -209,3 +208,8 @@ def extent_of(scene: Scene) -> float:
         return float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) or 1.0
     except SolariError:
         return 1.0
+
+
+def _view(camera: Camera) -> dict[str, Any]:
+    """What a camera sees of the world, but for its place."""
+    return {name: getattr(camera, name) for name in ("vertical_fov", "orthographic_height", *LENS_FIELDS)}

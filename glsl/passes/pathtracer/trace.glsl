@@ -12,7 +12,7 @@ struct Path {
     Receiver receiver;  // where the light samples were chosen that compete with the walk's direction
     uint bounce;        // the number of surfaces that the walk has left
     vec3 radiance;
-    uint rays;
+    uint rays;          // of all samples of the pixel so far
 };
 
 // A surface from which a walk goes on.
@@ -59,12 +59,13 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
 bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     SurfaceInteraction surface = vertex.surface;
     path.receiver = Receiver(surface.world_position, surface.world_normal);
+    uint light_rng = split_rng(rng);  // light samples draw more numbers or fewer; those after them stay the same ones
     NextEvent event;
     event.radiance = vec3(0.0);
     if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF) {
         bool mis = path_sampling.light_strategy == LIGHT_STRATEGY_MIS;
         event = sample_light(
-            path.walk, surface, vertex.brdf, vertex.frame, vertex.wo, vertex.below, path.receiver, mis, rng
+            path.walk, surface, vertex.brdf, vertex.frame, vertex.wo, vertex.below, path.receiver, mis, light_rng
         );
     }
     BrdfSample next = sample_brdf(vertex.brdf, vertex.wo, rng);

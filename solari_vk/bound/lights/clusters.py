@@ -22,7 +22,7 @@ Indices = NDArray[np.int64]
 LARGEST = 128
 """Most triangles of a cluster. Larger ones are chosen less well, smaller ones take more time and memory."""
 MOST = 1 << 16
-"""Clusters of a mesh are not made smaller where it would have more of them than these."""
+"""A mesh has at most as many clusters. They are halved as long as there are at most a quarter as many."""
 SPARSE = 8.0
 """A cluster is sparse whose box has a surface of so many times the area of its triangles. Most boxes around pieces of
 spheres have less."""

