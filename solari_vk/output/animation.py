@@ -38,8 +38,8 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     """Cameras along the poses of a JSON file: `fps` for each second, or `count` of them if given.
 
     The file is a list of poses as Camera.from_pose takes them. All have a "time" in seconds or none has: then the poses
-    are one second apart. Values that a pose omits, and the lens, are those of `camera`. Position, orientation, field of view and
-    exposure follow cubic Hermite curves through the poses. Raises SolariError for any other file.
+    are one second apart. Values that a pose omits, and the lens, are those of `camera`. Position, orientation, field of
+    view and exposure follow cubic Hermite curves through the poses. Raises SolariError for any other file.
     """
     times, poses = _read(Path(path), camera)
     if count is None:

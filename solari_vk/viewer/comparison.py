@@ -15,8 +15,9 @@ from solari_vk.reference import PathTracer
 def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float] | None:
     """(error, relative difference of mean radiance) of a picture (height, width, 3) against the path tracer's.
 
-    The error is the root of relMSE as output/error.py defines it; the noise of as many independent samples as the
-    path tracer has, which is more than its own, is subtracted. A picture of another size is averaged to the path tracer's. None before the path tracer has two samples, and in the dark.
+    The error is the root of relMSE as output/error.py defines it; the noise of as many independent samples as the path
+    tracer has, which is more than its own, is subtracted. A picture of another size is averaged to the path tracer's.
+    None before the path tracer has two samples, and in the dark.
     """
     reference = tracer["raw_radiance"]
     mean = float(reference.mean(dtype=np.float64))
