@@ -48,8 +48,8 @@ def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> i
 def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> Camera:
     """The camera of some rows of a picture of this size, from the row `top` on. Raises SolariError for a lens."""
     if camera.has_lens:
-        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, has no distortion and "
-                          "no fisheye: render a smaller one")  # fmt: skip
+        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, has no distortion "
+                          "and no fisheye: render a smaller one")  # fmt: skip
     share, (x, y) = rows / size[1], camera.principal_point
     offset = top + rows / 2 - size[1] * y
     return dataclasses.replace(

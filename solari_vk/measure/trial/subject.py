@@ -44,8 +44,8 @@ def write(subject: Subject, conditions: Conditions, folder: Path) -> None:
     """Write a subject's files. Raises SolariError for cameras that the other renderers aren't given."""
     scene, camera = subject.scene, subject.camera
     if camera.orthographic_height or camera.aperture or camera.lens_fields():
-        raise SolariError(f"{subject.file}: the trial has perspective cameras without a lens or an offset: choose another "
-                          "--camera")  # fmt: skip
+        raise SolariError(f"{subject.file}: the trial has perspective cameras without a lens or an offset: choose "
+                          "another --camera")  # fmt: skip
     environment = scene.environment
     job = {
         "file": str(subject.file.resolve()), "size": conditions.size, "max_bounces": conditions.max_bounces,
