@@ -119,6 +119,9 @@ def scenes(draw):
     scene.add(sv.DirectionalLight(-at, color=color, angular_diameter=0.5, name="sun"))
     scene.add(sv.Camera.look_at(at, at + random.normal(size=3), ev100=3.5, aperture=0.1, vertical_fov=0.3, name="b"))
     scene.add(sv.Camera(position=at, orthographic_height=3, name="map"))
+    scene.add(sv.Camera(projection="fisheye", vertical_fov=3.2, image_circle=3, pixel_aspect=1.1, name="fish"))
+    scene.add(sv.Camera(distortion=[-0.2, 0.05, 1e-3, -1e-3, 0.01], fov=70, name="measured"))
+    scene.add(sv.Camera(principal_point=(0.45, 0.6), orthographic_height=draw(st.sampled_from([0, 2])), name="shifted"))
     height, width = draw(st.sampled_from([(1, 1), (4, 9)]))
     picture = random.random((height, width, 3)) * 1e4
     scene.environment = sv.Environment(picture, intensity=2.5, rotation=draw(st.floats(-4, 4)))
@@ -141,7 +144,7 @@ def saved(scene, path):
 def test_random_scenes_are_read_back_equal(tmp_path_factory, scene, suffix):
     path = tmp_path_factory.mktemp("saved") / f"a scene.{suffix}"
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*unlit")
+        warnings.filterwarnings("ignore", message=".*(unlit|as pinholes)")
         scene.save(path)
     found = sv.load(path, strict=True)
     check_same(scene, found)
@@ -261,6 +264,7 @@ BOX, TILTED = shapes.box(), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
         (sv.Instance(sv.Mesh(np.eye(3), tangents=np.ones((3, 4)), name="flat")), "tangents.*without normals.*'flat'"),
         (sv.PointLight((0, 0, 0), intensity=1e15, color=2, name="nova"), "dimmed to 1e\\+15: PointLight 'nova'"),
         (sv.Environment(np.eye(4), rotation=TILTED, name="dome"), "tilted: Environment 'dome'"),
+        (sv.Camera(projection="fisheye", name="fish"), "other programs show cameras.* as pinholes: Camera 'fish'"),
     ],
 )  # fmt: skip
 def test_what_gltf_cannot_say_is_named_once(tmp_path, item, message):

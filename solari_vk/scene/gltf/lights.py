@@ -9,7 +9,7 @@ import numpy as np
 
 from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
 from solari_vk.scene.gltf.document import Document
-from solari_vk.scene.gltf.extras import own_fields
+from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.nodes import PlacedNode
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
@@ -43,7 +43,7 @@ class Lights:
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
-        fields |= own_fields(entry, OWN[1:] if kind == "directional" else OWN[:1])
+        fields |= read_own(entry, OWN[1:] if kind == "directional" else OWN[:1])
         fields["name"] = node.entry.name or entry.name
         if kind == "directional":
             return DirectionalLight(direction=_travel(place), **fields)

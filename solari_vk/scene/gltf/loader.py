@@ -16,7 +16,7 @@ from solari_vk.scene.gltf.cameras import make_camera, read_lens
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
-from solari_vk.scene.gltf.extras import own_fields
+from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
@@ -255,7 +255,7 @@ class _Loader:
                 if skin is not None and row is not None:
                     rig.attach_side(instance, row, mirrored)
                 self._add(node, instance, local, moves=skin is None)
-                if own_fields(node.entry, ("backdrop",)).get("backdrop") is True:
+                if read_own(node.entry, ("backdrop",)).get("backdrop") is True:
                     self._scene.backdrop = instance
 
     def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
