@@ -20,7 +20,7 @@ from solari_vk.scene.matrices import upright
 
 EXTENSION = "KHR_lights_punctual"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
-MIN_RANGE = 1e-5  # in meters, of the scene's lights
+MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
 OWN = ("radius", "angular_diameter")
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
@@ -59,11 +59,12 @@ class Lights:
         color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
         if kind == "directional":
             return {"illuminance": intensity, "color": color}
-        reach = entry.number("range", low=0, high=1e18) if "range" in entry else None
-        if reach is not None and reach < MIN_RANGE:
-            reach = None
+        reach = entry.number("range", MAX_RANGE, low=0, high=MAX_RANGE)
+        if reach < MIN_RANGE:
+            reach = MAX_RANGE
             self._report.add("lights with a range of 0, which glTF forbids, reach without end", entry.place)
-        found: dict[str, Any] = {"intensity": intensity, "color": color, "range": reach}
+        found: dict[str, Any] = {"intensity": intensity, "color": color}
+        found["range"] = None if reach == MAX_RANGE else reach
         if kind == "spot":
             found["inner_cone_angle"], found["outer_cone_angle"] = self._cones(entry)
         return found

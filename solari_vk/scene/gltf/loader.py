@@ -23,7 +23,7 @@ from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
-from solari_vk.scene.gltf.pointers import AnimatedObject, assign
+from solari_vk.scene.gltf.pointers import AnimatedObject
 from solari_vk.scene.gltf.poses import Pose
 from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
@@ -192,9 +192,9 @@ class _Loader:
             return None
         if kind == "lights":
             entry = self._lights.entry(found[0][0])
-            return AnimatedObject(kind, items, entry, lambda said: assign(items, self._lights.fields(said)))
+            return AnimatedObject(items, entry, lambda said: [(items, self._lights.fields(said))])
         entry = self._document.item("camera", number, found[0][0].entry)
-        return AnimatedObject(kind, items, entry, lambda said: assign(items, read_lens(said) or {}))
+        return AnimatedObject(items, entry, lambda said: [(items, read_lens(said) or {})])
 
     # ---- meshes -------------------------------------------------------------------------------------
 

@@ -129,17 +129,17 @@ class RigNodes:
             self._content.lose("clips that move nothing of the scene aren't written", clip.describe())
 
     def settle(self) -> None:
-        """Have materials, cameras and lights state what clips change part of, such as an emission's color and strength,
-        as their file did. All are written before."""
+        """Have materials, cameras and lights state what clips change, such as an emission's color and strength, as their
+        file did; the rest of them stays as it is now. All are written before."""
         changed: dict[AnimatedObject, dict[Any, Any]] = {}
         for item, path, resting in self._rig.properties:
             if not isinstance(item, AnimatedObject):
                 self._content.lose("animations of other properties than those of files aren't written", path[-1])
                 continue
             changed.setdefault(item, {})[path] = resting
-            if not np.array_equal(item.value(path, tuple(resting)), resting):
-                self._content.lose(_AT_REST, item.items[0].describe())
         for item, values in changed.items():
+            if not item.is_at_rest(values):
+                self._content.lose(_AT_REST, item.items[0].describe())
             for written in filter(None, map(self._content.written.get, item.items)):
                 for path, value in item.stated(values).items():
                     self._put(written[1], path, value)
