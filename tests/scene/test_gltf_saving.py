@@ -207,8 +207,59 @@ def test_clips_are_read_back_equal(machine, tmp_path):
 
 def test_moved_objects_of_clips_are_named(machine, tmp_path):
     machine.animate(1.5, "work")
-    with pytest.warns(UserWarning, match="before one is played: Instance 'mirrored', Instance 'box', Instance 'tube'"):
+    with pytest.warns(UserWarning, match="before one is played: Instance 'mirrored', Instance 'box', PointLight 'lamp' and 2"):
         machine.save(tmp_path / "machine.glb")
+
+
+@pytest.fixture
+def lit():
+    """A scene of a camera and a lamp, which a clip lifts."""
+    rig = Rig([-1], [np.eye(4)], [[0, 0, 0]], [[0, 0, 0, 1]], [[1, 1, 1]])
+    scene = sv.Scene(sv.Camera(name="camera"), sv.SpotLight((0, 0, 0), (0, 0, -1), name="lamp"), name="lit")
+    for item in (scene.cameras[0], scene.lights[0]):
+        rig.attach(item, 0)
+    scene.animations.add(Animation(rig, [Channel(0, "translation", [0, 1], [[0, 0, 0], [0, 2, 0]])], name="lift"))
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("edit", "named"),
+    [
+        (lambda scene: scene.animate(0.5), "Camera 'camera', SpotLight 'lamp'"),
+        (lambda scene: scene.cameras[0].place((0, 0, 1), (1, 0, 0)), "Camera 'camera'"),
+        (lambda scene: scene.lights[0].update(direction=(0, -1, 0)), "SpotLight 'lamp'"),
+    ],
+)
+def test_moved_cameras_and_lights_of_clips_are_named(lit, tmp_path, edit, named):
+    check_same(lit, saved(lit, tmp_path / "lit.glb"))
+    lit.animate(0)
+    edit(lit)
+    with pytest.warns(UserWarning, match=f"before one is played: {named}$"):
+        lit.save(tmp_path / "lit.glb")
+
+
+def test_hidden_instances_of_clips_stay_hidden(machine, tmp_path):
+    machine.instances["box"].visible = False
+    found = saved(machine, tmp_path / "machine.glb")
+    found.animate(0.7, "work")
+    assert [one.name for one in found.instances if not one.visible] == ["box"]
+
+
+def test_the_backdrop_and_the_default_camera_may_follow_clips(machine, tmp_path):
+    machine.animations[0].rig.attach(second := sv.Camera(name="second"), 1)
+    machine.add(second)
+    machine.animate(0, "rest")
+    machine.camera, machine.backdrop = second, machine.instances["box"]
+    check_same(machine, saved(machine, tmp_path / "machine.glb"))
+
+
+def test_an_object_of_two_rigs_is_written_once(machine, lit, tmp_path):
+    clip = lit.animations[0]
+    clip.rig.attach(machine.cameras[0], 0)
+    machine.animations.add(clip)
+    with pytest.warns(UserWarning, match="two rigs follows the first alone: Camera 'camera'$"):
+        machine.save(tmp_path / "machine.glb")
+    assert sv.load(tmp_path / "machine.glb").cameras.names == ["camera"]
 
 
 # ---- what is special --------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
-from solari_vk.scene.gltf.cameras import make_camera, read_lens
+from solari_vk.scene.gltf.cameras import DEFAULT, make_camera, read_lens
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
@@ -119,7 +119,10 @@ class _Loader:
                     self._add_meshes(node, placed)
             if "camera" in node.entry:
                 with self._report.costs("wrong cameras are left out"):
-                    self._add(node, self._followed(node, make_camera(self._document, node, self._report)))
+                    camera = self._followed(node, make_camera(self._document, node, self._report))
+                    self._add(node, camera)
+                    if camera in self._scene.cameras and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
+                        self._scene.camera = camera
             if node.entry.extension(LIGHTS):
                 with self._report.costs("wrong lights are left out"):
                     self._add(node, self._followed(node, self._lights.light(node)))

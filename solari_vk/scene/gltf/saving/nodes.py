@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.gltf.cameras import ANGLE, LARGEST_YFOV
 from solari_vk.scene.gltf.cameras import OWN as OWN_OF_CAMERAS
+from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.extras import write_own
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import MAX_INTENSITY
@@ -109,7 +110,7 @@ class Nodes:
             self._skins[key] = self._content.add("skins", joints=list(joints), inverseBindMatrices=bind)
         return self._skins[key]
 
-    def camera(self, parent: int | None, camera: Camera, matrix: Matrix) -> int:
+    def camera(self, parent: int | None, camera: Camera, matrix: Matrix, *, extras: Any = None) -> int:
         """The node of a camera. matrix: from the camera to the parent."""
         height = camera.orthographic_height / 2
         yfov = min(camera.vertical_fov, LARGEST_YFOV)
@@ -123,7 +124,7 @@ class Nodes:
             self._content.lose("other programs show cameras with a lens as pinholes", camera.describe())
         number = self._content.add("cameras", type=kind, **{kind: lens}, extras=own)
         self._content.written[camera] = f"/cameras/{number}", self._content.json["cameras"][number]
-        return self.place(parent, matrix, camera=number, name=camera.name)
+        return self.place(parent, matrix, camera=number, name=camera.name, extras=extras)
 
     def light(self, parent: int | None, light: Light, matrix: Matrix | None = None) -> int | None:
         """The node of a light. matrix: from its -z to the parent, by default where the light is."""
@@ -151,6 +152,11 @@ class Nodes:
         number = self.place(parent, place, name=light.name)
         self._content.use(LIGHTS, {"light": len(lights) - 1}, self._content.json["nodes"][number])
         return number
+
+
+def backdrop_extras(scene: Any, instance: Instance) -> dict[str, Any] | None:
+    """The extras of an instance's node."""
+    return {EXTRAS: {"backdrop": True}} if instance is scene.backdrop else None
 
 
 def _worlds(instance: Instance) -> list[Matrix]:
