@@ -112,11 +112,14 @@ def test_uvs_move_without_moving_those_of_others(pointed):
 
 def test_curves_are_clamped_and_clips_are_mixed(pointed):
     pointed.point(M + "pbrMetallicRoughness/metallicFactor", *[[[9], [0.5], [9]]] * 2, interpolation="CUBICSPLINE")
+    pointed.point(M + E + "ior/ior", *[[[9], [1], [-9]]] * 2, interpolation="CUBICSPLINE")
     pointed.clip("still")
     pointed.point(M + "pbrMetallicRoughness/roughnessFactor", 0.2, 0.2)
     scene = pointed.load(strict=True)
     scene.animate(0.3)
     assert material(scene).metallic == 1, "the curve is above 1 there"
+    scene.animate(0.97)
+    assert material(scene).ior == 1, "the curve is below 1 there"
     scene.animate(0, "still")
     assert material(scene).metallic == 1, "as it is at rest"
     assert material(scene).perceptual_roughness == pytest.approx(0.2)
@@ -125,7 +128,10 @@ def test_curves_are_clamped_and_clips_are_mixed(pointed):
     assert material(scene).perceptual_roughness == pytest.approx(0.25 * 1 + 0.75 * 0.2)
 
 
-UNPLAYED = [M + "doubleSided", "/cameras/0/perspective/aspectRatio", "/meshes/0/weights", L + "type", M + "extras/a"]
+UNPLAYED = [
+    M + "doubleSided", "/cameras/0/perspective/aspectRatio", "/meshes/0/weights", L + "type", M + "extras/a",
+    "/lights/0/intensity", f"/extensions/{LIGHTS}{M}alphaCutoff", f"/extensions/{LIGHTS}/cameras/0/perspective/yfov",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("pointer", UNPLAYED)

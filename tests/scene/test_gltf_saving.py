@@ -352,10 +352,36 @@ def test_a_file_of_another_ending_is_refused_and_nothing_is_lost_when_writing_fa
     def fail(*paths):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", fail)
+    replace = os.replace
+
+    def fail_for_the_main_file(source, target):
+        (fail if str(source).endswith(".gltf") else replace)(source, target)
+
+    for broken in (fail, fail_for_the_main_file):
+        monkeypatch.setattr(os, "replace", broken)
+        with pytest.raises(SolariError, match="No space left"):
+            builtin("thin_wall").save(tmp_path / "scene.gltf")
+        assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
     with pytest.raises(SolariError, match="No space left"):
-        builtin("thin_wall").save(tmp_path / "scene.gltf")
-    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+        builtin("thin_wall").save(tmp_path / "fresh.gltf")
+    (tmp_path / "blocked.bin").mkdir()
+    with pytest.raises(SolariError, match="blocked.bin: is a folder"):
+        sv.Scene().save(tmp_path / "blocked.gltf")
+    assert {file.name for file in tmp_path.iterdir()} == {*before, "blocked.bin"}
+
+
+def test_a_sky_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    import OpenEXR
+
+    for error in (OSError(28, "No space left on device"), RuntimeError("write failed")):
+
+        def write(self, path, error=error):
+            raise error
+
+        monkeypatch.setattr(OpenEXR.File, "write", write)
+        with pytest.raises(SolariError, match="sky.exr: can't be written: (No space|write failed)"):
+            sv.Scene(sv.Environment(np.eye(4))).save(tmp_path / "sky.glb")
+    assert not list(tmp_path.iterdir())
 
 
 def test_extras_of_others_are_not_ours(tmp_path, writer):

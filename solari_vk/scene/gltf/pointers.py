@@ -24,7 +24,7 @@ Path = tuple[str, ...]
 Readings = list[tuple[Sequence[Checked], dict[str, Any]]]
 TRANSFORM = "KHR_texture_transform"
 NODE = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
-_OBJECT = re.compile(r"/(?:extensions/KHR_lights_punctual/)?(materials|cameras|lights)/(\d{1,9})/(.+)")
+_OBJECT = re.compile(r"/(?:(materials|cameras)|extensions/KHR_lights_punctual/(lights))/(\d{1,9})/(.+)")
 _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
@@ -72,7 +72,7 @@ class Property:
         match = _OBJECT.fullmatch(pointer)
         if match is None:
             raise ValueError
-        self.kind, self.number, path = match[1], int(match[2]), match[3]
+        self.kind, self.number, path = match[1] or match[2], int(match[3]), match[4]
         transform = _TRANSFORM.fullmatch(path) if self.kind == "materials" else None
         self.moves_uvs = transform is not None
         default = _OF_TRANSFORMS[transform[1]] if transform is not None else DEFAULTS[self.kind].get(path)
@@ -90,8 +90,9 @@ class AnimatedEntry(Entry):
     def number(
         self, key: str, default: float | None = None, *, low: float = -math.inf, high: float = math.inf
     ) -> float:
-        """As `Entry.number`."""
-        return min(max(super().number(key, default), low), high)
+        """As `Entry.number`. An 'ior' is 0 or at least 1."""
+        value = min(max(super().number(key, default), low), high)
+        return max(value, 1.0) if key == "ior" and value > 0 else value
 
     def numbers(
         self, key: str, default: tuple[float, ...], *, low: float = -math.inf, high: float = math.inf

@@ -32,7 +32,8 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise SolariError(f"{target}: scenes are saved as .glb or .gltf: give a name with one of these endings")
-    check_writable(target)
+    for file in (target, target.with_suffix(".bin"))[: 1 + (target.suffix.lower() == ".gltf")]:
+        check_writable(file)
     content = Content()
     _Writer(content).add(scene)
     content.write(target)
