@@ -119,9 +119,9 @@ class _Loader:
                     self._add_meshes(node, placed)
             if "camera" in node.entry:
                 with self._report.costs("wrong cameras are left out"):
-                    camera = self._followed(node, make_camera(self._document, node, self._report))
-                    self._add(node, camera)
-                    if camera in self._scene.cameras and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
+                    camera = make_camera(self._document, node, self._report)
+                    self._add(node, self._followed(node, camera))
+                    if camera is not None and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
                         self._scene.camera = camera
             if node.entry.extension(LIGHTS):
                 with self._report.costs("wrong lights are left out"):

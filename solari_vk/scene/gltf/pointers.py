@@ -127,7 +127,8 @@ class AnimatedObject:
     def stated(self, resting: Mapping[Path, NDArray[np.float64]]) -> dict[Path, NDArray[np.float64]]:
         """The resting values of the properties that animations change, and the values of those that make one field
         together with them, such as the color and the strength of an emission."""
-        shared = {path: default for group in _SHARED for path, default in group.items() if group.keys() & resting.keys()}
+        groups = [group for group in _SHARED if group.keys() & resting.keys()]
+        shared = {path: default for group in groups for path, default in group.items()}
         shared |= {(*path[:-1], key): default for path in resting if TRANSFORM in path
                    for key, default in _OF_TRANSFORMS.items()}  # fmt: skip
         return {path: self.value(path, default) for path, default in shared.items()} | dict(resting)
@@ -154,7 +155,8 @@ class AnimatedObject:
         """Have the objects take the fields that differ from those of the time before, since others may have been
         edited; the first time, all."""
         found = self._read(self._entry)
-        for (items, fields), (_, before) in zip(found, self._before or [(items, {}) for items, _ in found], strict=True):
+        earlier = self._before or [(items, {}) for items, _ in found]
+        for (items, fields), (_, before) in zip(found, earlier, strict=True):
             changed = {name for name, value in fields.items() if name not in before or not _equal(before[name], value)}
             _assign(items, {name: fields[name] for name in changed})
         self._before = found

@@ -87,7 +87,6 @@ def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, str
     images = Images(document, report, strict)
     turn = read_own(sky, ("rotation",)).get("rotation", -math.pi / 2)
     if not is_cube and choices[0] and (light := images.light(choices[0][0], fields)) is not None:
-        document.root.charge(_BYTES_PER_VALUE * light.size, "the map of its sky")
         return Environment(light, rotation=turn, name=sky.name)
     images.read({choice: fields for choice in choices if choice})
     found = [image.pixels[..., :3] for choice in choices if (image := images[choice]) is not None]

@@ -162,8 +162,8 @@ class RigNodes:
             self._content.lose("clips that move nothing of the scene aren't written", clip.describe())
 
     def settle(self) -> None:
-        """Have materials, cameras and lights state what clips change, such as an emission's color and strength, as their
-        file did; the rest of them stays as it is now. All are written before."""
+        """Have materials, cameras and lights state what clips change, such as an emission's color and strength, as
+        their file did; the rest of them stays as it is now. All are written before."""
         changed: dict[AnimatedObject, dict[Any, Any]] = {}
         for item, path, resting in self._rig.properties:
             if not isinstance(item, AnimatedObject):

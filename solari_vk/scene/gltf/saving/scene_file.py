@@ -52,7 +52,7 @@ class _Writer:
         rigs = dict.fromkeys(clip.rig for clip in clips)
         default = scene._camera
         cameras = [*dict.fromkeys(([default] if default is not None else []) + list(scene.cameras))]
-        follows = {item for rig in rigs for item, *_ in rig.placed}
+        follows = {item for rig in rigs for item, *_ in rig.placed} & set(scene.cameras)
         first = cameras[0] if cameras else None
         if first is not None and first not in follows:
             self._nodes.camera(None, first, first.transform)
