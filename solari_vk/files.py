@@ -7,6 +7,7 @@ import json
 import os
 import re
 import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Collection, Iterator
@@ -84,6 +85,36 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
     """Write a file; text as UTF-8. Raises SolariError when that fails, and leaves the file at `path` as it was."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
+    """Write two files that belong together. Raises SolariError when that fails, and leaves both as they were."""
+    (path, content), (second_path, second_content) = first, second
+    target, before = Path(os.path.realpath(second_path)), _beside(second_path)
+    replaced = False
+    try:
+        with whole_file(path) as temporary:
+            temporary.write_bytes(content)
+            with whole_file(second_path) as other:
+                other.write_bytes(second_content)
+                if target.exists():
+                    _keep(target, before)
+            replaced = True
+    except BaseException:
+        if replaced and before.exists():
+            os.replace(before, target)
+        else:
+            _remove(target if replaced else before)
+        raise
+    _remove(before)
+
+
+def _keep(path: Path, other: Path) -> None:
+    """Give a file another name too, or copy it where a disk has no links."""
+    try:
+        os.link(path, other)
+    except OSError:
+        shutil.copyfile(path, other)
 
 
 def remove_unfinished(folder: Path, names: Collection[str]) -> None:

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.hdr_files import exr
 from support.oracles import environments
 
+from solari_vk.budget import BudgetError
+from solari_vk.errors import SolariError
+from solari_vk.scene.gltf.images import Images
+from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.images.exr import ExrImage
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
 AXES = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
@@ -127,6 +133,46 @@ def test_panoramas_have_z_in_the_middle_and_x_at_its_left(writer):
     scene = sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": writer.image(picture)}})
     seen = environments.radiance(scene.environment, AXES[[0, 4, 1, 5]])[:, 0]
     np.testing.assert_allclose(seen, LINEAR_OF_SRGB[[100, 150, 200, 50]], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("texel", "lit", "warning"),
+    [
+        (5e4, True, None),
+        (-1e-3, True, "pictures hold a little negative light, which is taken for 0: image 0"),
+        (-5, False, "wrong skies are left out: image 0 holds negative light"),
+        (np.nan, False, "wrong skies are left out: image 0 holds NaN or infinite values"),
+        (1e19, False, "wrong skies are left out: image 0 holds light above"),
+    ],
+)
+def test_exr_skies_are_checked_as_pictures_of_environments_are(writer, texel, lit, warning):
+    pixels = np.ones((2, 4, 3), np.float32)
+    pixels[1, 2, 0] = texel
+    texture = writer.add("textures", source=writer.add("images", bufferView=writer.view(exr(RGB=pixels))))
+    scene = sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": texture}})
+    assert [line[: len(warning or "")] for line in scene.warnings] == ([warning] if warning else [])
+    assert (scene.environment is not None) == lit
+    if lit:
+        np.testing.assert_array_equal(scene.environment.image[1, 2], (max(texel, 0), 1, 1))
+
+
+def test_images_of_skies_are_opened_once_and_charged_before_they_are_read(writer, monkeypatch):
+    opened, run = [], Images._open
+    monkeypatch.setattr(Images, "_open", lambda self, *given: opened.append(given) or run(self, *given))
+    picture = writer.image(np.zeros((8, 16, 3), np.uint8))
+    sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": picture}})
+    assert len(opened) == 1
+
+    def charge(self, size, what, *, working=0):
+        if what == "the map of its sky":
+            raise BudgetError("full")
+
+    monkeypatch.setattr(Entry, "charge", charge)
+    monkeypatch.setattr(ExrImage, "colors", lambda self, who: pytest.fail("colors were read first"))
+    texture = writer.add("textures", source=writer.add("images", bufferView=writer.view(exr((1, 1, 1)))))
+    del writer.json["scenes"], writer.json["buffers"]
+    with pytest.raises(SolariError, match="full"):
+        sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": texture}})
 
 
 def test_cubes_of_skies(writer):

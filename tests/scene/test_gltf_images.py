@@ -5,14 +5,12 @@ from __future__ import annotations
 import base64
 import struct
 import sys
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
-import OpenEXR
 import pytest
 from support import ktx2_files
 from support.gltf_writer import encoded
+from support.hdr_files import exr
 
 from solari_vk.budget import BudgetError, load_budget
 from solari_vk.errors import SolariError
@@ -38,15 +36,6 @@ def show(writer, *slots, **texture):
     pbr = {slot: material.pop(slot) for slot in list(material) if slot.startswith(("base", "metal"))}
     number = writer.add("materials", pbrMetallicRoughness=pbr, **material)
     writer.mesh({"TEXCOORD_0": [[0, 0], [1, 0], [0, 1]]}, material=number)
-
-
-def exr(color=(), **channels):
-    """The bytes of a picture (2, 3) of one linear color, if there is one."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "x.exr")
-        layers = ({"RGB": np.tile(np.float32(color), (2, 3, 1))} if len(color) else {}) | channels
-        OpenEXR.File({"type": OpenEXR.scanlineimage}, layers).write(str(path))
-        return path.read_bytes()
 
 
 def dx10(block, form, width=4, height=4):

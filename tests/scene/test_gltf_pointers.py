@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -111,11 +112,14 @@ def test_uvs_move_without_moving_those_of_others(pointed):
 
 def test_curves_are_clamped_and_clips_are_mixed(pointed):
     pointed.point(M + "pbrMetallicRoughness/metallicFactor", *[[[9], [0.5], [9]]] * 2, interpolation="CUBICSPLINE")
+    pointed.point(M + E + "ior/ior", *[[[9], [1], [-9]]] * 2, interpolation="CUBICSPLINE")
     pointed.clip("still")
     pointed.point(M + "pbrMetallicRoughness/roughnessFactor", 0.2, 0.2)
     scene = pointed.load(strict=True)
     scene.animate(0.3)
     assert material(scene).metallic == 1, "the curve is above 1 there"
+    scene.animate(0.97)
+    assert material(scene).ior == 1, "the curve is below 1 there"
     scene.animate(0, "still")
     assert material(scene).metallic == 1, "as it is at rest"
     assert material(scene).perceptual_roughness == pytest.approx(0.2)
@@ -124,7 +128,10 @@ def test_curves_are_clamped_and_clips_are_mixed(pointed):
     assert material(scene).perceptual_roughness == pytest.approx(0.25 * 1 + 0.75 * 0.2)
 
 
-UNPLAYED = [M + "doubleSided", "/cameras/0/perspective/aspectRatio", "/meshes/0/weights", L + "type", M + "extras/a"]
+UNPLAYED = [
+    M + "doubleSided", "/cameras/0/perspective/aspectRatio", "/meshes/0/weights", L + "type", M + "extras/a",
+    "/lights/0/intensity", f"/extensions/{LIGHTS}{M}alphaCutoff", f"/extensions/{LIGHTS}/cameras/0/perspective/yfov",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("pointer", UNPLAYED)
@@ -180,6 +187,61 @@ def test_clips_of_properties_are_saved(pointed, tmp_path):
         found = sv.load(tmp_path / name, strict=True)
         assert found.warnings == []
         check_same(pointed.load(), found)
+
+
+def edited(pointed):
+    """A scene with a user's edits beside what its clip animates."""
+    said = pointed.json["materials"][0]
+    said["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}
+    scene = pointed.point(M + E + "sheen/sheenColorFactor", [0, 0, 0], [1, 1, 1]).load(strict=True)
+    material(scene).update(emissive=(0.25, 0, 0), metallic=0.125, double_sided=True, sheen_roughness=0.5)
+    return scene
+
+
+def test_edits_outlast_clips(pointed):
+    pointed.point("/cameras/0/perspective/yfov", 0.5, 0.9).point(L + "spot/innerConeAngle", 0, 0.4)
+    scene = edited(pointed)
+    camera(scene).update(near=2.0)
+    light(scene).update(intensity=7.0, color=(0, 1, 0), outer_cone_angle=0.75)
+    for seconds in (0.25, 0.5):
+        scene.animate(seconds)
+        assert material(scene).sheen_color[0] == pytest.approx(seconds)
+        assert camera(scene).vertical_fov == pytest.approx(0.5 + 0.4 * seconds)
+        assert light(scene).inner_cone_angle == pytest.approx(0.4 * seconds)
+        assert material(scene).emissive.tolist() == [0.25, 0, 0]
+        found = material(scene).metallic, material(scene).sheen_roughness, camera(scene).near, light(scene).intensity
+        assert (*found, light(scene).outer_cone_angle) == (0.125, 0.5, 2, 7, 0.75)
+        assert material(scene).double_sided
+        assert light(scene).color.tolist() == [0, 1, 0]
+
+
+def test_edits_are_saved_or_named(pointed, tmp_path):
+    scene = edited(pointed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene.save(tmp_path / "edited.glb")
+    found = sv.load(tmp_path / "edited.glb", strict=True)
+    check_same(scene, found)
+    assert material(found).emissive.tolist() == [0.25, 0, 0]
+    scene.animate(0, loop=False)
+    material(scene).sheen_color = (0, 0, 1)
+    with pytest.warns(UserWarning, match="before one is played: Material 'one'$"):
+        scene.save(tmp_path / "edited.glb")
+    found = sv.load(tmp_path / "edited.glb", strict=True)
+    assert (material(found).metallic, material(found).sheen_color.tolist()) == (0.125, [0, 0, 0])
+
+
+def test_edits_of_a_part_of_what_is_animated_are_named(pointed, tmp_path):
+    """The strength of an emission without a color, and the brightness of a lamp whose color is animated."""
+    pointed.json["materials"][0]["emissiveFactor"] = [0, 0, 0]
+    pointed.point(M + E + "emissive_strength/emissiveStrength", 1, 40).point(L + "color", [1, 1, 1], [0, 0.5, 0])
+    scene = pointed.load(strict=True)
+    material(scene).emissive = 5
+    light(scene).update(intensity=1, range=3)
+    with pytest.warns(UserWarning, match="before one is played: Material 'one', SpotLight"):
+        scene.save(tmp_path / "edited.glb")
+    found = light(sv.load(tmp_path / "edited.glb", strict=True))
+    assert (found.intensity, found.range) == (5, 3)
 
 
 def test_every_property_is_read(pointed):

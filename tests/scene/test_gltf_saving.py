@@ -119,6 +119,9 @@ def scenes(draw):
     scene.add(sv.DirectionalLight(-at, color=color, angular_diameter=0.5, name="sun"))
     scene.add(sv.Camera.look_at(at, at + random.normal(size=3), ev100=3.5, aperture=0.1, vertical_fov=0.3, name="b"))
     scene.add(sv.Camera(position=at, orthographic_height=3, name="map"))
+    scene.add(sv.Camera(projection="fisheye", vertical_fov=3.2, image_circle=3, pixel_aspect=1.1, name="fish"))
+    scene.add(sv.Camera(distortion=[-0.2, 0.05, 1e-3, -1e-3, 0.01], fov=70, name="measured"))
+    scene.add(sv.Camera(principal_point=(0.45, 0.6), orthographic_height=draw(st.sampled_from([0, 2])), name="shifted"))
     height, width = draw(st.sampled_from([(1, 1), (4, 9)]))
     picture = random.random((height, width, 3)) * 1e4
     scene.environment = sv.Environment(picture, intensity=2.5, rotation=draw(st.floats(-4, 4)))
@@ -141,7 +144,7 @@ def saved(scene, path):
 def test_random_scenes_are_read_back_equal(tmp_path_factory, scene, suffix):
     path = tmp_path_factory.mktemp("saved") / f"a scene.{suffix}"
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*unlit")
+        warnings.filterwarnings("ignore", message=".*(unlit|as pinholes)")
         scene.save(path)
     found = sv.load(path, strict=True)
     check_same(scene, found)
@@ -204,8 +207,61 @@ def test_clips_are_read_back_equal(machine, tmp_path):
 
 def test_moved_objects_of_clips_are_named(machine, tmp_path):
     machine.animate(1.5, "work")
-    with pytest.warns(UserWarning, match="before one is played: Instance 'mirrored', Instance 'box', Instance 'tube'"):
+    named = "Instance 'mirrored', Instance 'box', PointLight 'lamp' and 2"
+    with pytest.warns(UserWarning, match=f"before one is played: {named} more"):
         machine.save(tmp_path / "machine.glb")
+
+
+@pytest.fixture
+def lit():
+    """A scene of a camera and a lamp, which a clip lifts."""
+    rig = Rig([-1], [np.eye(4)], [[0, 0, 0]], [[0, 0, 0, 1]], [[1, 1, 1]])
+    scene = sv.Scene(sv.Camera(name="camera"), sv.SpotLight((0, 0, 0), (0, 0, -1), name="lamp"), name="lit")
+    for item in (scene.cameras[0], scene.lights[0]):
+        rig.attach(item, 0)
+    scene.animations.add(Animation(rig, [Channel(0, "translation", [0, 1], [[0, 0, 0], [0, 2, 0]])], name="lift"))
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("edit", "named"),
+    [
+        (lambda scene: scene.animate(0.5), "Camera 'camera', SpotLight 'lamp'"),
+        (lambda scene: scene.cameras[0].place((0, 0, 1), (1, 0, 0)), "Camera 'camera'"),
+        (lambda scene: scene.lights[0].update(direction=(0, -1, 0)), "SpotLight 'lamp'"),
+    ],
+)
+def test_moved_cameras_and_lights_of_clips_are_named(lit, tmp_path, edit, named):
+    check_same(lit, saved(lit, tmp_path / "lit.glb"))
+    lit.animate(0)
+    edit(lit)
+    with pytest.warns(UserWarning, match=f"before one is played: {named}$"):
+        lit.save(tmp_path / "lit.glb")
+
+
+def test_hidden_instances_of_clips_stay_hidden(machine, tmp_path):
+    machine.instances["box"].visible = False
+    found = saved(machine, tmp_path / "machine.glb")
+    found.animate(0.7, "work")
+    assert [one.name for one in found.instances if not one.visible] == ["box"]
+
+
+def test_the_backdrop_and_the_default_camera_may_follow_clips(machine, tmp_path):
+    """Of two cameras, of which the second is read first."""
+    machine.animations[0].rig.attach(second := sv.Camera(name="second"), 1)
+    machine.add(second)
+    machine.animate(0, "rest")
+    machine.backdrop = machine.instances["box"]
+    check_same(machine, saved(machine, tmp_path / "machine.glb"))
+
+
+def test_an_object_of_two_rigs_is_written_once(machine, lit, tmp_path):
+    clip = lit.animations[0]
+    clip.rig.attach(machine.cameras[0], 0)
+    machine.animations.add(clip)
+    with pytest.warns(UserWarning, match="two rigs follows the first alone: Camera 'camera'$"):
+        machine.save(tmp_path / "machine.glb")
+    assert sv.load(tmp_path / "machine.glb").cameras.names == ["camera"]
 
 
 # ---- what is special --------------------------------------------------------------------------------
@@ -261,6 +317,7 @@ BOX, TILTED = shapes.box(), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
         (sv.Instance(sv.Mesh(np.eye(3), tangents=np.ones((3, 4)), name="flat")), "tangents.*without normals.*'flat'"),
         (sv.PointLight((0, 0, 0), intensity=1e15, color=2, name="nova"), "dimmed to 1e\\+15: PointLight 'nova'"),
         (sv.Environment(np.eye(4), rotation=TILTED, name="dome"), "tilted: Environment 'dome'"),
+        (sv.Camera(projection="fisheye", name="fish"), "other programs show cameras.* as pinholes: Camera 'fish'"),
     ],
 )  # fmt: skip
 def test_what_gltf_cannot_say_is_named_once(tmp_path, item, message):
@@ -297,10 +354,36 @@ def test_a_file_of_another_ending_is_refused_and_nothing_is_lost_when_writing_fa
     def fail(*paths):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", fail)
+    replace = os.replace
+
+    def fail_for_the_main_file(source, target):
+        (fail if str(source).endswith(".gltf") else replace)(source, target)
+
+    for broken in (fail, fail_for_the_main_file):
+        monkeypatch.setattr(os, "replace", broken)
+        with pytest.raises(SolariError, match="No space left"):
+            builtin("thin_wall").save(tmp_path / "scene.gltf")
+        assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
     with pytest.raises(SolariError, match="No space left"):
-        builtin("thin_wall").save(tmp_path / "scene.gltf")
-    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+        builtin("thin_wall").save(tmp_path / "fresh.gltf")
+    (tmp_path / "blocked.bin").mkdir()
+    with pytest.raises(SolariError, match=r"blocked.bin: is a folder"):
+        sv.Scene().save(tmp_path / "blocked.gltf")
+    assert {file.name for file in tmp_path.iterdir()} == {*before, "blocked.bin"}
+
+
+def test_a_sky_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    import OpenEXR
+
+    for error in (OSError(28, "No space left on device"), RuntimeError("write failed")):
+
+        def write(self, path, error=error):
+            raise error
+
+        monkeypatch.setattr(OpenEXR.File, "write", write)
+        with pytest.raises(SolariError, match=r"sky.exr: can't be written: (No space|write failed)"):
+            sv.Scene(sv.Environment(np.eye(4))).save(tmp_path / "sky.glb")
+    assert not list(tmp_path.iterdir())
 
 
 def test_extras_of_others_are_not_ours(tmp_path, writer):

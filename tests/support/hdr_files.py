@@ -1,6 +1,10 @@
-"""Radiance pictures (.hdr) for tests."""
+"""Pictures of any brightness for tests: Radiance (.hdr) and OpenEXR."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import OpenEXR
 
 
 def rgbe(colors):
@@ -30,3 +34,12 @@ def hdr(codes, runs=True, header=b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n"):
                 data += bytes((128 + same, channel[at])) if same > 2 else bytes((1, channel[at]))
                 at += same if same > 2 else 1
     return data
+
+
+def exr(color=(), **channels):
+    """The bytes of a picture (2, 3) of one linear color, if there is one."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "x.exr")
+        layers = ({"RGB": np.tile(np.float32(color), (2, 3, 1))} if len(color) else {}) | channels
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, layers).write(str(path))
+        return path.read_bytes()

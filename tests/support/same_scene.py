@@ -36,8 +36,8 @@ def check_objects(scene, other):
             found, wanted = (sorted(items, key=lambda item: item.name) for items in (found, wanted))
         for a, b in zip(found, wanted, strict=True):
             assert a.name == b.name or not b.name, kind
+            assert (a is other.backdrop, a is default_of(other)) == (b is scene.backdrop, b is default_of(scene)), kind
             {"instances": check_instance, "cameras": check_fields, "lights": check_fields}[kind](a, b)
-    assert (scene.backdrop is None) == (other.backdrop is None)
     assert (scene.environment is None) == (other.environment is None)
     if scene.environment is not None:
         directions = np.random.default_rng(1).normal(size=(500, 3))
@@ -45,6 +45,10 @@ def check_objects(scene, other):
         inside = np.isfinite(found) & np.isfinite(wanted)
         assert inside.mean() > 0.9
         near(found[inside], wanted[inside], 1e-6)
+
+
+def default_of(scene):
+    return scene._camera or next(iter(scene.cameras), None)
 
 
 def check_instance(found, wanted):

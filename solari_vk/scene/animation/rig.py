@@ -148,9 +148,10 @@ class Rig:
         for item in dict.fromkeys(item for item, *_ in self.properties):
             item.apply()
 
-    def rest_worlds(self) -> Matrix:
-        """Matrices (N, 4, 4) from the nodes to the world while none of them is animated."""
-        return self._place_nodes(self._pose_of(()))[0]
+    def at_rest(self) -> tuple[Matrix, NDArray[np.bool_]]:
+        """Matrices (N, 4, 4) from the nodes to the world, and whether they are visible (N,), while none of them is
+        animated."""
+        return self._place_nodes(self._pose_of(()))
 
     def _pose_of(self, samples: Iterable[Sample]) -> Pose:
         parts = {name: values.copy() for name, values in self.rest.items()}

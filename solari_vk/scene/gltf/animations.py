@@ -106,6 +106,8 @@ class Animations:
                         rows.append(Channel(row, path, *keys))
             if rows:
                 made.append(Animation(self.rig, rows, name=entry.name))
+        for found in filter(None, objects.values()):
+            found.apply()
         return made
 
     def _property(
@@ -119,7 +121,9 @@ class Animations:
             raise entry.error(f"has {width} numbers a key for '{wanted.path[-1]}', which has {count}; export it again")
         key = found, wanted.path
         if key not in numbers:
-            numbers[key] = self.rig.attach_property(found, wanted.path, found.value(wanted.path, wanted.default))
+            resting = found.value(wanted.path, wanted.default)
+            found.put(wanted.path, resting)
+            numbers[key] = self.rig.attach_property(found, wanted.path, resting)
         return numbers[key]
 
     # ---- channels -----------------------------------------------------------------------------------

@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from solari_vk.scene.calibrated import LENS_FIELDS
 from solari_vk.scene.gltf.document import Document
-from solari_vk.scene.gltf.extras import own_fields
+from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.nodes import PlacedNode
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.matrices import upright
 from solari_vk.scene.model import Camera
 
-OWN = ("aperture", "focus_distance", "ev100", "auto_exposure", "jitter")
+ANGLE = "vertical_fov"  # is a word of glTF's, but for cameras that see more, and orthographic ones
+OWN = ("aperture", "focus_distance", "ev100", "auto_exposure", "jitter", *LENS_FIELDS, ANGLE)
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
+DEFAULT = "default_camera"  # in the extras of a node
+LARGEST_YFOV = math.pi - 1e-4
 
 
 def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera | None:
@@ -28,8 +32,8 @@ def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera 
     if lens is None:
         report.add("orthographic cameras without a height are left out", node.entry.place)
         return None
-    own = own_fields(entry, OWN) | {"name": node.entry.name or entry.name}
-    return Camera(transform=transform, **lens, **own)
+    own = read_own(entry, OWN) | {"name": node.entry.name or entry.name}
+    return Camera(transform=transform, **lens | own)
 
 
 def read_lens(entry: Entry) -> dict[str, Any] | None:
@@ -40,7 +44,7 @@ def read_lens(entry: Entry) -> dict[str, Any] | None:
         raise entry.error(f"has no '{kind}'; export the file again")
     near = max(lens.number("znear", low=0, high=1e15), 1e-9)
     if kind == "perspective":
-        return {"vertical_fov": lens.number("yfov", low=1e-4, high=math.pi - 1e-4), "near": near}
+        return {"vertical_fov": lens.number("yfov", low=1e-4, high=LARGEST_YFOV), "near": near}
     height = 2 * abs(lens.number("ymag", low=-1e15, high=1e15))
     # Depths are ratios to the near plane's, which may be at 0 in this projection.
     return {"orthographic_height": height, "near": max(near, 1e-6 * height)} if height else None

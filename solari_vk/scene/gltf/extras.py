@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import dataclasses
+from collections.abc import Container, Iterable
 from typing import Any
 
+from solari_vk.scene.gltf.saving.content import plain
 from solari_vk.scene.gltf.values import Entry
 
 KEY = "solari_vk"
 
 
-def own_fields(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
+def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
     """Those of our fields that the extras of an object have. The classes of the scene check their values."""
     extras = entry.data.get("extras")  # which may be anything in files of others
     found = extras.get(KEY) if isinstance(extras, dict) else None
     return {name: found[name] for name in names if name in found} if isinstance(found, dict) else {}
+
+
+def write_own(item: Any, names: Container[str]) -> dict[str, Any]:
+    """The `extras` with those fields of an object that glTF has no word for and that aren't as by default."""
+    changed = {}
+    for field in dataclasses.fields(item):
+        if field.name in names:
+            factory = field.default_factory
+            default = field.default if factory is dataclasses.MISSING else factory()
+            value = plain(getattr(item, field.name))
+            if value != plain(default):
+                changed[field.name] = value
+    return {KEY: changed} if changed else {}

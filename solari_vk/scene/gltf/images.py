@@ -16,9 +16,12 @@ from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.images import image_files
-from solari_vk.scene.images.exr import ExrImage
+from solari_vk.scene.images.exr import IDENTIFIER
+from solari_vk.scene.images.radiance_files import LITTLE_NEGATIVE, light_of
 from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import TextureImage
+
+_BYTES_OF_LIGHT = 48  # of a pixel, with what the environment computes from it
 
 Source = tuple[str, str | int]  # equal sources are the same image
 Choice = tuple[int, ...]  # images of one texture, the preferred one first
@@ -50,18 +53,28 @@ class Images:
         return next((image for number in choice if (image := self._read.get(number)) is not None), None)
 
     def light(self, number: int, user: Entry) -> NDArray[np.float32] | None:
-        """The linear colors (H, W, 3) of an EXR image, of any brightness; None for others, and without one."""
+        """The linear colors (H, W, 3) of an EXR image, of any brightness; None for others, and without one.
+
+        Raises SolariError for colors that aren't light, see `light_of`.
+        """
         entry = self._document.item("image", number, user)
         try:
             source = self._source(entry)
             file = self._file(entry, source[1])
+            if file[:4].tobytes() != IDENTIFIER:
+                return None
             entry.charge(0, "its file", working=file.nbytes)
             image, who, _ = self._open(entry, source, file.tobytes())
-            return image.colors(who)[..., :3] if isinstance(image, ExrImage) else None
+            entry.charge(_BYTES_OF_LIGHT * image.width * image.height, "the map of its sky")
+            colors: NDArray[np.float32] = image.colors(who)[..., :3]
         except BudgetError:
             raise
         except SolariError:
             return None  # `read` remarks it
+        light, is_clipped = light_of(colors, who)
+        if is_clipped:
+            self._report.add(f"pictures hold {LITTLE_NEGATIVE}", entry.place)
+        return light
 
     def _read_all(self, users: dict[int, Entry], linear: Container[int]) -> None:
         sources: dict[int, Source] = {}

@@ -9,7 +9,7 @@ import numpy as np
 
 from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
 from solari_vk.scene.gltf.document import Document
-from solari_vk.scene.gltf.extras import own_fields
+from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.nodes import PlacedNode
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
@@ -20,7 +20,7 @@ from solari_vk.scene.matrices import upright
 
 EXTENSION = "KHR_lights_punctual"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
-MIN_RANGE = 1e-5  # in meters, of the scene's lights
+MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
 OWN = ("radius", "angular_diameter")
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
@@ -43,7 +43,7 @@ class Lights:
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
-        fields |= own_fields(entry, OWN[1:] if kind == "directional" else OWN[:1])
+        fields |= read_own(entry, OWN[1:] if kind == "directional" else OWN[:1])
         fields["name"] = node.entry.name or entry.name
         if kind == "directional":
             return DirectionalLight(direction=_travel(place), **fields)
@@ -59,11 +59,12 @@ class Lights:
         color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
         if kind == "directional":
             return {"illuminance": intensity, "color": color}
-        reach = entry.number("range", low=0, high=1e18) if "range" in entry else None
-        if reach is not None and reach < MIN_RANGE:
-            reach = None
+        reach = entry.number("range", MAX_RANGE, low=0, high=MAX_RANGE)
+        if reach < MIN_RANGE:
+            reach = MAX_RANGE
             self._report.add("lights with a range of 0, which glTF forbids, reach without end", entry.place)
-        found: dict[str, Any] = {"intensity": intensity, "color": color, "range": reach}
+        found: dict[str, Any] = {"intensity": intensity, "color": color}
+        found["range"] = None if reach == MAX_RANGE else reach
         if kind == "spot":
             found["inner_cone_angle"], found["outer_cone_angle"] = self._cones(entry)
         return found

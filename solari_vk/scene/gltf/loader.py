@@ -12,18 +12,18 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
-from solari_vk.scene.gltf.cameras import make_camera, read_lens
+from solari_vk.scene.gltf.cameras import DEFAULT, make_camera, read_lens
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
-from solari_vk.scene.gltf.extras import own_fields
+from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
-from solari_vk.scene.gltf.pointers import AnimatedObject, assign
+from solari_vk.scene.gltf.pointers import AnimatedObject
 from solari_vk.scene.gltf.poses import Pose
 from solari_vk.scene.gltf.primitives import WRONG_PRIMITIVES, Primitives
 from solari_vk.scene.gltf.report import Report
@@ -119,7 +119,10 @@ class _Loader:
                     self._add_meshes(node, placed)
             if "camera" in node.entry:
                 with self._report.costs("wrong cameras are left out"):
-                    self._add(node, self._followed(node, make_camera(self._document, node, self._report)))
+                    camera = make_camera(self._document, node, self._report)
+                    self._add(node, self._followed(node, camera))
+                    if camera is not None and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
+                        self._scene.camera = camera
             if node.entry.extension(LIGHTS):
                 with self._report.costs("wrong lights are left out"):
                     self._add(node, self._followed(node, self._lights.light(node)))
@@ -192,9 +195,9 @@ class _Loader:
             return None
         if kind == "lights":
             entry = self._lights.entry(found[0][0])
-            return AnimatedObject(kind, items, entry, lambda said: assign(items, self._lights.fields(said)))
+            return AnimatedObject(items, entry, lambda said: [(items, self._lights.fields(said))])
         entry = self._document.item("camera", number, found[0][0].entry)
-        return AnimatedObject(kind, items, entry, lambda said: assign(items, read_lens(said) or {}))
+        return AnimatedObject(items, entry, lambda said: [(items, read_lens(said) or {})])
 
     # ---- meshes -------------------------------------------------------------------------------------
 
@@ -255,7 +258,7 @@ class _Loader:
                 if skin is not None and row is not None:
                     rig.attach_side(instance, row, mirrored)
                 self._add(node, instance, local, moves=skin is None)
-                if own_fields(node.entry, ("backdrop",)).get("backdrop") is True:
+                if read_own(node.entry, ("backdrop",)).get("backdrop") is True:
                     self._scene.backdrop = instance
 
     def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:

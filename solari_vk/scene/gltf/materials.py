@@ -15,7 +15,7 @@ from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
 from solari_vk.scene.gltf.nodes import LEVELS
-from solari_vk.scene.gltf.pointers import AnimatedObject, assign
+from solari_vk.scene.gltf.pointers import AnimatedObject, Readings
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
 from solari_vk.scene.gltf.values import Entry
@@ -142,14 +142,17 @@ class Materials:
         if moves_uvs:
             material.update(**{name: replace(texture) for name in TEXTURES if (texture := getattr(material, name))})
 
-        def read(said: Entry) -> None:
-            _, slots = self._parse(said)
-            for name, slot in slots.items() if moves_uvs else ():
-                if getattr(material, name) is not None:
-                    assign([getattr(material, name)], {"uv_transform": np.reshape(slot.uv_transform, (2, 3))})
-            assign([material], self._fields(said, slots, {}))
+        moving = {name: getattr(material, name) for name in TEXTURES if moves_uvs}
 
-        return AnimatedObject("materials", [material], entry, read)
+        def read(said: Entry) -> Readings:
+            _, slots = self._parse(said)
+            found: Readings = [
+                ([moving[name]], {"uv_transform": np.reshape(slot.uv_transform, (2, 3))})
+                for name, slot in slots.items() if moving.get(name) is not None
+            ]  # fmt: skip
+            return [*found, ([material], self._fields(said, slots, {}))]
+
+        return AnimatedObject([material], entry, read)
 
     def _remark_extensions(self, entry: Entry) -> None:
         for name in entry.extensions():

@@ -16,13 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene.gltf.extensions import LARGEST_DISTANCE
+from solari_vk.scene.gltf.lights import MAX_RANGE
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.observed import Checked
 
 Path = tuple[str, ...]
+Readings = list[tuple[Sequence[Checked], dict[str, Any]]]
 TRANSFORM = "KHR_texture_transform"
 NODE = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
-_OBJECT = re.compile(r"/(?:extensions/KHR_lights_punctual/)?(materials|cameras|lights)/(\d{1,9})/(.+)")
+_OBJECT = re.compile(r"/(?:(materials|cameras)|extensions/KHR_lights_punctual/(lights))/(\d{1,9})/(.+)")
 _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
@@ -49,11 +51,18 @@ DEFAULTS: dict[str, dict[str, tuple[float, ...]]] = {
         "orthographic/ymag": _UNIT, "orthographic/znear": _ZERO,
     },
     "lights": {
-        "color": _WHITE, "intensity": _UNIT, "range": (1e18,), "spot/innerConeAngle": _ZERO,
+        "color": _WHITE, "intensity": _UNIT, "range": (MAX_RANGE,), "spot/innerConeAngle": _ZERO,
         "spot/outerConeAngle": (math.pi / 4,),
     },
 }  # fmt: skip
 """The properties that can be animated, with their values where a file has none."""
+_SHARED: list[dict[Path, tuple[float, ...]]] = [
+    {("emissiveFactor",): _BLACK, ("extensions", "KHR_materials_emissive_strength", "emissiveStrength"): _UNIT},
+    {("color",): _WHITE, ("intensity",): _UNIT},
+    {("spot", "innerConeAngle"): _ZERO, ("spot", "outerConeAngle"): (math.pi / 4,)},
+]
+"""The properties that make one field together, or limit each other."""
+_PROBES = (0.0, 0.5, 1.0, 2.0)  # of which any number that can be animated takes two
 
 
 class Property:
@@ -63,7 +72,7 @@ class Property:
         match = _OBJECT.fullmatch(pointer)
         if match is None:
             raise ValueError
-        self.kind, self.number, path = match[1], int(match[2]), match[3]
+        self.kind, self.number, path = match[1] or match[2], int(match[3]), match[4]
         transform = _TRANSFORM.fullmatch(path) if self.kind == "materials" else None
         self.moves_uvs = transform is not None
         default = _OF_TRANSFORMS[transform[1]] if transform is not None else DEFAULTS[self.kind].get(path)
@@ -81,8 +90,9 @@ class AnimatedEntry(Entry):
     def number(
         self, key: str, default: float | None = None, *, low: float = -math.inf, high: float = math.inf
     ) -> float:
-        """As `Entry.number`."""
-        return min(max(super().number(key, default), low), high)
+        """As `Entry.number`. An 'ior' is 0 or at least 1."""
+        value = min(max(super().number(key, default), low), high)
+        return max(value, 1.0) if key == "ior" and value > 0 else value
 
     def numbers(
         self, key: str, default: tuple[float, ...], *, low: float = -math.inf, high: float = math.inf
@@ -92,14 +102,14 @@ class AnimatedEntry(Entry):
 
 
 class AnimatedObject:
-    """What a rig animates by `put` and `apply`. items: the objects of the scene, which are of one kind. read: has them
-    take what an entry says."""
+    """What a rig animates by `put` and `apply`. items: the objects of the scene, which are of one kind. read: the
+    objects that an entry changes, with the fields that it says."""
 
-    def __init__(self, kind: str, items: Sequence[Checked], entry: Entry, read: Callable[[Entry], None]) -> None:
+    def __init__(self, items: Sequence[Checked], entry: Entry, read: Callable[[Entry], Readings]) -> None:
         self.items = items
-        self._kind = kind
         self._entry = AnimatedEntry(entry.file, entry.place, copy.deepcopy(entry.data))
         self._read = read
+        self._before: Readings | None = None
 
     def put(self, path: Path, values: NDArray[np.float64]) -> None:
         """Change a property."""
@@ -114,21 +124,42 @@ class AnimatedObject:
             return np.array(default)
         return np.array(holder.numbers(path[-1], default) if len(default) > 1 else (holder.number(path[-1]),))
 
-    def stated(self, changed: Mapping[Path, NDArray[np.float64]]) -> dict[Path, NDArray[np.float64]]:
-        """The values of all properties that differ from their defaults, of the factor that a writer may choose, and of
-        those that animations change, with their resting values, and of the textures' transforms of which they change a
-        part."""
-        known = {tuple(path.split("/")): default for path, default in DEFAULTS[self._kind].items()}
-        transforms = {(*path[:-1], key): default for path in changed if TRANSFORM in path
-                      for key, default in _OF_TRANSFORMS.items()}  # fmt: skip
-        found = {path: self.value(path, default) for path, default in (known | transforms).items()}
-        kept = {path: values for path, values in found.items()
-                if path in transforms or path[-1] == "emissiveStrength" or tuple(values) != known[path]}  # fmt: skip
-        return kept | dict(changed)
+    def stated(self, resting: Mapping[Path, NDArray[np.float64]]) -> dict[Path, NDArray[np.float64]]:
+        """The resting values of the properties that animations change, and the values of those that make one field
+        together with them, such as the color and the strength of an emission."""
+        groups = [group for group in _SHARED if group.keys() & resting.keys()]
+        shared = {path: default for group in groups for path, default in group.items()}
+        shared |= {(*path[:-1], key): default for path in resting if TRANSFORM in path
+                   for key, default in _OF_TRANSFORMS.items()}  # fmt: skip
+        return {path: self.value(path, default) for path, default in shared.items()} | dict(resting)
+
+    def is_at_rest(self, resting: Mapping[Path, NDArray[np.float64]]) -> bool:
+        """Whether all fields that animations may change are as the resting values of their properties say."""
+        stated = self.stated(resting)
+        expected = self._with(stated)
+        probes = [self._with({path: np.full(len(values), probe) for path, values in stated.items()})
+                  for probe in _PROBES]  # fmt: skip
+        for (items, fields), *others in zip(expected, *probes, strict=True):
+            changed = {name for _, found in others for name in found if not _equal(found[name], fields[name])}
+            if any(not _equal(getattr(item, name), fields[name]) for item in items for name in changed):
+                return False
+        return True
+
+    def _with(self, values: Mapping[Path, NDArray[np.float64]]) -> Readings:
+        entry = AnimatedEntry(self._entry.file, self._entry.place, copy.deepcopy(self._entry.data))
+        for path, numbers in values.items():
+            put(entry.data, path, numbers)
+        return self._read(entry)
 
     def apply(self) -> None:
-        """Have the objects take the properties."""
-        self._read(self._entry)
+        """Have the objects take the fields that differ from those of the time before, since others may have been
+        edited; the first time, all."""
+        found = self._read(self._entry)
+        earlier = self._before or [(items, {}) for items, _ in found]
+        for (items, fields), (_, before) in zip(found, earlier, strict=True):
+            changed = {name for name, value in fields.items() if name not in before or not _equal(before[name], value)}
+            _assign(items, {name: fields[name] for name in changed})
+        self._before = found
 
 
 def has_texture(data: dict[str, Any], path: tuple[str, ...]) -> bool:
@@ -149,7 +180,7 @@ def put(data: dict[str, Any], path: Path, values: NDArray[np.float64]) -> None:
     data[path[-1]] = values.tolist() if len(values) > 1 else float(values[0])
 
 
-def assign(items: Iterable[Checked], fields: dict[str, Any]) -> None:
+def _assign(items: Iterable[Checked], fields: dict[str, Any]) -> None:
     """Assign those fields that differ, since others would cost work on the device."""
     for item in items:
         item.update(**{name: value for name, value in fields.items() if not _equal(getattr(item, name), value)})

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.scene.checks import LARGEST_RADIANCE
 from solari_vk.scene.gltf.document import Document
-from solari_vk.scene.gltf.extras import own_fields
+from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.image_lights import unroll_cube
 from solari_vk.scene.gltf.images import Images
 from solari_vk.scene.gltf.report import Report
@@ -85,9 +85,8 @@ def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, str
         numbers = [fields.integer("equirectangular")]
     choices = [images_of(document.item("texture", number, fields)) for number in numbers]
     images = Images(document, report, strict)
-    turn = own_fields(sky, ("rotation",)).get("rotation", -math.pi / 2)
+    turn = read_own(sky, ("rotation",)).get("rotation", -math.pi / 2)
     if not is_cube and choices[0] and (light := images.light(choices[0][0], fields)) is not None:
-        document.root.charge(_BYTES_PER_VALUE * light.size, "the map of its sky")
         return Environment(light, rotation=turn, name=sky.name)
     images.read({choice: fields for choice in choices if choice})
     found = [image.pixels[..., :3] for choice in choices if (image := images[choice]) is not None]

@@ -24,6 +24,7 @@ _SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
 _EXPOSURE = re.compile(rb"(?m)^EXPOSURE= *([0-9]+[.]?[0-9]*(?:[eE][+-]?[0-9]+)?) *\r?$")
 CALLER = 7  # stack frames from `read_radiance` to the code that makes an Environment
 SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
+LITTLE_NEGATIVE = "a little negative light, which is taken for 0"
 _LONGEST_HEADER = 2**16
 _BYTES_PER_PIXEL = 48
 _LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
@@ -49,17 +50,27 @@ def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
     if width != 2 * height:
         text = f"{source} has {width} x {height} pixels; a picture of all directions is twice as wide as high"
         warnings.warn(f"{text}: it is stretched", stacklevel=CALLER)
-    if not np.isfinite(image).all():
-        raise SolariError(f"{source} holds NaN or infinite values: repair it in an image program")
-    if image.max() > checks.LARGEST_RADIANCE:
-        raise SolariError(f"{source} holds light above {checks.LARGEST_RADIANCE:g}: scale it down in an image program")
-    negative = image < 0
-    if negative.any():
-        if -image[negative].sum(dtype=np.float64) > SMALL_SHARE * image[~negative].sum(dtype=np.float64):
-            raise SolariError(f"{source} holds negative light: clip it at 0 in an image program")
-        warnings.warn(f"{source} holds a little negative light, which is taken for 0", stacklevel=CALLER)
-        image = image.clip(0)
+    image, is_clipped = light_of(image, str(source))
+    if is_clipped:
+        warnings.warn(f"{source} holds {LITTLE_NEGATIVE}", stacklevel=CALLER)
     return image
+
+
+def light_of(image: FloatArray, who: str) -> tuple[FloatArray, bool]:
+    """The colors of a picture, without a little negative light, and whether it had some.
+
+    Raises SolariError for values that aren't finite, too large, or below 0 otherwise. who: names the picture in errors.
+    """
+    if not np.isfinite(image).all():
+        raise SolariError(f"{who} holds NaN or infinite values: repair it in an image program")
+    if image.max() > checks.LARGEST_RADIANCE:
+        raise SolariError(f"{who} holds light above {checks.LARGEST_RADIANCE:g}: scale it down in an image program")
+    negative = image < 0
+    if not negative.any():
+        return image, False
+    if -image[negative].sum(dtype=np.float64) > SMALL_SHARE * image[~negative].sum(dtype=np.float64):
+        raise SolariError(f"{who} holds negative light: clip it at 0 in an image program")
+    return image.clip(0), True
 
 
 def _check_size(width: int, height: int, source: Path) -> None:

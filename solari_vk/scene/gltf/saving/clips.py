@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene import checks
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel, unit_quaternions
 from solari_vk.scene.animation.rig import NOT_MOVED, Rig
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.gltf.cameras import DEFAULT
+from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.pointers import AnimatedObject, has_texture, put
 from solari_vk.scene.gltf.saving.content import Content
-from solari_vk.scene.gltf.saving.nodes import VISIBILITY, Nodes
+from solari_vk.scene.gltf.saving.nodes import VISIBILITY, Matrix, Nodes, backdrop_extras
 from solari_vk.scene.gltf.saving.shapes import Variants
+from solari_vk.scene.matrices import upright
 from solari_vk.scene.objects import Instance
 
 POINTER = "KHR_animation_pointer"
@@ -28,18 +32,18 @@ class RigNodes:
 
     def __init__(
         self, content: Content, nodes: Nodes, rig: Rig, clips: list[Animation], scene: Any,
-        variants: dict[Instance, Variants],
+        variants: dict[Instance, Variants], done: set[Any],
     ) -> None:  # fmt: skip
+        """done: the objects that are written, to which it adds its own."""
         self._content, self._nodes, self._rig, self._scene, self._variants = content, nodes, rig, scene, variants
-        self.done: set[Any] = set()
-        """The objects that are written."""
+        self._done = done
         self._meshes_of: dict[int, list[int]] = {}  # by the rig's node: the nodes whose morph targets it weighs
         moved = {channel.node for clip in clips for channel in clip.channels if channel.path in _PARTS}
         self._bases: dict[Any, int] = {}
         self._rows: list[int] = []
         for row in range(rig.count):
             self._rows.append(self._add(row, row in moved))
-        worlds = rig.rest_worlds()
+        worlds, self._shown = rig.at_rest()
         skins = {instance: skin for instance, *skin in rig.skins}
         weights = {instance: (node, resting) for instance, node, resting in rig.weighted}
         placed = {item: (node, local) for item, node, local in rig.placed}
@@ -75,26 +79,55 @@ class RigNodes:
                 return
         elif item not in self._scene.lights and self._rig.shown[item]:
             return
-        self.done.add(item)
+        if item in self._done:
+            self._content.lose("what follows the clips of two rigs follows the first alone", item.describe())
+            return
+        self._done.add(item)
         matrix = np.eye(4) if local is None or local is NOT_MOVED else local
+        visible = True
+        if node is not None:
+            visible = not isinstance(item, Instance) or item.visible or not self._rig.shown[item]
+            world = None if local is NOT_MOVED else worlds[node] @ matrix
+            if not self._is_at_rest(item, world, bool(self._shown[node]), visible):
+                self._content.lose(_AT_REST, item.describe())
         if isinstance(item, Camera):
-            self._nodes.camera(parent, item, matrix)
+            cameras = self._scene.cameras
+            is_default = len(cameras) > 1 and item is (self._scene._camera or cameras[0])
+            self._nodes.camera(parent, item, matrix, extras={EXTRAS: {DEFAULT: True}} if is_default else None)
         elif not isinstance(item, Instance):
             self._nodes.light(parent, item, matrix)
         else:
             if node is None or local is NOT_MOVED:
                 matrix = item.transform
-            elif not _are_near(item.transform, worlds[node] @ matrix):
-                self._content.lose(_AT_REST, item.describe())
             number = None if skin is None else self._skin(item, skin, worlds)
             turned = self._rig.sides.get(item, (0, 1))[1] < 0
             written = self._nodes.instance(
                 parent, item, matrix, variants=self._variants.get(item, ()), skin=number,
                 mesh=self._rig.inside_out(item.mesh) if turned else None,
-                weights=None if weights is None else weights[1], visible=node is not None or item.visible,
+                weights=None if weights is None else weights[1], visible=visible if node is not None else item.visible,
+                extras=backdrop_extras(self._scene, item),
             )  # fmt: skip
             if weights is not None:
                 self._meshes_of.setdefault(weights[0], []).append(written)
+
+    def _is_at_rest(self, item: Any, world: Matrix | None, shown: bool, visible: bool) -> bool:
+        """Whether an object is where its node rests and, unless the user has hidden it, visible as there.
+
+        world: from the object at rest to the world, None for what isn't moved."""
+        if isinstance(item, Instance):
+            try:
+                placed = world is None or _are_near(item.transform, checks.affine_transform(world))
+            except ValueError:  # hidden until a clip gives it a size
+                return not item.visible
+            return placed and (item.visible == shown or not visible)
+        upright_world = None if world is None else upright(world)
+        if isinstance(item, Camera):
+            return upright_world is None or _are_near(item.transform, upright_world)
+        expected = {} if world is None else {"position": world[:3, 3]}
+        if upright_world is not None:
+            expected["direction"] = -upright_world[:3, 2]
+        near = (_are_near(getattr(item, name), value) for name, value in expected.items() if hasattr(item, name))
+        return all(near) and (item in self._scene.lights) == shown
 
     def _skin(self, item: Instance, skin: Any, worlds: NDArray[Any]) -> int:
         joints, rest, joints_from_mesh = skin
@@ -129,17 +162,17 @@ class RigNodes:
             self._content.lose("clips that move nothing of the scene aren't written", clip.describe())
 
     def settle(self) -> None:
-        """Have materials, cameras and lights state what clips change part of, such as an emission's color and strength,
-        as their file did. All are written before."""
+        """Have materials, cameras and lights state what clips change, such as an emission's color and strength, as
+        their file did; the rest of them stays as it is now. All are written before."""
         changed: dict[AnimatedObject, dict[Any, Any]] = {}
         for item, path, resting in self._rig.properties:
             if not isinstance(item, AnimatedObject):
                 self._content.lose("animations of other properties than those of files aren't written", path[-1])
                 continue
             changed.setdefault(item, {})[path] = resting
-            if not np.array_equal(item.value(path, tuple(resting)), resting):
-                self._content.lose(_AT_REST, item.items[0].describe())
         for item, values in changed.items():
+            if not item.is_at_rest(values):
+                self._content.lose(_AT_REST, item.items[0].describe())
             for written in filter(None, map(self._content.written.get, item.items)):
                 for path, value in item.stated(values).items():
                     self._put(written[1], path, value)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.files import whole_file, write_whole
+from solari_vk.files import write_both, write_whole
 
 LARGEST_GLB = 2**32 - 2**20  # bytes, which the file counts in 32 bits
 _COMPONENTS = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -90,9 +90,7 @@ class Content:
         elif binary:
             data_path = path.with_suffix(".bin")
             buffer["uri"] = quote(data_path.name)
-            with whole_file(path) as main, whole_file(data_path) as data:
-                data.write_bytes(binary)
-                main.write_bytes(_text(self.json | {"buffers": [buffer]}))
+            write_both((path, _text(self.json | {"buffers": [buffer]})), (data_path, binary))
         else:
             write_whole(path, _text(self.json))
         for what, places in self._lost.items():

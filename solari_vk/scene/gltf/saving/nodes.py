@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -11,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.gltf.cameras import ANGLE, LARGEST_YFOV
 from solari_vk.scene.gltf.cameras import OWN as OWN_OF_CAMERAS
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
+from solari_vk.scene.gltf.extras import write_own
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import MAX_INTENSITY
 from solari_vk.scene.gltf.lights import OWN as OWN_OF_LIGHTS
@@ -109,17 +110,21 @@ class Nodes:
             self._skins[key] = self._content.add("skins", joints=list(joints), inverseBindMatrices=bind)
         return self._skins[key]
 
-    def camera(self, parent: int | None, camera: Camera, matrix: Matrix) -> int:
+    def camera(self, parent: int | None, camera: Camera, matrix: Matrix, *, extras: Any = None) -> int:
         """The node of a camera. matrix: from the camera to the parent."""
         height = camera.orthographic_height / 2
-        lens: dict[str, Any] = {"yfov": camera.vertical_fov, "znear": camera.near}
+        yfov = min(camera.vertical_fov, LARGEST_YFOV)
+        lens: dict[str, Any] = {"yfov": yfov, "znear": camera.near}
         if height:
             lens = {"xmag": height, "ymag": height, "znear": camera.near, "zfar": max(_FAR, 2 * camera.near)}
         kind = "orthographic" if height else "perspective"
-        own = own_fields(camera, OWN_OF_CAMERAS)
+        is_own = height or yfov < camera.vertical_fov
+        own = write_own(camera, OWN_OF_CAMERAS if is_own else [name for name in OWN_OF_CAMERAS if name != ANGLE])
+        if camera.has_lens:
+            self._content.lose("other programs show cameras with a lens as pinholes", camera.describe())
         number = self._content.add("cameras", type=kind, **{kind: lens}, extras=own)
         self._content.written[camera] = f"/cameras/{number}", self._content.json["cameras"][number]
-        return self.place(parent, matrix, camera=number, name=camera.name)
+        return self.place(parent, matrix, camera=number, name=camera.name, extras=extras)
 
     def light(self, parent: int | None, light: Light, matrix: Matrix | None = None) -> int | None:
         """The node of a light. matrix: from its -z to the parent, by default where the light is."""
@@ -139,7 +144,7 @@ class Nodes:
         if isinstance(light, SpotLight):
             outer = min(light.outer_cone_angle, math.pi / 2)
             fields["spot"] = {"innerConeAngle": light.inner_cone_angle, "outerConeAngle": outer}
-        fields["extras"] = own_fields(light, OWN_OF_LIGHTS)
+        fields["extras"] = write_own(light, OWN_OF_LIGHTS)
         lights = self._content.use(LIGHTS, {"lights": []})["lights"]
         lights.append({name: value for name, value in fields.items() if value not in (None, {})})
         self._content.written[light] = f"/extensions/{LIGHTS}/lights/{len(lights) - 1}", lights[-1]
@@ -149,17 +154,9 @@ class Nodes:
         return number
 
 
-def own_fields(item: Any, names: Sequence[str]) -> dict[str, Any]:
-    """The `extras` with those fields of an object that glTF has no word for and that aren't as by default."""
-    changed = {}
-    for field in dataclasses.fields(item):
-        if field.name in names:
-            factory = field.default_factory
-            default = field.default if factory is dataclasses.MISSING else factory()
-            value = plain(getattr(item, field.name))
-            if value != plain(default):
-                changed[field.name] = value
-    return {EXTRAS: changed} if changed else {}
+def backdrop_extras(scene: Any, instance: Instance) -> dict[str, Any] | None:
+    """The extras of an instance's node."""
+    return {EXTRAS: {"backdrop": True}} if instance is scene.backdrop else None
 
 
 def _worlds(instance: Instance) -> list[Matrix]:

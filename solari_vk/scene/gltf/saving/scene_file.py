@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 from solari_vk.errors import SolariError, quoted
 from solari_vk.files import check_writable
 from solari_vk.scene.animation.clip import Animation
-from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.saving.clips import RigNodes
 from solari_vk.scene.gltf.saving.content import Content
-from solari_vk.scene.gltf.saving.nodes import Nodes
+from solari_vk.scene.gltf.saving.nodes import Nodes, backdrop_extras
 from solari_vk.scene.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.gltf.saving.skies import add_sky
 from solari_vk.scene.gltf.saving.surfaces import Surfaces
@@ -33,7 +32,8 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise SolariError(f"{target}: scenes are saved as .glb or .gltf: give a name with one of these endings")
-    check_writable(target)
+    for file in (target, target.with_suffix(".bin"))[: 1 + (target.suffix.lower() == ".gltf")]:
+        check_writable(file)
     content = Content()
     _Writer(content).add(scene)
     content.write(target)
@@ -46,13 +46,13 @@ class _Writer:
         self._nodes = Nodes(content, self._shapes)
 
     def add(self, scene: Scene) -> None:
-        """Write a scene. Its default camera comes first, as the reader expects it."""
+        """Write a scene. Its default camera comes first, or is marked where it follows a clip."""
         variants = self._variants(scene)
         clips = list(scene.animations)
         rigs = dict.fromkeys(clip.rig for clip in clips)
         default = scene._camera
         cameras = [*dict.fromkeys(([default] if default is not None else []) + list(scene.cameras))]
-        follows = {item for rig in rigs for item, *_ in rig.placed}
+        follows = {item for rig in rigs for item, *_ in rig.placed} & set(scene.cameras)
         first = cameras[0] if cameras else None
         if first is not None and first not in follows:
             self._nodes.camera(None, first, first.transform)
@@ -60,14 +60,13 @@ class _Writer:
         rows: list[tuple[RigNodes, list[Animation]]] = []
         for rig in rigs:
             of_rig = [clip for clip in clips if clip.rig is rig]
-            written = RigNodes(self._content, self._nodes, rig, of_rig, scene, variants)
-            done |= written.done
+            written = RigNodes(self._content, self._nodes, rig, of_rig, scene, variants, done)
             rows.append((written, of_rig))
         for instance in scene.instances:
             if instance not in done:
                 self._nodes.instance(
                     None, instance, instance.transform, variants=variants.get(instance, ()), visible=instance.visible,
-                    extras={EXTRAS: {"backdrop": True}} if instance is scene.backdrop else None,
+                    extras=backdrop_extras(scene, instance),
                 )  # fmt: skip
         for camera in cameras:
             if camera not in done:

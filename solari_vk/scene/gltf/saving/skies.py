@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from shutil import rmtree
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.files import make_temporary_folder
+from solari_vk.files import cannot_be, make_temporary_folder
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.saving.content import Content
@@ -56,11 +55,13 @@ def _exr(image: FloatArray) -> bytes:
     import OpenEXR
 
     folder = make_temporary_folder()
+    path = folder / "sky.exr"
     try:
-        path = Path(folder) / "sky.exr"
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         channels = {letter: np.ascontiguousarray(image[..., i]) for i, letter in enumerate("RGB")}
         OpenEXR.File(header, channels).write(str(path))
         return path.read_bytes()
+    except (OSError, RuntimeError) as error:
+        raise cannot_be("written", path, error) from None
     finally:
         rmtree(folder, ignore_errors=True)
