@@ -15,15 +15,15 @@ from solari_vk.reference import PathTracer
 def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float] | None:
     """(error, relative difference of mean radiance) of a picture (height, width, 3) against the path tracer's.
 
-    The error is the root of relMSE as output/error.py defines it; the noise of as many independent samples as the path
-    tracer has, which is more than its own, is subtracted. A picture of another size is averaged to the path tracer's.
-    None before the path tracer has two samples, and in the dark.
+    The error is the root of relMSE as output/error.py defines it; the path tracer's own noise counts until it has
+    refined. A picture of another size is averaged to the path tracer's. None before the path tracer has two samples,
+    and in the dark.
     """
     reference = tracer["raw_radiance"]
     mean = float(reference.mean(dtype=np.float64))
     if tracer.samples < 2 or not mean > 0:
         return None
     resized = area_means(picture, tracer.size)
-    squares = (luminance(resized) - luminance(reference)) ** 2 - tracer["variance"]
-    error = math.sqrt(max(float(relative_squares(reference, squares).mean()), 0.0))
+    squares = (luminance(resized) - luminance(reference)) ** 2
+    error = math.sqrt(float(relative_squares(reference, squares).mean()))
     return error, float(resized.mean()) / mean - 1

@@ -53,7 +53,7 @@ def test_a_script_runs(any_device, tmp_path, monkeypatch, path):
     ("sv.rt.trace", r"solari_vk.RayTracer\(device, scene\) traces arrays of rays"),
     ("sv.Scene().add_light(0)", "did you mean 'add'"),
     ("sv.Scene().animate('Run', time=0.3)", r"no option 'time': write scene.animate\(seconds, clip\)"),
-    ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), vertical_fov=60)", r"3.14149 radians \(fov takes degrees\), not 60"),
+    ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), vertical_fov=60)", r"6.28319 radians \(fov takes degrees\), not 60"),
     ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), orthographic=2)", "orthographic_height is in meters"),
     ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), fov=1, vertical_fov=1)", "fov is vertical_fov in degrees: give one"),
     ("sv.Camera.from_file", "Camera has no attribute 'from_file'; did you mean 'from_pose'"),

@@ -108,7 +108,7 @@ def lit_floor(scene, light, size):
     if isinstance(light, sv.DirectionalLight):
         received = sun_irradiance(light.illuminance, light.angular_diameter, -light.direction[1])
     else:
-        received = over_pixels(scene.camera, size, functools.partial(irradiance, light), nodes=8)
+        received = over_pixels(scene.camera, size, functools.partial(irradiance, light), nodes=64)
     return np.broadcast_to(received * light.color * ALBEDO / math.pi, (size, size, 3))
 
 

@@ -49,11 +49,12 @@ def turned(angle):
 
 
 def random_map(seed, height=8, width=16):
-    """A map whose texels differ by orders of magnitude, some of which are black."""
+    """A map whose texels differ by orders of magnitude, some of which are black. Of numbers that rgb9e5 has."""
     generator = np.random.default_rng(seed)
     image = np.exp(1.5 * generator.normal(size=(height, width, 3))).astype(np.float32)
     image[generator.random((height, width)) < 0.2] = 0
-    return image
+    step = np.exp2(np.floor(np.log2(np.maximum(image.max(axis=-1, keepdims=True), 1e-9))) - 8)
+    return (np.round(image / step) * step).astype(np.float32)
 
 
 def measure_floor(device, strategy):

@@ -130,7 +130,7 @@ def test_packings(shaders):
 
 RANDOM, PACKING = "common/random.glsl", "common/packing.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "generators": (with_shaders(test_generators), Bug(RANDOM, "pcg", "return correct(v) ^ (v & 1u);")),
+    "generators": (with_shaders(test_generators), Bug("common/hash.glsl", "pcg", "return correct(v) ^ (v & 1u);")),
     "ranges": (with_shaders(test_generators), Bug(
         RANDOM, "rand_range_u", "return correct(max(n, 1u) - 1u, rng);")),
     "disks": (with_shaders(test_disk), Bug(RANDOM, "sample_disk", "return correct(vec2(u.x * u.x, u.y));")),
