@@ -69,7 +69,8 @@ OBJECTS = [mesh(), PIXEL, Texture(PIXEL), Material(), Instance(mesh()), SUN, Poi
 def test_no_field_takes_nonsense(item):
     for field in dataclasses.fields(item):
         value = getattr(item, field.name)
-        wrongs = (object(), np.full(np.shape(value) if np.size(value) else 4, math.nan), -1e60 if field.name != "rotation" else "x")
+        wrong_numbers = np.full(np.shape(value) if np.size(value) else 4, math.nan)
+        wrongs = (object(), wrong_numbers, -1e60 if field.name != "rotation" else "x")
         if isinstance(value, bool):
             item.update(**{field.name: np.bool_(value)})
             wrongs = (object(), "no", np.ones(2, bool), 2, 1.0, None)
