@@ -77,7 +77,7 @@ bool is_occluded(ViewBox box) {
         }
     }
     float depth_value = is_parallel(camera)
-        ? 1.0 - (nearest - camera.near) / camera.parallel_range + 1e-5
+        ? 1.0 - (nearest - camera.near) / camera.parallel_range + 1e-6
         : camera.near / nearest * 1.0001;
     return depth_value < farthest;
 }
