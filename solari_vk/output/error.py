@@ -23,12 +23,8 @@ Floats = NDArray[np.float64]
 
 
 def error_of_mean(mean: NDArray[Any], variance: NDArray[Any]) -> float:
-    """The error of a mean (height, width, 3) of unbiased samples. variance (height, width): of the mean's luminance.
-
-    One standard error of blocks is added, because few of them may be near the truth by chance.
-    """
-    squares = relative_squares(mean, variance)
-    return math.sqrt(float(squares.mean()) + float(squares.std()) / math.sqrt(squares.size))
+    """The error of a mean (height, width, 3) of unbiased samples. variance (height, width): of the mean's luminance."""
+    return math.sqrt(relative_squares(mean, variance).mean())
 
 
 def error_of_other(picture: NDArray[Any], first: NDArray[Any], second: NDArray[Any]) -> float:
