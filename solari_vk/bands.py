@@ -17,10 +17,9 @@ from solari_vk.frame import checked_device
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import oidn
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.reference import PathTracer
+from solari_vk.reference import PathTracer, numbered_seed
 from solari_vk.scene.model import Camera, Scene
 
-SEED_STEP = 0x9E3779B9  # odd, so that all bands of a picture have different seeds
 GUIDES = ("guide_albedo", "guide_normal")
 LARGEST_BAND = 1 << 26  # pixels, for all the buffers of which there is memory on most devices
 
@@ -88,7 +87,7 @@ def render_large(
             part = min(rows, height - top)
             if tracer.size[1] != part:
                 tracer.resize((width, part))
-            tracer.seed = (seed + band * SEED_STEP) % 2**32
+            tracer.seed = numbered_seed(seed, band)
             said = None if progress is None else partial(_progress, progress, band * samples, samples * len(tops))
             tracer.render(band_camera(shown, size, top, part), samples, progress=said)
             found = {name: tracer[name] for name in names}

@@ -29,6 +29,11 @@ MAX_SAMPLES = 64  # per pixel in one dispatch
 FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
 
 
+def numbered_seed(seed: int, number: int) -> int:
+    """The seed of one of many pictures with independent noise; picture 0 has `seed` itself."""
+    return (seed + number * 0x9E3779B9) % 2**32  # odd, so that all differ
+
+
 class PathTracer(PictureRenderer):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 

@@ -22,12 +22,12 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_temporary_folder
 from solari_vk.frame_means import FrameMeans
 from solari_vk.output.picture import save_image
+from solari_vk.reference import numbered_seed
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 
 BLOCK = 24  # pictures of the realtime renderer
 METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
-SEED_STEP = 0x9E3779B9  # odd, so that all pictures have different seeds
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class RenderTask:
         style = self.style
         for number, view in enumerate(self.views, self.first):
             self._pose(session, view)
-            tracer = session.path_tracer(style.size, style.max_bounces, (style.seed + number * SEED_STEP) % 2**32)
+            tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
             self._save(folder, view, tracer.render(view.camera, style.samples, denoise=style.denoise))
 
     def _play(self, session: DeviceSession, folder: Path) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.denoised import MOTION, SEED, Case, Picture, cases, measure, path_traced
+from solari_vk.measure.denoised import MOTION, SCENES, SEED, Case, Picture, cases, measure, path_traced
 from solari_vk.measure.frame.passes import frame_times
 from solari_vk.measure.report import measuring
 from solari_vk.measure.statistics import interval, true_relative_mse
@@ -21,7 +21,6 @@ from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 
 Errors = NDArray[np.float64]
-SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
 LOOKS = (8, MOTION)  # frames after a reset
 INTRO = (
     "relMSE against the path tracer (its noise cancels out), of raw frames and of denoised ones, with the preset's "
