@@ -38,7 +38,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
     return module
 
 
-def test_names_survive_optimization_and_paths_do_not(shaders):
+def test_names_survive_and_paths_do_not(shaders):
     shaders.write("lib/a.glsl", LIBRARY)
     shaders.write("user", USER)
     spirv = compile_shader("passes/user.comp", root=shaders.root)

@@ -3,8 +3,7 @@
 import re
 import subprocess
 
-from support.seeded_bugs import Bug, seeded
-
+import pytest
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts
@@ -72,19 +71,41 @@ def test_what_main_reaches_stays(shaders):
     check_spirv(spirv, "whole")
 
 
-def test_a_second_time_nothing_goes():
-    spirv = compile_shader("passes/gbuffer/raster.frag")
+CONSTANT = {
+    "a function's result, in a variable": "bool held = no(kept.at[3]); if (held || !YES) { kept.at[1] = dead(); }",
+    "the right of &&": "if (kept.at[3] > 1.0 && NO) { kept.at[1] = dead(); }",
+    "after a break": "for (uint i = 0u; i < COUNT; ++i) { if (YES) { kept.at[i] = 2.0; break; } kept.at[1] = dead(); }",
+    "a loop that never runs": "while (NO) { kept.at[1] = dead(); }",
+    "after returns of both branches": "if (kept.at[3] > 1.0) { return; } else { return; } kept.at[1] = dead();",
+    "else": "if (YES) { kept.at[1] = 2.0; } else if (kept.at[3] > 1.0) { kept.at[1] = dead(); }",
+}
+CHANGING = {
+    "a variable of two values": "bool seen = NO; if (kept.at[3] > 1.0) { seen = YES; } if (seen) { kept.at[1] = dead(); }",
+    "a variable that a function changes": "bool seen = NO; see(seen); if (seen) { kept.at[1] = dead(); }",
+    "the left of ||": "if (kept.at[3] > 1.0 || NO) { kept.at[1] = dead(); }",
+    "a variable of a loop": "bool more = YES; while (more) { kept.at[1] = dead(); more = NO; }",
+}
+CONDITIONS = """const bool NO = false, YES = true;
+bool no(float value) { if (value > 2.0) { return NO; } return NO && value > 1.0; }
+void see(inout bool seen) { seen = YES; }
+void main()"""
+
+
+@pytest.mark.parametrize(("body", "stays"), [*((body, False) for body in CONSTANT.values()),
+                                             *((body, True) for body in CHANGING.values())],
+                         ids=[*CONSTANT, *CHANGING])  # fmt: skip
+def test_blocks_that_constant_conditions_never_run_are_gone(shaders, body, stays):
+    source = SHADER.replace("void main()", CONDITIONS).replace("BODY", body)
+    file = shaders.write("passes/x.comp", source)
+    spirv = without_dead_code(shaderc.compile_source(file.read_bytes(), "comp", str(file), [], optimization="zero"))
+    assert ("gone" in reflect(spirv).bindings) == stays
+    check_spirv(spirv, "pruned")
     assert without_dead_code(spirv) == spirv
 
 
-def test_shaders_of_overlays_alone_are_not_optimized():
-    path = "passes/solari019/restir_di/spatial_and_shade.comp"
-    usual, other = compile_shader(path), compile_shader("passes/denoise/blur.comp")
-    with seeded(Bug(path, "main", "correct();")):
-        patched = compile_shader(path)
-        assert compile_shader("passes/denoise/blur.comp") == other
-    assert reflect(patched).bindings == reflect(usual).bindings
-    assert disassembled(patched).count("OpFunctionCall") > 10 > disassembled(usual).count("OpFunctionCall")
+def test_a_second_time_nothing_goes():
+    spirv = compile_shader("passes/gbuffer/raster.frag")
+    assert without_dead_code(spirv) == spirv
 
 
 def test_texts_are_dropped_and_all_else_stays(shaders):

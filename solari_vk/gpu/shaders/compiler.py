@@ -145,10 +145,8 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 
 # A shader with an empty main is compiled for the reflection of its declarations, so they all stay.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
-# The optimizer's error for capabilities that it doesn't know. Such a module isn't optimized here, only by the driver.
-_TOO_NEW = "failed to optimize: Invalid capability"
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
-_OPTIONS = f"bound, live code {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
+_OPTIONS = f"bound, live blocks {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
 
@@ -187,7 +185,7 @@ def _ray_generation_module(sources: Sources, path: str, header: str, features: b
 
 
 def _key(sources: Sources, path: str, header: str, defines: Sequence[str]) -> str:
-    return sources.key(path, header, " ".join((_optimization(sources, path), _OPTIONS, *defines)))
+    return sources.key(path, header, " ".join((_OPTIONS, *defines)))
 
 
 def _defines(sources: Sources, path: str, features: bool, traces: bool) -> list[str]:
@@ -198,13 +196,6 @@ def _defines(sources: Sources, path: str, features: bool, traces: bool) -> list[
 
 def _has_features(sources: Sources, path: str) -> bool:
     return any(_WITHOUT_FEATURES.encode() in text for text in sources.closure(path).values())
-
-
-def _optimization(sources: Sources, path: str) -> str:
-    """Shaders are optimized, which halves the driver's work, but for those of overlays, which are used seldom."""
-    patched = any((file := sources.find(name)) and file.is_relative_to(folder)
-                  for folder in overlays for name in sources.closure(path))  # fmt: skip
-    return "zero" if patched else "performance"
 
 
 def _module(sources: Sources, path: str, header: str, features: bool, traces: bool = False) -> bytes:
@@ -222,26 +213,19 @@ def _module(sources: Sources, path: str, header: str, features: bool, traces: bo
         entry = shader_cache.cache_entry(source_key, shaderc.version())
         spirv = disk_cache.load(entry)
     if spirv is None:
-        spirv = _compile(sources.roots, file, header, defines, _optimization(sources, path))
+        spirv = _compile(sources.roots, file, header, defines)
         disk_cache.store(entry, spirv)
     return spirv
 
 
-def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
+def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str]) -> bytes:
+    """Not optimized, which took shaderc up to ten seconds a module and left the driver's compiler no less to do."""
     source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
     if ray_generation.DEFINE in defines:
         source, stage = ray_generation.without_local_size(source), "rgen"
     source = _with_header(source, header, file, "".join(f"#define {name}\n" for name in defines))
-    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
-    if _EMPTY_MAIN.search(source):
-        return _compile_text(*arguments, optimization="zero")
-    try:
-        spirv = _compile_text(*arguments, optimization=optimization)
-    except CompilationError as error:
-        if _TOO_NEW not in str(error):
-            raise
-        spirv = _compile_text(*arguments, optimization="zero")
-    return dead_code.without_dead_code(spirv)
+    spirv = _compile_text(source.encode(), stage, os.fspath(file), list(map(os.fspath, folders)), optimization="zero")
+    return spirv if _EMPTY_MAIN.search(source) else dead_code.without_dead_code(spirv)
 
 
 def _with_header(source: str, header: str, file: Path, defines: str) -> str:

@@ -1,6 +1,6 @@
 """Compute shaders as ray generation shaders, for devices that trace rays by pipelines.
 
-A shader that traces rays is one whose module has ray queries left after it was optimized. It is compiled a second time
+A shader that traces rays is one whose module has ray queries in the code that it reaches. It is compiled a second time
 with RAY_PIPELINES defined, which makes scene/trace.glsl trace by a ray pipeline. The number of threads of such a shader
 is given when it is launched, so its declaration of a local size is removed.
 """
