@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import resource
@@ -16,6 +17,9 @@ import solari_vk as sv
 
 
 def resident_bytes() -> int:
+    """Without what the C library keeps of freed memory, whose holes grow where a driver compiles in several threads."""
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+        trim(0)
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * resource.getpagesize()
 
@@ -121,7 +125,7 @@ def test_a_thousand_cycles_of_load_render_close(any_device, tmp_path):
     print(f"1,000 cycles: {sizes[0] / 1e6:.0f} MB after the first, at most {early / 1e6:.0f} in cycles 201 to 400 and "
           f"{late / 1e6:.0f} in the last 200; {counts[-1][1]} bytes used on the device")
     assert counts[-1] == counts[20]
-    assert late - early < 16e6  # 8 MB were seen, of which Python's objects are 0.1
+    assert late - early < 8e6
 
 
 @pytest.mark.slow
