@@ -4,6 +4,7 @@ import re
 import subprocess
 
 import pytest
+
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts

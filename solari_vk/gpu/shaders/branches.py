@@ -11,6 +11,7 @@ from collections.abc import Mapping
 Words = list[int]
 Block = list[Words]  # a label first, a terminator last
 Functions = Mapping[int, list[Words]]
+Values = Mapping[int, bool]  # of what was found constant
 
 _CONSTANTS = {41: True, 42: False}
 _CALL, _VARIABLE, _LOAD, _STORE = 57, 59, 61, 62
@@ -32,14 +33,18 @@ def without_constant_branches(functions: Functions, declarations: list[Words]) -
         found = set[int]()
         for number in waiting:
             head, blocks = bodies[number]
-            bodies[number] = head, blocks = head, _pruned(head, blocks, known, returned)
+            bodies[number] = head, blocks = head, _pruned(blocks, known, returned)
             values = {known.get(words[1]) for block in blocks for words in block if _op(words) == _RETURN_VALUE}
             if number not in returned and len(values) == 1 and (value := values.pop()) is not None:
                 returned[number] = value
                 found.add(number)
-        waiting = {number for number, (_, blocks) in bodies.items()
-                   if any(_op(words) == _CALL and words[3] in found for block in blocks for words in block)}  # fmt: skip
+        waiting = {number for number, (_, blocks) in bodies.items() if not found.isdisjoint(_called(blocks))}
     return {number: [*head, *_used(blocks), [1 << 16 | _FUNCTION_END]] for number, (head, blocks) in bodies.items()}
+
+
+def _called(blocks: list[Block]) -> Words:
+    """The functions that are called."""
+    return [words[3] for block in blocks for words in block if _op(words) == _CALL]
 
 
 def _used(blocks: list[Block]) -> list[Words]:
@@ -60,7 +65,7 @@ def _blocks(body: list[Words]) -> tuple[list[Words], list[Block]]:
     return body[: starts[0]], [body[start:end] for start, end in zip(starts, ends, strict=True)]
 
 
-def _pruned(head: list[Words], blocks: list[Block], known: dict[int, bool], returned: Mapping[int, bool]) -> list[Block]:
+def _pruned(blocks: list[Block], known: dict[int, bool], returned: Values) -> list[Block]:
     """The blocks of a function that may run. Adds to `known` the values found constant."""
     while True:
         size, count = len(known), len(blocks)
@@ -76,23 +81,24 @@ def _pruned(head: list[Words], blocks: list[Block], known: dict[int, bool], retu
             return blocks
 
 
-def _stored(blocks: list[Block], known: Mapping[int, bool]) -> dict[int, bool]:
+def _stored(blocks: list[Block], known: Values) -> Values:
     """The local variables that hold nothing but one constant."""
-    values: dict[int, set[bool | None]] = {}
+    values: dict[int, list[bool | None]] = {}  # of each variable, without repetition
     for block in blocks:
         for words in block:
             op = _op(words)
             if op == _VARIABLE and len(words) == 4:
-                values[words[2]] = set()
+                values[words[2]] = []
             elif op == _STORE and words[1] in values:
-                values[words[1]].add(known.get(words[2]))
+                if (value := known.get(words[2])) not in values[words[1]]:
+                    values[words[1]].append(value)
             elif op != _LOAD:
                 for word in words[1:]:
                     values.pop(word, None)  # it is written in another way, or the word is a literal of this number
-    return {variable: value for variable, of in values.items() if len(of) == 1 and (value := next(iter(of))) is not None}
+    return {variable: of[0] for variable, of in values.items() if len(of) == 1 and of[0] is not None}
 
 
-def _value(words: Words, known: Mapping[int, bool], stored: Mapping[int, bool], returned: Mapping[int, bool]) -> bool | None:
+def _value(words: Words, known: Values, stored: Values, returned: Values) -> bool | None:
     """What an instruction results in, if it is a constant condition."""
     op = _op(words)
     if op == _LOAD:
@@ -110,7 +116,7 @@ def _value(words: Words, known: Mapping[int, bool], stored: Mapping[int, bool], 
     return values.pop() if len(values) == 1 else None
 
 
-def _straighten(block: Block, known: Mapping[int, bool]) -> None:
+def _straighten(block: Block, known: Values) -> None:
     """A branch by a constant becomes one without condition."""
     last = block[-1]
     if _op(last) == _BRANCH_IF and (value := known.get(last[1])) is not None:

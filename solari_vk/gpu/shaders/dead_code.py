@@ -1,4 +1,4 @@
-"""Removes from a SPIR-V module what its entry points don't reach: blocks, functions, variables, types, constants, names.
+"""Removes from a SPIR-V module what its entry points don't reach: blocks, functions, variables, types, constants.
 
 Shaders are compiled without shaderc's optimizer, which takes up to ten seconds for the largest and saves the driver no
 time. But reflection and pipeline layouts must not see bindings that a shader includes and never uses.
