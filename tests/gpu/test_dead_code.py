@@ -81,7 +81,7 @@ CONSTANT = {
     "else": "if (YES) { kept.at[1] = 2.0; } else if (kept.at[3] > 1.0) { kept.at[1] = dead(); }",
 }
 CHANGING = {
-    "a variable of two values": "bool seen = NO; if (kept.at[3] > 1.0) { seen = YES; } if (seen) { kept.at[1] = dead(); }",
+    "a variable of two values": "bool seen = NO; if (kept.at[3] > 1.0) seen = YES; if (seen) { kept.at[1] = dead(); }",
     "a variable that a function changes": "bool seen = NO; see(seen); if (seen) { kept.at[1] = dead(); }",
     "the left of ||": "if (kept.at[3] > 1.0 || NO) { kept.at[1] = dead(); }",
     "a variable of a loop": "bool more = YES; while (more) { kept.at[1] = dead(); more = NO; }",
