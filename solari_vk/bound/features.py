@@ -15,7 +15,7 @@ from typing import Any
 
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
-from solari_vk.scene.lights.punctual import PunctualLight
+from solari_vk.scene.lights.punctual import PointLight, PunctualLight
 from solari_vk.scene.material import Material
 from solari_vk.scene.objects import Instance, Mesh
 
@@ -42,6 +42,7 @@ FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
+    Feature("PROFILES", PointLight, lambda light: light.profile is not None),
     Feature("POSES", Instance, lambda instance: instance.posed),
     Feature("PROXIES", Instance, lambda instance: instance.ray_mesh is not None),
     Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),

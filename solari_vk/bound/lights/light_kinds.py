@@ -38,7 +38,8 @@ from solari_vk.bound.features import FEATURES
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
 from solari_vk.scene.lights.environment import EnvironmentLight
-from solari_vk.scene.lights.punctual import PunctualLight
+from solari_vk.scene.lights.punctual import PointLight, PunctualLight
+from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import DirectionalLight, Instance
 
 AT_SURFACES, NEVER, PASSED, AT_INFINITY = PLACES = "at surfaces", "never", "passed", "at infinity"
@@ -105,7 +106,19 @@ def _punctual_record(light: PunctualLight) -> dict[str, Any]:
         "cone_scale": scale,
         "cone_offset": offset,
         "inverse_range": 1 / light.range if light.range else 0.0,
-    }
+    } | (_profile_record(light) if isinstance(light, PointLight) and light.profile else {"profile": 0})
+
+
+def _profile_record(light: PointLight) -> dict[str, Any]:
+    """The axes of the profile; its buffer is the light list's."""
+    axis = light.direction.astype(np.float64)
+    horizontal = unit(light.horizontal - axis * (axis @ light.horizontal))
+    return {"profile_axes": np.stack([horizontal, np.cross(horizontal, axis), axis])}  # GLSL holds columns
+
+
+def _turns(light: PunctualLight) -> bool:
+    """Whether the light depends on its axis."""
+    return bool(light.falloff[0]) or getattr(light, "profile", None) is not None
 
 
 def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight], bool]) -> LightKind:
@@ -114,7 +127,7 @@ def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight],
         power=lambda light, area: light.solid_angle * light.intensity * luminance(light.color),
         buffer=f"{name}_lights",
         record=_punctual_record,
-        position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if light.falloff[0] else 0.0),
+        position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if _turns(light) else 0.0),
         bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
         depends_on_receiver=True,
         holds=holds,

@@ -16,6 +16,7 @@ from solari_vk.bound.lights.emissive_meshes import Emission
 from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
+from solari_vk.bound.lights.profile_buffer import ProfileBuffer
 from solari_vk.bound.table import Table
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -61,7 +62,7 @@ class LightList:
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self._device = device
-        self._maps: dict[Light, EnvironmentBuffers] = {}
+        self._maps: dict[Light, EnvironmentBuffers | ProfileBuffer] = {}
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
@@ -161,17 +162,23 @@ class LightList:
         else:
             self._edited[light] = own
         self._changed |= not present
-        if present and isinstance(light, EnvironmentLight):
+        if present:
             self._update_map(light)
 
-    def _update_map(self, light: EnvironmentLight) -> None:
-        """Put an environment's image on the device if it isn't there yet."""
-        if light in self._maps and self._maps[light].image is light.image:
+    def _update_map(self, light: Light) -> None:
+        """Put an environment's image or a lamp's profile on the device if it isn't there yet."""
+        image = light.image if isinstance(light, EnvironmentLight) else getattr(light, "profile", None)
+        if image is (self._maps[light].image if light in self._maps else None):
             return
-        made = EnvironmentBuffers(self._device, self.leaves.table.records["by_power"].dtype, light.image)
+        made: EnvironmentBuffers | ProfileBuffer | None = None
+        if isinstance(light, EnvironmentLight):
+            made = EnvironmentBuffers(self._device, self.leaves.table.records["by_power"].dtype, light.image)
+        elif image is not None:
+            made = ProfileBuffer(self._device, image)
         self.renew(light)
         self._drop_map(light)
-        self._maps[light] = made
+        if made:
+            self._maps[light] = made
 
     def _drop_map(self, light: Light) -> None:
         if light in self._maps:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import KW_ONLY, field
 from typing import Any
 
@@ -12,6 +13,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.temperature import kelvin
 from solari_vk.scene.observed import checked
 
@@ -79,7 +81,7 @@ class PunctualLight(Light):
 
     @property
     def axis(self) -> FloatArray:
-        """The direction (3,) in which the light is as bright as `intensity` says."""
+        """The direction (3,) of the cone, or of a profile's vertical angle 0."""
         return np.array((0, -1, 0), np.float32)
 
     @property
@@ -108,7 +110,57 @@ class PointLight(PunctualLight):
     makes a sphere of the same intensity, with soft shadows; cameras and mirrors see it, and it casts no shadow itself.
     range: in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None:
     without end, as real light.
+
+    profile: a LightProfile, which says how bright each direction is in proportion to `intensity`, that of the brightest
+    one; None: all are alike. ies, in its place: a file after ANSI/IES LM-63, or a LightProfile; unless intensity or
+    lumens is given too, the intensity is then the file's. direction (3,): of the profile's vertical angle 0, of any
+    length. horizontal (3,): of its horizontal angle 0, at a right angle to `direction` or made so. Of a lamp with a
+    radius, directions are those from its center.
     """
+
+    profile: LightProfile | None = None
+    direction: FloatArray = field(default_factory=lambda: np.array((0, -1, 0), np.float32))
+    horizontal: FloatArray = field(default_factory=lambda: np.array((1, 0, 0), np.float32))
+
+    _converters = {
+        **PunctualLight._converters,
+        "profile": checks.instance_of(lambda: LightProfile, optional=True),
+        "direction": checks.direction,
+        "horizontal": checks.direction,
+    }
+
+    _derived = (*PunctualLight._derived, "ies")
+
+    @classmethod
+    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
+        if "ies" in given:
+            if "profile" in given:
+                raise SolariError(f"{cls.__name__}: ies makes profile: give one of them")
+            file = given.pop("ies")
+            given["profile"] = profile = file if isinstance(file, LightProfile) else _read(file)
+            if not {"intensity", "lumens"} & given.keys():
+                given["intensity"] = profile.peak
+        return super()._resolve(given, current)
+
+    @classmethod
+    def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+        profile = given.get("profile", getattr(current, "profile", None))
+        return profile.solid_angle if isinstance(profile, LightProfile) else 4 * math.pi
+
+    @property
+    def axis(self) -> FloatArray:
+        """The direction (3,) of a profile's vertical angle 0."""
+        return self.direction
+
+    @property
+    def solid_angle(self) -> float:
+        """The integral of the share of the intensity over all directions, in steradians."""
+        return self._solid_angle_of({}, self)
+
+    def _validate(self) -> None:
+        super()._validate()
+        if np.linalg.norm(np.cross(self.direction, self.horizontal)) < 1e-3:
+            raise SolariError(f"{self.describe()}: horizontal must not have the direction of `direction`")
 
 
 @checked
@@ -174,6 +226,12 @@ class SpotLight(PunctualLight):
                 f"{self.describe()}: inner_cone_angle must be smaller than outer_cone_angle, but is "
                 f"{self.inner_cone_angle:g} where the other is {self.outer_cone_angle:g}"
             )
+
+
+def _read(file: Any) -> LightProfile:
+    if not isinstance(file, (str, os.PathLike)):
+        raise SolariError(f"PointLight: ies must be a path or a LightProfile, not {type(file).__name__}")
+    return LightProfile.read(file)
 
 
 def _cosines(inner_angle: float, outer_angle: float) -> tuple[float, float]:
