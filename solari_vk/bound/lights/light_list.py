@@ -167,7 +167,7 @@ class LightList:
 
     def _update_map(self, light: Light) -> None:
         """Put an environment's image or a lamp's profile on the device if it isn't there yet."""
-        image = light.image if isinstance(light, EnvironmentLight) else getattr(light, "profile", None)
+        image: Any = light.image if isinstance(light, EnvironmentLight) else getattr(light, "profile", None)
         if image is (self._maps[light].image if light in self._maps else None):
             return
         made: EnvironmentBuffers | ProfileBuffer | None = None

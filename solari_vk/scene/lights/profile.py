@@ -117,8 +117,9 @@ class LightProfile:
 
     def text(self) -> str:
         """The profile as a file after LM-63-2002."""
-        def listed(values: Any) -> str:
-            return "\n".join(" ".join(f"{value:.9g}" for value in values[at : at + 10]) for at in range(0, len(values), 10))
+        def listed(values: FloatArray) -> str:
+            words = [f"{value:.9g}" for value in values]
+            return "\n".join(" ".join(words[at : at + 10]) for at in range(0, len(words), 10))
 
         kind = next(number for number, letter in _TYPES.items() if letter == self.photometry)
         head = f"1 -1 1 {len(self.vertical)} {len(self.horizontal)} {kind} 2 0 0 0\n1 1 0"

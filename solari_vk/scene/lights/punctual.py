@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import KW_ONLY, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class PunctualLight(Light):
         "range": checks.number(1e-5, 1e18, "m", optional=True),
     }
 
-    _derived = ("lumens", "kelvin")
+    _derived: ClassVar[tuple[str, ...]] = ("lumens", "kelvin")
 
     @classmethod
     def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
