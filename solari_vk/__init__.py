@@ -30,6 +30,7 @@ _HOMES = {
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
+    "scene.lights.profile": ("LightProfile",),
     "scene.lights.punctual": ("PointLight", "SpotLight"),
     "bound.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
@@ -59,7 +60,7 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Animation", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device", "DeviceError",
-    "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "Material", "Mesh", "Pass",
+    "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile", "Material", "Mesh", "Pass",
     "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder",
     "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError",
     "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
@@ -91,6 +92,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.group import Group
+    from solari_vk.scene.lights.profile import LightProfile
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky
     from solari_vk.scene.lights.temperature import kelvin

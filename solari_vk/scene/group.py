@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import Hints, SolariError, unknown_name
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.directional import DirectionalLight
-from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
+from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.punctual import PunctualLight
 from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.objects import Instance
 from solari_vk.scene.placement import PARTS, Scaled, parts, placed
@@ -118,7 +119,7 @@ class Group(Scaled, Hints):
 
 def _where(item: Any) -> dict[str, Any]:
     """The fields of an object that `_move` changes."""
-    names = ("transform",) if isinstance(item, Group | Instance | Camera) else ("position", "direction")
+    names = ("transform",) if isinstance(item, Group | Instance | Camera) else ("position", "direction", "horizontal")
     return {name: getattr(item, name) for name in names if hasattr(item, name)}
 
 
@@ -132,8 +133,8 @@ def _move(item: Any, move: NDArray[np.float64]) -> None:
         item.update(position=position, rotation=turn)
     if isinstance(item, PunctualLight):
         item.position = transform_points(move, item.position).astype(np.float32)
-    if isinstance(item, SpotLight | DirectionalLight):
-        item.direction = transform_directions(move, item.direction).astype(np.float32)
+    if isinstance(item, Light):
+        item.update(**{name: transform_directions(move, getattr(item, name)).astype(np.float32) for name in item.axes})
 
 
 def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str) -> list[Any]:

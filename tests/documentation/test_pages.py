@@ -71,6 +71,7 @@ def folder(tmp_path, monkeypatch):
     for name in ("model.glb", "character.glb"):
         writer.save(tmp_path / name)
     (tmp_path / "scan.ply").write_text(SCAN)
+    (tmp_path / "downlight.ies").write_text(sv.LightProfile([0, 90], [0], [[800, 0]]).text())
     sv.save_image(tmp_path / "map.exr", np.ones((4, 8, 3)))
     (tmp_path / "path.json").write_text(blocks(DOCS / "guides/animation.md", "json")[0])
     monkeypatch.chdir(tmp_path)

@@ -116,18 +116,13 @@ def _profile_record(light: PointLight) -> dict[str, Any]:
     return {"profile_axes": np.stack([horizontal, np.cross(horizontal, axis), axis])}  # GLSL holds columns
 
 
-def _turns(light: PunctualLight) -> bool:
-    """Whether the light depends on its axis."""
-    return bool(light.falloff[0]) or getattr(light, "profile", None) is not None
-
-
 def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight], bool]) -> LightKind:
     return LightKind(
         name, PunctualLight, met_by_rays,
         power=lambda light, area: light.solid_angle * light.intensity * luminance(light.color),
         buffer=f"{name}_lights",
         record=_punctual_record,
-        position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if _turns(light) else 0.0),
+        position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if light.axes else 0.0),
         bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
         depends_on_receiver=True,
         holds=holds,

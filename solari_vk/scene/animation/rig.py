@@ -233,10 +233,11 @@ class Rig:
         if not np.isfinite(world).all():
             shown = False
         else:
-            fields = {"position": world[:3, 3]}
+            fields = {"position": world[:3, 3]} if hasattr(light, "position") else {}
             if (transform := upright(world)) is not None:
-                fields["direction"] = -transform[:3, 2]
-            values = {name: fields[name].astype(np.float32) for name in fields if hasattr(light, name)}
+                fields |= {name: {"direction": -transform[:3, 2], "horizontal": transform[:3, 0]}[name]
+                           for name in light.axes}  # fmt: skip
+            values = {name: fields[name].astype(np.float32) for name in fields}
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)
         if shown != self.shown[light] and shown != (light in lights):  # which a user may have added or removed

@@ -1,4 +1,4 @@
-"""Lights of a glTF file: KHR_lights_punctual."""
+"""Lights of a glTF file: KHR_lights_punctual and EXT_lights_ies."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.matrices import upright
 
-EXTENSION = "KHR_lights_punctual"
+EXTENSION, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
 MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
 OWN = ("radius", "angular_diameter")
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
+OWN_OF_PROFILES = ("radius", "range")
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
 
 
@@ -33,6 +35,7 @@ class Lights:
         self._document = document
         self._report = report
         self._entries: list[Entry] | None = None
+        self._profiles: dict[int, LightProfile] = {}
 
     def light(self, node: PlacedNode) -> Light | None:
         """The light of a node, which has the extension; None when it is left out, which is reported."""
@@ -49,6 +52,39 @@ class Lights:
             return DirectionalLight(direction=_travel(place), **fields)
         position = node.world[:3, 3].astype(np.float32)
         return PointLight(position, **fields) if kind == "point" else SpotLight(position, _travel(place), **fields)
+
+    def luminaire(self, node: PlacedNode) -> Light | None:
+        """The light with a profile of a node, which has the extension; None when it is left out, which is reported."""
+        user = node.entry.extension(PROFILES)
+        assert user is not None
+        profile, place = self._profile(user), upright(node.world)
+        if place is None or not np.abs(node.world[:3, 3]).max() <= LARGEST_COORDINATE:
+            self._report.add("lights whose node's transform is singular are left out", node.entry.place)
+            return None
+        intensity = profile.peak * user.number("multiplier", 1.0, low=0, high=1e30)
+        if intensity > MAX_INTENSITY:
+            intensity = MAX_INTENSITY
+            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", user.place)
+        color = np.clip(user.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), 0, 1).astype(np.float32)
+        return PointLight(
+            node.world[:3, 3].astype(np.float32), profile=profile, intensity=intensity, color=color,
+            direction=_travel(place), horizontal=place[:3, 0].astype(np.float32), name=node.entry.name,
+            **read_own(user, OWN_OF_PROFILES),
+        )  # fmt: skip
+
+    def _profile(self, user: Entry) -> LightProfile:
+        """The profile that a node's extension names."""
+        number, extension = user.integer("light"), self._document.root.extension(PROFILES)
+        entries = extension.entries("lights", "light profile") if extension else []
+        if number >= len(entries):
+            raise user.error(f"refers to light profile {shown(number)}, but the file has only {len(entries)} of them")
+        if number not in self._profiles:
+            entry = entries[number]
+            document = self._document
+            embedded = "bufferView" in entry
+            data = document.view(entry.integer("bufferView"), entry)[0] if embedded else document.resource(entry)
+            self._profiles[number] = LightProfile.parse(bytes(data), f"{document.file}: {entry.place}")
+        return self._profiles[number]
 
     def fields(self, entry: Entry) -> dict[str, Any]:
         """The fields that a light of the file sets, but its place and name."""

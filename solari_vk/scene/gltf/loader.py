@@ -20,7 +20,7 @@ from solari_vk.scene.gltf.extras import read_own
 from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
-from solari_vk.scene.gltf.lights import Lights
+from solari_vk.scene.gltf.lights import PROFILES, Lights
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
 from solari_vk.scene.gltf.pointers import AnimatedObject
@@ -35,7 +35,7 @@ from solari_vk.scene.libraries import warn_of_missing
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = (
-    "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld", LEVELS,
+    PROFILES, "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld", LEVELS,
 )  # fmt: skip
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
@@ -126,6 +126,9 @@ class _Loader:
             if node.entry.extension(LIGHTS):
                 with self._report.costs("wrong lights are left out"):
                     self._add(node, self._followed(node, self._lights.light(node)))
+            if node.entry.extension(PROFILES):
+                with self._report.costs("wrong lights are left out"):
+                    self._add(node, self._lights.luminaire(node))
         if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
             raise self._report.first_error
         for animation in self._animations.finish(self._animated):

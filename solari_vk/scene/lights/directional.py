@@ -51,6 +51,11 @@ class DirectionalLight(Light):
         return {"color": kelvin(given.pop("kelvin")), **given}
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """The fields that are directions, which turn with what carries the light."""
+        return ("direction",)
+
+    @property
     def emits(self) -> bool:
         """Whether the light emits anything."""
         return self.illuminance > 0 and bool((self.color > 0).any())

@@ -12,3 +12,8 @@ class Light(Checked):
     def emits(self) -> bool:
         """Whether the light emits anything."""
         raise NotImplementedError
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The fields that are directions, which turn with what carries the light."""
+        return ()

@@ -148,6 +148,11 @@ class PointLight(PunctualLight):
         return profile.solid_angle if isinstance(profile, LightProfile) else 4 * math.pi
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """The fields that are directions, which turn with what carries the light."""
+        return ("direction", "horizontal") if self.profile else ()
+
+    @property
     def axis(self) -> FloatArray:
         """The direction (3,) of a profile's vertical angle 0."""
         return self.direction
@@ -186,6 +191,11 @@ class SpotLight(PunctualLight):
         "inner_cone_angle": checks.number(0, math.pi / 2, "radians"),
         "outer_cone_angle": checks.number(0, math.pi / 2 + 1e-6, "radians"),
     }
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The fields that are directions, which turn with what carries the light."""
+        return ("direction",)
 
     @property
     def axis(self) -> FloatArray:

@@ -1,5 +1,5 @@
 """`illuminance` against closed forms: derived after the cases of chapter 5 of CIE 171:2006, of which these are neither
-copies nor a certificate. Luminaires have no IES files yet, so a bulb and a spotlight stand in for them."""
+copies nor a certificate. Luminaires are those of lights/test_profiles.py."""
 
 from __future__ import annotations
 

@@ -15,14 +15,15 @@ from solari_vk.scene.gltf.cameras import OWN as OWN_OF_CAMERAS
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.extras import write_own
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
-from solari_vk.scene.gltf.lights import MAX_INTENSITY
+from solari_vk.scene.gltf.lights import MAX_INTENSITY, OWN_OF_PROFILES, PROFILES
 from solari_vk.scene.gltf.lights import OWN as OWN_OF_LIGHTS
 from solari_vk.scene.gltf.saving.content import Content, plain
 from solari_vk.scene.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
-from solari_vk.scene.matrices import orthogonal
+from solari_vk.scene.matrices import orthogonal, unit
 from solari_vk.scene.objects import Instance, Mesh
 
 Matrix = NDArray[np.float64]
@@ -38,6 +39,7 @@ class Nodes:
         self._content = content
         self._shapes = shapes
         self._skins: dict[Any, int] = {}
+        self._profiles: dict[LightProfile, int] = {}
         self.roots: list[int] = []
         self._skinned_roots: list[int] = []
 
@@ -128,6 +130,8 @@ class Nodes:
 
     def light(self, parent: int | None, light: Light, matrix: Matrix | None = None) -> int | None:
         """The node of a light. matrix: from its -z to the parent, by default where the light is."""
+        if isinstance(light, PointLight) and light.profile:
+            return self._luminaire(parent, light, light.profile, matrix)
         if isinstance(light, DirectionalLight):
             kind, intensity = "directional", light.illuminance
         elif isinstance(light, PointLight | SpotLight):
@@ -154,6 +158,24 @@ class Nodes:
         return number
 
 
+    def _luminaire(self, parent: int | None, light: PointLight, profile: LightProfile, matrix: Matrix | None) -> int:
+        """The node of a light with a profile."""
+        profiles = self._content.use(PROFILES, {"lights": []})["lights"]
+        if profile not in self._profiles:
+            self._profiles[profile] = len(profiles)
+            view = self._content.view(profile.text().encode())
+            profiles.append({"bufferView": view, "mimeType": "application/x-ies-lm-63"})
+        number = self.place(parent, _facing(light) if matrix is None else matrix, name=light.name)
+        excess = max(float(light.color.max()), 1.0)  # glTF's colors are at most 1
+        peak = profile.peak or 1.0
+        fields = {"light": self._profiles[profile], "multiplier": light.intensity / peak * excess,
+                  "color": plain(light.color.astype(np.float64) / excess if excess > 1 else light.color)}  # fmt: skip
+        if own := write_own(light, OWN_OF_PROFILES):
+            fields["extras"] = own
+        self._content.use(PROFILES, fields, self._content.json["nodes"][number])
+        return number
+
+
 def backdrop_extras(scene: Any, instance: Instance) -> dict[str, Any] | None:
     """The extras of an instance's node."""
     return {EXTRAS: {"backdrop": True}} if instance is scene.backdrop else None
@@ -171,9 +193,11 @@ def _facing(light: Any) -> Matrix:
     """A transform with the light's position, whose -z is its direction."""
     matrix = np.eye(4)
     matrix[:3, 3] = getattr(light, "position", (0, 0, 0))
-    if hasattr(light, "direction"):
+    if light.axes:
         back = -light.direction.astype(np.float64) / np.linalg.norm(light.direction.astype(np.float64))
         right = orthogonal(back[None])[0]
+        if "horizontal" in light.axes:
+            right = unit(light.horizontal - back * (back @ light.horizontal))
         matrix[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     return matrix
 
