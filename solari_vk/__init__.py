@@ -60,12 +60,13 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Animation", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device", "DeviceError",
-    "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile", "Material", "Mesh", "Pass",
-    "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder",
-    "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError",
-    "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
-    "kelvin", "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open", "render_large", "rt",
-    "save_colmap", "save_image", "save_video", "shapes", "studio_lights", "tonemap",
+    "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile", "Material",
+    "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig",
+    "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture",
+    "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin", "check_output",
+    "cluster", "encode_picture", "illuminance", "kelvin", "list_devices", "load", "load_colmap", "load_gltf",
+    "notebook", "open", "render_large", "rt", "save_colmap", "save_image", "save_video", "shapes", "studio_lights",
+    "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:

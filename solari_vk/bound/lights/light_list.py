@@ -13,13 +13,11 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.emissive_meshes import Emission
-from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
-from solari_vk.bound.lights.profile_buffer import ProfileBuffer
+from solari_vk.bound.lights.own_buffers import OwnBuffers, own_buffers, own_image
 from solari_vk.bound.table import Table
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.model import Instance, Light
 
 Position = tuple[float, float, float]
@@ -62,7 +60,7 @@ class LightList:
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self._device = device
-        self._maps: dict[Light, EnvironmentBuffers | ProfileBuffer] = {}
+        self._maps: dict[Light, OwnBuffers] = {}
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
@@ -167,14 +165,11 @@ class LightList:
 
     def _update_map(self, light: Light) -> None:
         """Put an environment's image or a lamp's profile on the device if it isn't there yet."""
-        image: Any = light.image if isinstance(light, EnvironmentLight) else getattr(light, "profile", None)
+        image = own_image(light)
         if image is (self._maps[light].image if light in self._maps else None):
             return
-        made: EnvironmentBuffers | ProfileBuffer | None = None
-        if isinstance(light, EnvironmentLight):
-            made = EnvironmentBuffers(self._device, self.leaves.table.records["by_power"].dtype, light.image)
-        elif image is not None:
-            made = ProfileBuffer(self._device, image)
+        row = self.leaves.table.records["by_power"].dtype
+        made = None if image is None else own_buffers(self._device, row, image)
         self.renew(light)
         self._drop_map(light)
         if made:
