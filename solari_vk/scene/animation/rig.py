@@ -233,15 +233,20 @@ class Rig:
         if not np.isfinite(world).all():
             shown = False
         else:
-            fields = {"position": world[:3, 3]} if hasattr(light, "position") else {}
-            if (transform := upright(world)) is not None:
-                fields |= {name: {"direction": -transform[:3, 2], "horizontal": transform[:3, 0]}[name]
-                           for name in light.axes}  # fmt: skip
-            values = {name: fields[name].astype(np.float32) for name in fields}
+            values = {name: value.astype(np.float32) for name, value in placed_light(light, world).items()}
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)
         if shown != self.shown[light] and shown != (light in lights):  # which a user may have added or removed
             (lights.add if shown else lights.remove)(light)
+
+
+def placed_light(light: Light, world: Matrix) -> dict[str, Matrix]:
+    """The fields of a light that the transform of its node says: it shines along the node's -z."""
+    fields = {"position": world[:3, 3]} if hasattr(light, "position") else {}
+    if (transform := upright(world)) is not None:
+        axes = {"direction": -transform[:3, 2], "horizontal": transform[:3, 0]}
+        fields |= {name: axes[name] for name in light.axes}
+    return fields
 
 
 def _assign(item: Instance | Camera, field: str, value: Matrix) -> None:

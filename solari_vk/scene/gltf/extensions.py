@@ -148,10 +148,9 @@ EXTENSIONS = (
     Extension("KHR_physics_rigid_bodies", "no", "physics is ignored"),
     # Of several vendors.
     Extension("EXT_instance_features", "no", "identifiers of instances are ignored"),
-    Extension("EXT_lights_ies", "no", "the lights are left out"),
+    Extension("EXT_lights_ies", "works", "factors for tilted lamps aren't applied"),
     Extension("EXT_lights_image_based", "works", "the sharpest images of the cube light the scene"),
     Extension("EXT_mesh_features", "no", "identifiers of features are ignored"),
-    Extension("EXT_lights_ies", "works", "factors for tilted lamps aren't applied"),
     Extension("EXT_mesh_gpu_instancing", "works", "attributes other than translation, rotation and scale are ignored"),
     Extension("EXT_mesh_manifold", "no", "information for solid modelling is ignored"),
     Extension("EXT_meshopt_compression", "works", "with the extra `formats`"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.scene import checks
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel, unit_quaternions
-from solari_vk.scene.animation.rig import NOT_MOVED, Rig
+from solari_vk.scene.animation.rig import NOT_MOVED, Rig, placed_light
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.gltf.cameras import DEFAULT
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
@@ -123,10 +123,8 @@ class RigNodes:
         upright_world = None if world is None else upright(world)
         if isinstance(item, Camera):
             return upright_world is None or _are_near(item.transform, upright_world)
-        expected = {} if world is None else {"position": world[:3, 3]}
-        if upright_world is not None:
-            expected["direction"] = -upright_world[:3, 2]
-        near = (_are_near(getattr(item, name), value) for name, value in expected.items() if hasattr(item, name))
+        expected = {} if world is None else placed_light(item, world)
+        near = (_are_near(getattr(item, name), value) for name, value in expected.items())
         return all(near) and (item in self._scene.lights) == shown
 
     def _skin(self, item: Instance, skin: Any, worlds: NDArray[Any]) -> int:
