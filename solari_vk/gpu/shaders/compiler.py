@@ -145,6 +145,9 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 
 # A shader with an empty main is compiled for the reflection of its declarations, so they all stay.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
+# The one shader of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It
+# takes up to ten seconds a module; other shaders are as fast without it.
+_OPTIMIZED = "passes/pathtracer/trace.comp"
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
 _OPTIONS = f"bound, live blocks {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
@@ -185,7 +188,11 @@ def _ray_generation_module(sources: Sources, path: str, header: str, features: b
 
 
 def _key(sources: Sources, path: str, header: str, defines: Sequence[str]) -> str:
-    return sources.key(path, header, " ".join((_OPTIONS, *defines)))
+    return sources.key(path, header, " ".join((_optimization(path), _OPTIONS, *defines)))
+
+
+def _optimization(path: str) -> str:
+    return "performance" if path == _OPTIMIZED and not overlays else "zero"
 
 
 def _defines(sources: Sources, path: str, features: bool, traces: bool) -> list[str]:
@@ -213,18 +220,18 @@ def _module(sources: Sources, path: str, header: str, features: bool, traces: bo
         entry = shader_cache.cache_entry(source_key, shaderc.version())
         spirv = disk_cache.load(entry)
     if spirv is None:
-        spirv = _compile(sources.roots, file, header, defines)
+        spirv = _compile(sources.roots, file, header, defines, _optimization(path))
         disk_cache.store(entry, spirv)
     return spirv
 
 
-def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str]) -> bytes:
-    """Not optimized, which took shaderc up to ten seconds a module and left the driver's compiler no less to do."""
+def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
     source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
     if ray_generation.DEFINE in defines:
         source, stage = ray_generation.without_local_size(source), "rgen"
     source = _with_header(source, header, file, "".join(f"#define {name}\n" for name in defines))
-    spirv = _compile_text(source.encode(), stage, os.fspath(file), list(map(os.fspath, folders)), optimization="zero")
+    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
+    spirv = _compile_text(*arguments, optimization=optimization)
     return spirv if _EMPTY_MAIN.search(source) else dead_code.without_dead_code(spirv)
 
 

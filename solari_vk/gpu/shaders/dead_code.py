@@ -1,7 +1,7 @@
 """Removes from a SPIR-V module what its entry points don't reach: blocks, functions, variables, types, constants.
 
-Shaders are compiled without shaderc's optimizer, which takes up to ten seconds for the largest and saves the driver no
-time. But reflection and pipeline layouts must not see bindings that a shader includes and never uses.
+Most shaders are compiled without shaderc's optimizer, which takes up to ten seconds and saves drivers no time. But
+reflection and pipeline layouts must not see bindings that a shader includes and never uses.
 """
 
 from __future__ import annotations
