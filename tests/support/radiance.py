@@ -53,10 +53,11 @@ def package(python):
     return Path(subprocess.run([python, "-c", look], capture_output=True, text=True, check=True).stdout.strip())
 
 
-def run(root, *command, given=b""):
+def run(root, *command, given=b"", folder=None):
     """What a program of Radiance prints."""
     paths = {"PATH": f"{root / 'bin'}{os.pathsep}{os.environ['PATH']}", "RAYPATH": f".{os.pathsep}{root / 'lib'}"}
-    return subprocess.run(command, input=given, capture_output=True, check=True, env=os.environ | paths).stdout
+    return subprocess.run(command, input=given, capture_output=True, check=True, cwd=folder,
+                          env=os.environ | paths).stdout  # fmt: skip
 
 
 def its_axes(vectors):
@@ -65,9 +66,9 @@ def its_axes(vectors):
     return np.stack([x, -z, y], axis=-1)
 
 
-def trace(root, octree, origins, toward, *options):
+def trace(root, octree, origins, toward, *options, folder=None):
     rays = np.ascontiguousarray(np.concatenate([its_axes(origins), its_axes(toward)], axis=-1), np.float32)
-    found = run(root, "rtrace", "-h", "-fff", "-w", *options, str(octree), given=rays.tobytes())
+    found = run(root, "rtrace", "-h", "-fff", "-w", *options, str(octree), given=rays.tobytes(), folder=folder)
     return LUMENS_PER_WATT * np.frombuffer(found, np.float32).reshape(-1, 3)[:, 1].astype(np.float64)
 
 
@@ -113,3 +114,15 @@ def table(ours, our_error, theirs, their_error):
         error = a / c * math.hypot(b / a, d / c)
         rows.append(f"| {name} | {a:,.1f} ± {b:.1f} | {c:,.1f} ± {d:.1f} | {a / c:.4f} ± {error:.4f} |")
     return "\n".join(rows)
+
+
+def luminaire(device, python, file, points, **turned):
+    """Illuminances in lux on surfaces at points (N, 3) that face a luminaire in the origin: ours, which may be turned,
+    and theirs."""
+    root, folder, scene = package(python), file.parent, file.with_suffix("")
+    run(root, "ies2rad", "-t", "white", "-dm", "-o", str(scene), str(file))
+    (folder / "luminaire.oct").write_bytes(run(root, "oconv", str(scene.with_suffix(".rad")), folder=folder))
+    normals = -points / np.linalg.norm(points, axis=1)[:, None]
+    theirs = trace(root, "luminaire.oct", points, normals, "-I", "-ab", "0", "-dj", "0", "-dt", "0", folder=folder)
+    ours = sv.illuminance(device, sv.Scene(sv.PointLight((0, 0, 0), ies=file, **turned)), points, normals, samples=16)
+    return ours.lux, theirs
