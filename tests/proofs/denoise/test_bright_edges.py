@@ -87,9 +87,8 @@ def check(case, device):
     assert errors.mean() < bar
 
 
-@pytest.mark.parametrize("case", [
-    case if case == "blended surfaces in motion" else pytest.param(case, marks=pytest.mark.slow) for case in CASES
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
 def test_error_is_small(device, case):
     check(case, device)
 

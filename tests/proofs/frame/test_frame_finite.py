@@ -14,7 +14,7 @@ import solari_vk as sv
 OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
           "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 12}
-QUICK_COUNT, COUNT = 60, 1000
+QUICK_COUNT, COUNT = 24, 1000
 
 
 def check(renderer, frame, what):

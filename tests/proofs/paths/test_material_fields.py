@@ -109,10 +109,8 @@ def measure_fields(device, names):
         yield Measurement(RULES[name], abs(error) + half_width, 0.01, f"relative error, {EFFORT}", note)
 
 
-@pytest.mark.parametrize("names", [
-    pytest.param(["reflectance"], id="reflectance"),
-    *(pytest.param(names, id=group, marks=pytest.mark.slow) for group, names in GROUPS.items()),
-])  # fmt: skip
+@pytest.mark.slow  # minutes
+@pytest.mark.parametrize("names", GROUPS.values(), ids=GROUPS)
 def test_fields(device, names):
     hold(measure_fields(device, names))
 
