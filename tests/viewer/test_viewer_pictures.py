@@ -105,6 +105,7 @@ def test_columns_cover_the_window_and_are_not_shifted(show, monkeypatch):
 # ---- comparison -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_known_difference_is_found(device):
     """A picture that is 10 % too bright everywhere; the little noise of the reference counts too."""
     scene = sv.builtin("cornell_box")

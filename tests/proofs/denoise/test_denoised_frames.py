@@ -66,6 +66,7 @@ FIRST_IS_QUICK = [name if name == "cornell_box" else pytest.param(name, marks=py
 
 
 @pytest.mark.parametrize("name", FIRST_IS_QUICK)
+@pytest.mark.slow
 def test_error_falls_from_frame_to_frame(device, name):
     check_errors(device, name)
 
@@ -160,6 +161,7 @@ def test_the_switch_is_live(device):
 # ---- hard input -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_reflections_in_balls_follow_the_camera(device):
     """In a mirror of metal, lights and what is behind all surfaces have no noise, so they are shown as they are."""
     scene, size = builtin("sphere_grid"), (64, 64)

@@ -77,6 +77,7 @@ def check_lights_off(device, name="cornell_box", **settings):
 
 
 @pytest.mark.parametrize("settings", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
+@pytest.mark.slow
 def test_light_of_a_cornell_box(device, settings):
     hold(measure_light(device, Effort(12, samples=2048), **settings))
 

@@ -93,6 +93,7 @@ def test_motion_follows_the_camera(device, name):
     check_motion(device, name)
 
 
+@pytest.mark.slow
 def test_a_fisheye_shows_what_a_panorama_shows(device):
     """The path tracer's fisheye against the panorama from its place, resampled at 16 points of each pixel. Beyond the
     image circle the picture is black."""

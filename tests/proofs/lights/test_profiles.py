@@ -102,6 +102,7 @@ def test_a_seeded_bug_is_noticed(device, tmp_path):
     assert np.abs(found - expected).max() > 100
 
 
+@pytest.mark.slow
 def test_frames_have_the_path_tracers_light(device, tmp_path):
     """The Cornell box with a luminaire, as a point and as a ball, in place of its lamp."""
     scene, size, effort = sv.builtin("cornell_box"), (24, 24), Effort(4, 16, 12)

@@ -128,6 +128,7 @@ def assert_within(observations, truth, bar, what=""):
     assert abs(error) + half_width <= bar, f"{what}: {100 * error:+.2f} % +- {100 * half_width:.2f} %"
 
 
+@pytest.mark.slow
 def test_no_sixteenth_of_a_cornell_box_differs(device, cornell):
     """No tile of 4 x 4 differs from the path tracer."""
     scene, truth, _ = cornell

@@ -204,6 +204,7 @@ def test_a_camera_that_moves_leaves_no_edges_behind(device, upscale):
 
 
 @pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
+@pytest.mark.slow
 def test_off_is_the_frame_of_samples(device, settings):
     """Without antialiasing the picture is the samples, bit by bit; with it, the samples are the same. The switch is
     live, and what was on before it is forgotten."""
