@@ -61,10 +61,7 @@ class Lights:
         if place is None or not np.abs(node.world[:3, 3]).max() <= LARGEST_COORDINATE:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
-        intensity = profile.peak * user.number("multiplier", 1.0, low=0, high=1e30)
-        if intensity > MAX_INTENSITY:
-            intensity = MAX_INTENSITY
-            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", user.place)
+        intensity = self._limited(profile.peak * user.number("multiplier", 1.0, low=0, high=1e30), user)
         color = np.clip(user.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), 0, 1).astype(np.float32)
         return PointLight(
             node.world[:3, 3].astype(np.float32), profile=profile, intensity=intensity, color=color,
@@ -88,10 +85,7 @@ class Lights:
 
     def fields(self, entry: Entry) -> dict[str, Any]:
         """The fields that a light of the file sets, but its place and name."""
-        kind, intensity = entry.text("type"), entry.number("intensity", 1.0, low=0, high=1e30)
-        if intensity > MAX_INTENSITY:
-            intensity = MAX_INTENSITY
-            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", entry.place)
+        kind, intensity = entry.text("type"), self._limited(entry.number("intensity", 1.0, low=0, high=1e30), entry)
         color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
         if kind == "directional":
             return {"illuminance": intensity, "color": color}
@@ -104,6 +98,12 @@ class Lights:
         if kind == "spot":
             found["inner_cone_angle"], found["outer_cone_angle"] = self._cones(entry)
         return found
+
+    def _limited(self, intensity: float, entry: Entry) -> float:
+        """An intensity that the scene's lights may have."""
+        if intensity > MAX_INTENSITY:
+            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", entry.place)
+        return min(intensity, MAX_INTENSITY)
 
     def entry(self, node: PlacedNode) -> Entry:
         """The light of the file to which a node refers."""

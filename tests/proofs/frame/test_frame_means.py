@@ -76,8 +76,8 @@ def check_lights_off(device, name="cornell_box", **settings):
     assert left[19] < 0.01
 
 
-@pytest.mark.parametrize("settings", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
 @pytest.mark.slow
+@pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
 def test_light_of_a_cornell_box(device, settings):
     hold(measure_light(device, Effort(12, samples=2048), **settings))
 

@@ -139,12 +139,9 @@ class Nodes:
         else:
             self._content.lose("lights of a kind that glTF doesn't have aren't written", light.describe())
             return None
-        excess = max(float(light.color.max()), 1.0)  # glTF's colors are at most 1
-        fields: dict[str, Any] = {"type": kind, "intensity": intensity * excess}
-        if fields["intensity"] > MAX_INTENSITY:
-            self._content.lose(f"lights are dimmed to {MAX_INTENSITY:g}", light.describe())
-        color = light.color.astype(np.float64) / excess if excess > 1 else light.color
-        fields |= {"color": plain(color), "range": getattr(light, "range", None)}
+        color, intensity = self._color(light, intensity)
+        fields: dict[str, Any] = {"type": kind, "intensity": intensity, "color": color}
+        fields["range"] = getattr(light, "range", None)
         if isinstance(light, SpotLight):
             outer = min(light.outer_cone_angle, math.pi / 2)
             fields["spot"] = {"innerConeAngle": light.inner_cone_angle, "outerConeAngle": outer}
@@ -157,6 +154,12 @@ class Nodes:
         self._content.use(LIGHTS, {"light": len(lights) - 1}, self._content.json["nodes"][number])
         return number
 
+    def _color(self, light: Any, intensity: float) -> tuple[Any, float]:
+        """A light's color, which is at most 1 in glTF, and the intensity that makes up for it."""
+        excess = max(float(light.color.max()), 1.0)
+        if intensity * excess > MAX_INTENSITY:
+            self._content.lose(f"lights are dimmed to {MAX_INTENSITY:g}", light.describe())
+        return plain(light.color.astype(np.float64) / excess if excess > 1 else light.color), intensity * excess
 
     def _luminaire(self, parent: int | None, light: PointLight, profile: LightProfile, matrix: Matrix | None) -> int:
         """The node of a light with a profile."""
@@ -166,10 +169,8 @@ class Nodes:
             view = self._content.view(profile.text().encode())
             profiles.append({"bufferView": view, "mimeType": "application/x-ies-lm-63"})
         number = self.place(parent, _facing(light) if matrix is None else matrix, name=light.name)
-        excess = max(float(light.color.max()), 1.0)  # glTF's colors are at most 1
-        peak = profile.peak or 1.0
-        fields = {"light": self._profiles[profile], "multiplier": light.intensity / peak * excess,
-                  "color": plain(light.color.astype(np.float64) / excess if excess > 1 else light.color)}  # fmt: skip
+        color, intensity = self._color(light, light.intensity)
+        fields = {"light": self._profiles[profile], "multiplier": intensity / (profile.peak or 1.0), "color": color}
         if own := write_own(light, OWN_OF_PROFILES):
             fields["extras"] = own
         self._content.use(PROFILES, fields, self._content.json["nodes"][number])
