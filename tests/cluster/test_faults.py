@@ -125,6 +125,11 @@ def empty_disk():
     shots_module.save_image = save_image
 
 
+def running(dask_worker):
+    """Runs in workers: the number of tasks that are under way, those called off too."""
+    return dask_worker.state.executing_count
+
+
 def save_on_full_disk(*given, **options):
     with room_for(1000):
         save_image(*given, **options)
@@ -144,6 +149,8 @@ def test_a_full_disk(pool, tmp_path, shared):
         with room_for(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
             render_tasks(pool, scene, four, journal)
     finally:
+        while any(pool.client.run(running).values()):
+            time.sleep(0.05)
         if shared:
             pool.client.run(empty_disk)
     assert {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")} == whole
