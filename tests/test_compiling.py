@@ -17,6 +17,7 @@ from solari_vk.gpu.device.compiling import Compiling, announced
 
 def test_a_device_names_what_it_compiles(device, monkeypatch):
     """Every shader, pipeline and, on a software device, machine code, once and in order; nothing in later frames."""
+    device.trim()
     seen: list[Compiling] = []
     monkeypatch.setattr(device, "on_compile", seen.append)
     with sv.PathTracer(device, sv.builtin("cornell_box"), (16, 16), max_bounces=2) as tracer:

@@ -49,7 +49,7 @@ def test_a_thousand_frames_grow_nothing(device):
         device.wait_idle()
 
     def state() -> tuple[int, int, int]:
-        return device.live_objects, device.memory.allocation_count, len(os.listdir("/proc/self/fd"))
+        return device.objects_in_use, device.memory.allocation_count, len(os.listdir("/proc/self/fd"))
 
     run(300)
     before, memory = state(), resident_bytes()
@@ -76,7 +76,7 @@ def test_renderers_that_come_and_go_leave_nothing(device):
     counts = []
     for _ in range(8):
         use()
-        counts.append((device.live_objects, device.memory.bytes_used))
+        counts.append((device.objects_in_use, device.memory.bytes_used))
     # The pool of staging chunks, kept for later uploads, fills up first.
     assert counts[-1] == counts[3]
 

@@ -145,12 +145,12 @@ def test_instances_share_tables_which_live_as_long_as_their_users(bound, device)
     tables = {int(address) for address in binder.lights.sources.records["parts"][:2]}
     assert len(tables) == 1
     assert tables != {0}
-    held = device.live_objects
+    held = device.objects_in_use
     for lamp in lamps:
         binder.scene.remove(lamp)
     binder.update()
     device.wait_idle()
-    assert device.live_objects < held
+    assert device.objects_in_use < held
 
 
 def test_dark_lights_are_never_chosen(bound):

@@ -29,10 +29,10 @@ def check_spirv(spirv: bytes, name: str) -> None:
 def leaves_nothing(device: Device) -> Iterator[None]:
     """Fail if there are other objects on the device afterwards."""
     device.wait_idle()
-    before = device.live_objects
+    before = device.objects_in_use
     yield
     device.wait_idle()
-    assert device.live_objects == before
+    assert device.objects_in_use == before
 
 
 class ShaderFolder:

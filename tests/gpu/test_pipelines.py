@@ -19,6 +19,7 @@ from solari_vk import disk_cache
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import pipeline_cache, raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.kept import Kept
 from solari_vk.gpu.frame import pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders import shaderc
@@ -90,6 +91,30 @@ def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch
     assert created == [1] * (COUNT + 1)
 
 
+def test_pipelines_stay_for_the_next_frame(own_device, stage, shaders, monkeypatch):
+    """Frames side by side and one after another have the same ones, until `trim`, or until too many are unused."""
+    created = []
+
+    def create(real: Callable[..., int], *arguments: Any) -> int:
+        created.append(arguments[2])
+        return real(*arguments)
+
+    def count() -> int:
+        created.clear()
+        assert results(own_device, stage, shaders) == EXPECTED
+        return len(created)
+
+    own_device.pipelines = Kept(limit=COUNT)
+    watch(own_device, monkeypatch, create)
+    with Frame(own_device, [stage], glsl_root=shaders.root):
+        assert len(created) == COUNT + 1
+        own_device.trim()
+        assert count() == 0
+    assert count() == 1  # the one that was given back first had gone
+    own_device.trim()
+    assert count() == COUNT + 1
+
+
 def test_constants_keep_their_order(own_device, shaders, monkeypatch):
     """The driver's and our cache know a pipeline by its constants in their order, which a set changes by process."""
     names = [f"C{number}" for number in range(8)]
@@ -118,6 +143,7 @@ def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders,
 
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # so that they are created in the order of the passes
     results(own_device, stage, shaders)
+    own_device.trim()
     watch(own_device, monkeypatch, create)
     error = r"^pass write_2: .*VK_ERROR_OUT_OF_DEVICE_MEMORY"
     with leaves_nothing(own_device), pytest.raises(DeviceError, match=error):
@@ -143,6 +169,7 @@ def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage
         return result
 
     results(own_device, stage, shaders)
+    own_device.trim()
     real_wait = pipelines.wait
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     monkeypatch.setattr(pipelines, "wait", wait)

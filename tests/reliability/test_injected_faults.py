@@ -56,6 +56,7 @@ class Faults:
 
     def run(self, scenario: Scenario, device: sv.Device, fail_at: int, tries: int) -> NDArray[Any]:
         """The result of a scenario whose steps are tried again, if they fail, up to `tries` times in all."""
+        device.trim()  # so that all runs create the same pipelines
         self.fail_at, self.calls, self.failed, self.said = fail_at, 0, "", []
 
         def attempt(step: Callable[[], Any]) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.gpu.device.kept import Kept
 from solari_vk.viewer import waiting
 from solari_vk.viewer.comparison import difference
 from solari_vk.viewer.pictures import STRIP
@@ -130,6 +131,7 @@ def first_frame(open_viewer, device, monkeypatch):
     titles, parts, show = [], [], Presenter.show
     monkeypatch.setattr(Presenter, "show", lambda self, given, draw: (parts.append(given), show(self, given, draw))[1])
     viewer = open_viewer(mode="realtime", overlay=False)
+    monkeypatch.setattr(device, "pipelines", Kept(limit=0))  # other viewers' would be there already
     monkeypatch.setattr(viewer.window, "set_title", titles.append)
 
     def step(patience):

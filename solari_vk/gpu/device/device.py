@@ -13,11 +13,14 @@ from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import OnCompile
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
+from solari_vk.gpu.device.kept import Kept
 from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.gpu.device.pipeline_cache import PipelineCache
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
 from solari_vk.gpu.device.work_queue import WorkQueue
+
+_KEPT_PIPELINES = 256  # a realtime frame has about 40
 
 
 class Device(WorkQueue):
@@ -48,6 +51,7 @@ class Device(WorkQueue):
         self.memory = Allocator(self, map_device_memory=not self.staging)
         self.staging_pool = StagingPool(self.memory)
         self._samplers: dict[tuple[Any, ...], Sampler] = {}
+        self.pipelines: Kept[Any] = Kept(_KEPT_PIPELINES)
 
     def buffer(self, size_bytes: int, name: str, **options: Any) -> Buffer:
         """A new `Buffer`; options are its keyword arguments."""
@@ -72,6 +76,13 @@ class Device(WorkQueue):
     def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""
         return Uploads(self.staging_pool)
+
+    def trim(self) -> None:
+        """Free compiled pipelines that nothing uses.
+
+        Else up to 256 of them stay, so that the next renderer doesn't wait for the driver's compiler.
+        """
+        self.pipelines.clear()
 
     def close(self) -> None:
         """Wait for the device, destroy everything that is left, and close it. Safe to call twice.

@@ -23,7 +23,6 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.hazards import plan_barriers
-from solari_vk.gpu.frame.pipelines import Pipeline
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
@@ -79,7 +78,6 @@ class Frame:
         self._resources = Resources(device)
         self._builder = ProgramBuilder(device, glsl_root)
         self._program: Program | None = None
-        self._ran: frozenset[Pipeline] = frozenset()
         self.features = None if features is None else frozenset(features)
         self._closed = False
         with device.undone_on_error():
@@ -154,7 +152,7 @@ class Frame:
         if slot.stale:
             slot.record(self._barriers)
             if self.device.on_compile is not None and self.device.properties.kind == "cpu":
-                self._ran = slot.run_new(self._ran)
+                slot.run_new()
         for structure in self._structures:
             structure.check_usable()
         slot.uniform_target[:] = slot.uniform_source

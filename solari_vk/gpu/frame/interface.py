@@ -93,6 +93,8 @@ class Interface:
             _BINDLESS_LIMIT,
         )
         self._pushed = pushed = _pushed_bytes(modules)
+        self.key = pushed, *((name, at.set, at.binding, at.kind, at.count) for name, at in self.bindings.items())
+        """Equal for interfaces whose pipelines are the same."""
         handles: list[tuple[str, raw.CData]] = []
 
         def destroy() -> None:

@@ -1,4 +1,4 @@
-"""Compute, graphics and ray pipelines, kept by what they are made from, so that only what changed is made again."""
+"""Compute, graphics and ray pipelines. The device keeps them by what they are made from: none is made twice."""
 
 from __future__ import annotations
 
@@ -52,24 +52,29 @@ class PipelineInfo:
     kind: Targets | RayGroups | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Pipeline:
-    """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline."""
+    """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline.
+
+    has_run: whether it has run once; software drivers compile it then.
+    """
 
     handle: raw.CData
     bind_point: int
     table: ShaderBindingTable | None
+    has_run: bool = False
 
 
 class Pipelines:
-    """The pipelines made so far."""
+    """The pipelines that one user of a device needs."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._made: dict[PipelineKey, tuple[Pipeline, int]] = {}
+        self._kept = device.pipelines
+        self._taken: dict[PipelineKey, Pipeline] = {}
 
     def make(self, wanted: Sequence[PipelineInfo], interface: Interface) -> list[tuple[PipelineKey, Pipeline]]:
-        """A pipeline for each pass, and the key that keeps it in `retain`. Missing ones are created in threads.
+        """A pipeline for each pass, and the key that keeps it in `retain`. What the device lacks is created in threads.
 
         Raises SolariError for a constant that no module has, DeviceError naming the pass if the driver fails.
         """
@@ -80,16 +85,17 @@ class Pipelines:
             for item in wanted:
                 specializations, values = _specializations(item.name, item.modules, item.constants)
                 digests = tuple(hashlib.sha256(module.spirv).digest() for module in item.modules)
-                handle = int(raw.ffi.cast("uintptr_t", layout))
-                keys.append((*digests, item.kind, tuple(sorted(values.items())), handle))
-                if keys[-1] not in self._made and keys[-1] not in missing:
+                keys.append(key := (digests, item.kind, tuple(sorted(values.items())), interface.key))
+                if key not in self._taken and (known := self._kept.take(key)) is not None:
+                    self._taken[key] = known
+                if key not in self._taken and key not in missing:
                     stages = [
                         self._stage(shaders, item.name, module, interface.linked(module), specialization)
                         for module, specialization in zip(item.modules, specializations, strict=True)
                     ]
-                    missing[keys[-1]] = item, self._creation(stages, item.kind, layout)
+                    missing[key] = item, self._creation(stages, item.kind, layout)
             self._create(missing)
-        return [(key, self._made[key][0]) for key in keys]
+        return [(key, self._taken[key]) for key in keys]
 
     def _creation(
         self, stages: list[raw.CData], kind: Targets | RayGroups | None, layout: raw.CData
@@ -141,13 +147,21 @@ class Pipelines:
         try:
             handle = future.result()
             token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
+            device.share(token)
             device.name_object("Pipeline", handle, item.name)
             if isinstance(item.kind, RayGroups):
                 table = ShaderBindingTable(device, handle, item.kind, item.name)
         except DeviceError as error:
             device.release(token)
             return DeviceError(f"pass {item.name}: {error}")
-        self._made[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table), token
+
+        def destroy() -> None:
+            device.release(token)
+            if table is not None:
+                table.destroy()
+
+        self._taken[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table)
+        self._kept.add(key, self._taken[key], destroy)
         return None
 
     def _stage(
@@ -168,15 +182,13 @@ class Pipelines:
         )
 
     def retain(self, used: set[PipelineKey]) -> None:
-        """Destroy all other pipelines when the work submitted so far is done."""
-        for key in [key for key in self._made if key not in used]:
-            pipeline, token = self._made.pop(key)
-            self._device.release(token)
-            if pipeline.table is not None:
-                pipeline.table.destroy()
+        """Give all others back to the device, which destroys those that go when the work submitted so far is done."""
+        for key in self._taken.keys() - used:
+            del self._taken[key]
+            self._kept.give_back(key)
 
     def destroy(self) -> None:
-        """Destroy everything when the work submitted so far is done. Safe to call twice."""
+        """Give everything back to the device. Safe to call twice."""
         self.retain(set())
 
 

@@ -80,7 +80,9 @@ class ShaderBindingTable:
             device.handle, pipeline, 0, len(handles), handles.nbytes, raw.ffi.from_buffer(handles)
         )
         starts = np.cumsum([0, *(_aligned(count * stride, base) for count in counts)]).tolist()
-        self._buffer = device.buffer(starts[-1] + base, f"shader binding table of {name}", usage=_TABLE_USAGE)
+        self._buffer = device.buffer(
+            starts[-1] + base, f"shader binding table of {name}", usage=_TABLE_USAGE, shared=True
+        )
         first = _aligned(self._buffer.address, base)
         records = np.zeros(starts[-1], np.uint8)
         self.regions = []

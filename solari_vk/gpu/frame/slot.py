@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -105,24 +105,22 @@ class Slot:
         vk.vkEndCommandBuffer(commands)
         self.stale = False
 
-    def run_new(self, known: Collection[Pipeline]) -> frozenset[Pipeline]:
-        """Run compute and ray pipelines that aren't among the known ones, with no invocation, and return all of them.
+    def run_new(self) -> None:
+        """Run compute and ray pipelines that haven't run yet, with no invocation.
 
         Software drivers compile a pipeline when it first runs, and this way it can be said which one it is.
         """
         assert self._program is not None
         steps = [(step.pipeline, step.item.name) for step in self._program.steps if step.pipeline is not None]
         graphics = raw.VK_PIPELINE_BIND_POINT_GRAPHICS
-        runnable = {pipeline: name for pipeline, name in steps if pipeline.bind_point != graphics}
-        new = [pipeline for pipeline in runnable if pipeline not in known]
-        names = [runnable[pipeline] for pipeline in new]
-        for pipeline in announced(self._device.on_compile, "machine code", names, new):
-            empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), runnable[pipeline])
+        new = {made: name for made, name in steps if made.bind_point != graphics and not made.has_run}
+        for pipeline in announced(self._device.on_compile, "machine code", list(new.values()), list(new)):
+            empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), new[pipeline])
             try:
                 self._device.await_value(self._device.submit([empty.commands]))
             finally:
                 empty.destroy()
-        return frozenset(runnable)
+            pipeline.has_run = True
 
     def _record_empty(self, commands: raw.CData, pipeline: Pipeline) -> None:
         assert self._sets is not None

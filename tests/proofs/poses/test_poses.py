@@ -317,7 +317,7 @@ def test_many_poses_grow_nothing(device):
                 (scene.remove if last in scene.instances else scene.add)(last)
             tracer.trace((0, 1, 3), (0, 0, -1))
         device.wait_idle()
-        return device.memory.allocation_count, device.live_objects
+        return device.memory.allocation_count, device.objects_in_use
 
     with sv.RayTracer(device, scene) as tracer:
         memory, objects = run(tracer, 100)
