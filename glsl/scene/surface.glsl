@@ -28,7 +28,7 @@ struct SurfaceInteraction {
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
     float area_pdf_by_power;  // of this point where lights are chosen by power; 0 when it is on no light
     bool emits_towards_ray;  // on its front, or on both sides of a double-sided material
-    bool unlit;       // cameras alone see what it emits
+    bool unlit;       // cameras alone see what it emits, in mirrors and through clear glass too
     ResolvedMaterial material;
 };
 

@@ -57,6 +57,7 @@ struct Walk {
     vec3 direction;
     float t_min, t_max;
     bool is_camera_ray;  // sees front faces alone, and what lies behind blended surfaces untinted
+    bool shows_unlit;    // comes from the camera, by delta lobes alone
     // The pdf of the direction in solid angle, over the number of light samples that compete with it in MIS: INFINITY
     // for delta lobes and where no light samples do, 0 where light samples alone find lights.
     float bounce_pdf;
@@ -67,13 +68,13 @@ struct Walk {
 };
 
 Walk start_walk(vec3 origin, vec3 direction) {
-    return Walk(origin, direction, 0.0, INFINITY, false, INFINITY, vec3(1.0), NO_MEDIUM, 0.0, 0.0);
+    return Walk(origin, direction, 0.0, INFINITY, false, false, INFINITY, vec3(1.0), NO_MEDIUM, 0.0, 0.0);
 }
 
 Walk start_walk(CameraRay ray) {
     Walk walk = start_walk(ray.origin, ray.direction);
     walk.t_min = ray.t_min;
-    walk.is_camera_ray = true;
+    walk.is_camera_ray = walk.shows_unlit = true;
     walk.cone_width = ray.cone_width;
     walk.cone_spread = ray.cone_spread;
     return walk;
@@ -164,7 +165,8 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
 // found by walks.
 vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.bounce_pdf, light_pdf);
-    return surface.emits_towards_ray ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
+    bool emits = surface.emits_towards_ray || surface.unlit && walk.shows_unlit;
+    return emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
 // The density in solid angle with which a receiver samples the point of a light where a ray from there has hit it.
@@ -196,6 +198,7 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     walk.direction = normalize(frame * next.wi);
     walk.t_min = 0.0;
     walk.is_camera_ray = false;
+    walk.shows_unlit = walk.shows_unlit && next.pdf == INFINITY;
     walk.bounce_pdf = next.pdf;
     walk.throughput *= next.weight;
     if (SCENE_TRANSMISSION && next.wi.z < 0.0) { walk.medium = below; }

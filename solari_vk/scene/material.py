@@ -136,7 +136,7 @@ class Material(Checked):
 
     Cameras see an unlit material as its base color times 1.2 cd/m^2, whatever the light: a color of 1 is white at the
     EV100 of 0 that cameras have by default. Only base color, alpha and double_sided count. It reflects nothing and
-    gives no light to others: to all rays but those of cameras, so in mirrors too, it is black.
+    gives no light to others. Mirrors and clear glass show it too; in rough reflections it is black.
 
     Raises SolariError for values out of range.
     """

@@ -52,6 +52,7 @@ struct Path {
 Path start_path(uint rng) {
     Path path;
     path.walk = start_walk(vec3(0.0), vec3(0.0));
+    path.walk.shows_unlit = true;
     path.hit = NO_HIT;
     path.medium_below = NO_MEDIUM;
     path.specular_only = false;

@@ -36,6 +36,7 @@ Path load_path_state(uint pixel_index) {
     path.first_weight = state.attenuated_first_weight;
     path.walk.throughput = state.throughput;
     path.walk.direction = state.direction;
+    path.walk.shows_unlit = path.bounce == path.specular_bounces;
     path.hit = Hit(0.0, state.instance, state.triangle, state.barycentrics, false);
     path.inverse_pdf_sum = state.inverse_pdf_sum;
     path.footprint = state.footprint;

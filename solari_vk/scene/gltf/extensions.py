@@ -124,7 +124,7 @@ EXTENSIONS = (
               {"specular_texture": "specularTexture", "specular_color_texture": "specularColorTexture"}),
     Extension("KHR_materials_transmission", "works", "shadow rays pass thin smooth glass only", _transmission,
               {"transmission_texture": "transmissionTexture"}),
-    Extension("KHR_materials_unlit", "works", "black in mirrors; a color of 1 is 1.2 cd/m²"),
+    Extension("KHR_materials_unlit", "works", "seen by cameras, also in mirrors and through clear glass, not in rough reflections; a color of 1 is 1.2 cd/m²"),
     Extension("KHR_materials_variants", "works", "`load_gltf(variant=)`, `scene.use_variant`, `--variant`"),
     Extension("KHR_materials_volume", "works", "meshes must be closed; thickness only says whether there is a volume",
               _volume),

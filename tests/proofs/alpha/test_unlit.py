@@ -1,4 +1,4 @@
-"""Unlit materials: cameras see exactly their base colors, and they light nothing."""
+"""Unlit materials: cameras see exactly their base colors, in mirrors too, and they light nothing."""
 
 from __future__ import annotations
 
@@ -70,6 +70,27 @@ def check_darkness(device, render=traced):
     assert not picture[FLOOR].any()
 
 
+def check_mirror(device, render=traced):
+    """A mirror shows the card behind the camera, and so does one behind clear glass; rough metal doesn't."""
+    card = sv.Instance(quad(-4.0), sv.Material(base_color=COLOR, unlit=True, double_sided=True))
+    mirror, rough = (sv.Material(base_color=1.0, metallic=1.0, roughness=roughness) for roughness in (0.0, 0.5))
+    found = render(device, sv.Scene(card, sv.Instance(quad(2.0), mirror)))
+    assert found == pytest.approx(np.broadcast_to(UNLIT_RADIANCE * COLOR, found.shape), rel=2**-9)
+    glass = sv.Instance(quad(1.0), sv.Material(base_color=1.0, transmission=1.0, roughness=0.0))
+    found = render(device, sv.Scene(card, glass, sv.Instance(quad(2.0), mirror))).mean(axis=(0, 1))
+    assert (found > 0.9 * UNLIT_RADIANCE * COLOR).all()
+    assert not render(device, sv.Scene(card, sv.Instance(quad(2.0), rough))).any()
+
+
+def split(device, scene):
+    return rendered(device, scene, lighting="split", restir=False, world_cache=False, jitter=False)
+
+
+@pytest.mark.parametrize("render", [traced, rendered, pytest.param(split, marks=pytest.mark.slow)])
+def test_a_mirror(render, device):
+    check_mirror(device, render)
+
+
 @pytest.mark.parametrize("check", [check_color, check_darkness])
 @pytest.mark.parametrize(
     "render",
@@ -92,6 +113,10 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh",
         "SurfaceInteraction found = correct(hit, mesh, ray_direction, cone_width); "
         "found.emits_towards_ray = found.emits_towards_ray || found.unlit; return found;")),
+    "rough surfaces reflect it": (check_mirror, Bug(
+        "scene/walk.glsl", "scatter",
+        "bool shown = walk.shows_unlit, possible = correct(walk, next, frame, geometric_normal, below); "
+        "walk.shows_unlit = shown; return possible;")),
     "it is lit": (check_color, Bug(
         "scene/surface.glsl", "make_unlit", "vec3 color = material.base.color; correct(material); "
         "material.base.color = color;")),
