@@ -74,7 +74,7 @@ def test_only_what_takes_long_is_shown_until_it_is_done(patience):
     assert shown == (["compiling pipelines 1 of 3: a", "compiling pipelines 2 of 3: b", ""] if patience < 1 else [])
 
 
-def test_a_device_says_what_takes_long_on_stderr(any_device, capsys):
+def test_a_device_says_what_takes_long_on_stderr(any_device, capsys, monkeypatch):
     """Unless it is asked not to."""
     with sv.Device() as device:
         device.on_compile.patience = 0
@@ -84,6 +84,10 @@ def test_a_device_says_what_takes_long_on_stderr(any_device, capsys):
     assert capsys.readouterr().err == "compiling pipelines 1 of 2: a\n"
     with sv.Device(on_compile=None) as device:
         assert device.on_compile is None
+    with pytest.raises(sv.SolariError, match="on_compile is a function, None or 'stderr', not 'stdout'"):
+        sv.Device(on_compile="stdout")
+    monkeypatch.setattr("sys.stderr", None)  # as a daemon has it
+    CompileNotes()
 
 
 def test_a_command_says_what_takes_long(any_device, tmp_path):

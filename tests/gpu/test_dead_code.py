@@ -77,6 +77,7 @@ CONSTANT = {
     "the right of &&": "if (kept.at[3] > 1.0 && NO) { kept.at[1] = dead(); }",
     "after a break": "for (uint i = 0u; i < COUNT; ++i) { if (YES) { kept.at[i] = 2.0; break; } kept.at[1] = dead(); }",
     "a loop that never runs": "while (NO) { kept.at[1] = dead(); }",
+    "a loop that runs once": "do { kept.at[1] = 2.0; if (NO) { kept.at[1] = dead(); } } while (NO);",
     "after returns of both branches": "if (kept.at[3] > 1.0) { return; } else { return; } kept.at[1] = dead();",
     "else": "if (YES) { kept.at[1] = 2.0; } else if (kept.at[3] > 1.0) { kept.at[1] = dead(); }",
 }

@@ -22,6 +22,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.kept import Kept
 from solari_vk.gpu.frame import pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.slot import Slot
 from solari_vk.gpu.shaders import shaderc
 
 COUNT = 6
@@ -106,6 +107,13 @@ def test_pipelines_stay_for_the_next_frame(own_device, stage, shaders, monkeypat
 
     own_device.pipelines = Kept(limit=COUNT)
     watch(own_device, monkeypatch, create)
+    name = COUNT - 1
+    alone = Stage("alone", buffers={f"out_{name}": 1}, passes=[Pass(f"write_{name}", threads=1)])
+    with Frame(own_device, [alone], glsl_root=shaders.root):
+        assert count() == COUNT + 1, "the same shader, with other binding numbers"
+    own_device.trim()
+    assert len(own_device.pipelines) == 0
+    created.clear()
     with Frame(own_device, [stage], glsl_root=shaders.root):
         assert len(created) == COUNT + 1
         own_device.trim()
@@ -113,6 +121,17 @@ def test_pipelines_stay_for_the_next_frame(own_device, stage, shaders, monkeypat
     assert count() == 1  # the one that was given back first had gone
     own_device.trim()
     assert count() == COUNT + 1
+
+
+def test_a_frame_that_fails_late_gives_its_pipelines_back(own_device, stage, shaders, monkeypatch):
+    def fail(*_: Any) -> None:
+        raise DeviceError("no memory for uniforms")
+
+    monkeypatch.setattr(Slot, "renew", fail)
+    with leaves_nothing(own_device), pytest.raises(DeviceError, match="no memory for uniforms"):
+        Frame(own_device, [stage], glsl_root=shaders.root)
+    own_device.trim()
+    assert len(own_device.pipelines) == 0
 
 
 def test_constants_keep_their_order(own_device, shaders, monkeypatch):

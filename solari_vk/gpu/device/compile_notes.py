@@ -32,7 +32,8 @@ class CompileNotes:
 
     def show_by(self, show: Callable[[str], object] | None) -> None:
         """Call `show`, in place of writing to stderr, with the words, and with "" when they are out of date."""
-        self._show = show or (_show_in_place if sys.stderr.isatty() else self._print_sometimes)
+        terminal = sys.stderr is not None and sys.stderr.isatty()  # None: the process has none
+        self._show = show or (_show_in_place if terminal else self._print_sometimes)
 
     @property
     def after(self) -> str:

@@ -6,7 +6,7 @@ import os
 from functools import cached_property
 from typing import Any, Literal
 
-from solari_vk.errors import checked_keywords
+from solari_vk.errors import SolariError, checked_keywords, quoted
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes
@@ -45,6 +45,8 @@ class Device(WorkQueue):
         self, select: str | int | None = None, *, validation: bool | None = None, staging: bool | None = None,
         rays: str | None = None, on_compile: OnCompile | Literal["stderr"] | None = "stderr",
     ) -> None:  # fmt: skip
+        if not (on_compile is None or on_compile == "stderr" or callable(on_compile)):
+            raise SolariError(f"on_compile is a function, None or 'stderr', not {quoted(on_compile)}")
         super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation, rays)
         self.on_compile: OnCompile | None = CompileNotes() if on_compile == "stderr" else on_compile
         self.staging = _flag("SOLARI_VK_STAGING") if staging is None else staging

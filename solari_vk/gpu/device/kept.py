@@ -18,6 +18,9 @@ class Kept(Generic[Value]):
         self._users: Counter[Hashable] = Counter()
         self._unused: OrderedDict[Hashable, None] = OrderedDict()
 
+    def __len__(self) -> int:
+        return len(self._all)
+
     def take(self, key: Hashable) -> Value | None:
         """The object with this key, which has one user more from now on; None if there is none."""
         if key not in self._all:

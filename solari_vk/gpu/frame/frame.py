@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,11 +81,13 @@ class Frame:
         self._program: Program | None = None
         self.features = None if features is None else frozenset(features)
         self._closed = False
-        with device.undone_on_error():
+        with device.undone_on_error(), ExitStack() as undo:
+            undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
             self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
+            undo.pop_all()
 
     def rebuild(
         self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
@@ -56,7 +56,7 @@ class PipelineInfo:
 class Pipeline:
     """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline.
 
-    has_run: whether it has run once; software drivers compile it then.
+    has_run: whether it has run once to have a software driver compile it (`Slot.run_new`).
     """
 
     handle: raw.CData
@@ -141,25 +141,29 @@ class Pipelines:
             raise failures[0]
         self._device.pipeline_cache.save()
 
-    def _keep(self, key: PipelineKey, item: PipelineInfo, future: Future[raw.CData]) -> DeviceError | None:
+    def _keep(self, key: PipelineKey, item: PipelineInfo, future: Future[raw.CData]) -> SolariError | None:
         """Keep what a thread has created, with its table; returns the error if one of them has failed."""
         device, table, token = self._device, None, 0
-        try:
-            handle = future.result()
-            token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
-            device.share(token)
-            device.name_object("Pipeline", handle, item.name)
-            if isinstance(item.kind, RayGroups):
-                table = ShaderBindingTable(device, handle, item.kind, item.name)
-        except DeviceError as error:
-            device.release(token)
-            return DeviceError(f"pass {item.name}: {error}")
 
         def destroy() -> None:
             device.release(token)
             if table is not None:
                 table.destroy()
 
+        try:
+            handle = future.result()
+            token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
+            device.name_object("Pipeline", handle, item.name)
+            if isinstance(item.kind, RayGroups):
+                table = ShaderBindingTable(device, handle, item.kind, item.name)
+        except SolariError as error:
+            destroy()
+            return type(error)(f"pass {item.name}: {error}")
+        if (known := self._kept.take(key)) is not None:  # another frame has made it meanwhile, called by `on_compile`
+            destroy()
+            self._taken[key] = known
+            return None
+        device.share(token)
         self._taken[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table)
         self._kept.add(key, self._taken[key], destroy)
         return None

@@ -70,12 +70,13 @@ def _pruned(blocks: list[Block], known: dict[int, bool], returned: Values) -> li
     while True:
         size, count = len(known), len(blocks)
         stored = _stored(blocks, known)
+        loops = {block[0][1] for block in blocks if _starts_loop(block)}
         for block in blocks:
             for words in block:
                 value = _value(words, known, stored, returned)
                 if value is not None:
                     known[words[2]] = value
-            _straighten(block, known)
+            _straighten(block, known, loops)
         blocks = _reached(blocks)
         if (size, count) == (len(known), len(blocks)):
             return blocks
@@ -116,10 +117,14 @@ def _value(words: Words, known: Values, stored: Values, returned: Values) -> boo
     return values.pop() if len(values) == 1 else None
 
 
-def _straighten(block: Block, known: Values) -> None:
-    """A branch by a constant becomes one without condition."""
+def _starts_loop(block: Block) -> bool:
+    return len(block) > 1 and _op(block[-2]) == _LOOP_MERGE
+
+
+def _straighten(block: Block, known: Values, loops: set[int]) -> None:
+    """A branch by a constant becomes one without condition, unless that would take a loop its way back."""
     last = block[-1]
-    if _op(last) == _BRANCH_IF and (value := known.get(last[1])) is not None:
+    if _op(last) == _BRANCH_IF and (value := known.get(last[1])) is not None and last[3 if value else 2] not in loops:
         merge = len(block) > 1 and _op(block[-2]) == _SELECTION_MERGE
         block[-1 - merge :] = [[2 << 16 | _BRANCH, last[2 if value else 3]]]
 
@@ -139,6 +144,8 @@ def _reached(blocks: list[Block]) -> list[Block]:
         if label not in live:
             live.add(label)
             waiting += _successors(at[label])
+            if _starts_loop(at[label]) and any(_op(words) == _PHI for words in at[label]):
+                waiting.append(at[label][-2][2])  # whose values the loop's head names
     for label in list(live):
         merge = at[label][-2] if len(at[label]) > 1 else []
         if merge and _op(merge) in (_LOOP_MERGE, _SELECTION_MERGE):
