@@ -114,6 +114,11 @@ class RenderedFrame(Hints):
         ids = [number for number, other in self.instances.items() if other is instance]
         return np.isin(self["instance_id"], ids)
 
+    @property
+    def labels(self) -> dict[int, str]:
+        """The labels of the scene's instances by the numbers in `frame["instance_id"]`, "" for those without one."""
+        return {number: instance.label for number, instance in self.instances.items()}
+
     def boxes(self) -> dict[Instance, tuple[int, int, int, int]]:
         """The smallest box around each instance's pixels: its left column, top row, width and height in pixels."""
         return {self.instances[number]: box for number, box in boxes(self["instance_id"]).items()}

@@ -22,7 +22,7 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
-from solari_vk.scene.labels import label_instances
+from solari_vk.scene.labels import find_labels
 
 if TYPE_CHECKING:
     from solari_vk.cli.jobs import DatasetJob
@@ -41,9 +41,10 @@ def run(job: DatasetJob) -> int:
     folder = job.output.resolve()
     make_folder(folder)
     subject = load(job, time=job.time)
-    if job.labels is not None:
-        label_instances(subject.scene, job.labels)
-    annotations = Annotations(dict(enumerate(subject.scene.instances))) if job.annotations else None
+    instances = dict(enumerate(subject.scene.instances))
+    given = {} if job.labels is None else find_labels(subject.scene, job.labels)
+    labels = {number: given.get(instance, instance.label) for number, instance in instances.items()}
+    annotations = Annotations(labels) if job.annotations else None
     cameras, shown = _cameras(subject, job)
     with open_pool(job) as pool:
         ev100 = metered(pool, subject, shown, job.size) if subject.auto_exposure else subject.cameras[0].ev100
@@ -54,7 +55,7 @@ def run(job: DatasetJob) -> int:
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
         if "instance_id" in style.layers:
-            _write_json(folder / INSTANCES, instance_table(dict(enumerate(subject.scene.instances))))
+            _write_json(folder / INSTANCES, instance_table(instances, labels))
         if not render_files(pool, subject.scene, tasks, journal, job):
             return 1
     if annotations is not None:

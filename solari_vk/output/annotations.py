@@ -38,14 +38,16 @@ def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
     return [int(length) for length in np.diff([0, *ends, mask.size])]
 
 
-def instance_table(instances: Mapping[int, Instance]) -> dict[str, Any]:
-    """What the numbers in `instance_id` mean, for a JSON file. transform: from the mesh to the world; size: of the
-    mesh's box, in its own space, from `lowest` on."""
+def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str]) -> dict[str, Any]:
+    """What the numbers in `instance_id` mean, for a JSON file. labels: of the instances.
+
+    transform: from the mesh to the world; size: of the mesh's box, in its own space, from `lowest` on.
+    """
     rows = []
     for number, instance in sorted(instances.items()):
         low, high = (bound(instance.mesh.positions, axis=0) for bound in (np.min, np.max))
         rows.append({
-            "id": number, "name": instance.name, "label": instance.label, "material": instance.material.name,
+            "id": number, "name": instance.name, "label": labels[number], "material": instance.material.name,
             "transform": instance.transform.tolist(), "lowest": low.tolist(), "size": (high - low).tolist(),
         })  # fmt: skip
     return {"no_instance": NO_INSTANCE, "instances": rows}
@@ -53,10 +55,10 @@ def instance_table(instances: Mapping[int, Instance]) -> dict[str, Any]:
 
 class Annotations:
     """Annotations of pictures of one scene. Classes are the labels in alphabetical order; instances without one have
-    no annotation. Raises SolariError if no instance has a label."""
+    no annotation. labels: of instances by number, such as `frame.labels`. Raises SolariError if there is none."""
 
-    def __init__(self, instances: Mapping[int, Instance]) -> None:
-        self._labels = {number: instance.label for number, instance in instances.items() if instance.label}
+    def __init__(self, labels: Mapping[int, str]) -> None:
+        self._labels = {number: label for number, label in labels.items() if label}
         self.classes = sorted(set(self._labels.values()))
         if not self.classes:
             raise SolariError("annotations: no instance has a label: assign instance.label, or give a file of classes "

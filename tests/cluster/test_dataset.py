@@ -62,7 +62,8 @@ def test_annotations(make, copied, tmp_path):
     coco_tools = pytest.importorskip("pycocotools.coco")
     (tmp_path / "classes.json").write_text('{"*block": "block", "lamp": "a lamp"}')
     more = "--labels", tmp_path / "classes.json", "--annotations", "coco,yolo"
-    _, folder = make(*THREE, *more, name="copied")
+    said, folder = make(*THREE, *more, name="copied")
+    assert ": 3 of 3 pictures, 0" in said
     table = {row["id"]: row for row in json.loads((folder / "instances.json").read_text())["instances"]}
     coco = coco_tools.COCO(folder / "annotations.json")
     assert [category["name"] for category in coco.loadCats(coco.getCatIds())] == ["a lamp", "block"]
@@ -81,7 +82,8 @@ def test_annotations(make, copied, tmp_path):
             assert np.array_equal(np.argwhere(mask).max(0), [y + height - 1, x + width - 1])
             category, *box = map(float, line.split())
             assert coco.cats[one["category_id"]]["name"] == row["label"] == ["a lamp", "block"][int(category)]
-            assert np.multiply(box, (24, 16, 24, 16)) == pytest.approx((x + width / 2, y + height / 2, width, height))
+            center = x + width / 2, y + height / 2
+            assert np.multiply(box, (24, 16, 24, 16)) == pytest.approx((*center, width, height), abs=1e-4)
             local = np.c_[position[mask], np.ones(mask.sum())] @ np.linalg.inv(row["transform"]).T
             assert np.all(np.abs(local[:, :3] - row["lowest"] - np.divide(row["size"], 2))
                           <= np.divide(row["size"], 2) + 1e-4)  # fmt: skip
@@ -93,7 +95,7 @@ def test_annotations(make, copied, tmp_path):
     (("--annotations", "coco"), "no instance has a label"),
     (("--annotations", "voc"), "--annotations voc: take one or both of coco, yolo"),
     (("--annotations", "coco", "--format", "exr"), "give --format png or npy"),
-    (("--labels", "{}/chairs.json"), 'chairs.json: no instance is named "Chair*"; names are '),
+    (("--labels", "{}/chairs.json"), 'chairs.json: no instance is named \'Chair*\'; names are '),
     (("--labels", "{}/list.json"), "list.json: give a class for each pattern"),
     (("--labels", "{}/none.json"), "none.json"),
 ])  # fmt: skip
