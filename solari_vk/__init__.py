@@ -41,8 +41,10 @@ _HOMES = {
     "scene.builtin": ("builtin",),
     "scene.lights.sky": ("Sky",),
     "scene.lights.temperature": ("kelvin",),
+    "scene.labels": ("label_instances",),
     "scene.studio": ("studio_lights",),
     "bands": ("render_large",),
+    "output.annotations": ("Annotations", "instance_table"),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
@@ -59,14 +61,14 @@ _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Animation", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device", "DeviceError",
-    "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile", "Material",
-    "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig",
-    "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture",
+    "Animation", "Annotations", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device",
+    "DeviceError", "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile",
+    "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer",
+    "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture",
     "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin", "check_output",
-    "cluster", "encode_picture", "illuminance", "kelvin", "list_devices", "load", "load_colmap", "load_gltf",
-    "notebook", "open", "render_large", "rt", "save_colmap", "save_image", "save_video", "shapes", "studio_lights",
-    "tonemap",
+    "cluster", "encode_picture", "illuminance", "instance_table", "kelvin", "label_instances", "list_devices",
+    "load", "load_colmap", "load_gltf", "notebook", "open", "render_large", "rt", "save_colmap", "save_image",
+    "save_video", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -78,6 +80,7 @@ if TYPE_CHECKING:
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
     from solari_vk.light_meter import illuminance
+    from solari_vk.output.annotations import Annotations, instance_table
     from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, encode_picture, tonemap
@@ -93,6 +96,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.group import Group
+    from solari_vk.scene.labels import label_instances
     from solari_vk.scene.lights.profile import LightProfile
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky

@@ -17,6 +17,7 @@ from solari_vk.bound.projection import Projection
 from solari_vk.errors import Hints, SolariError, quoted
 from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.device import Device
+from solari_vk.output.annotations import boxes
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.passes import pathtracer
@@ -112,6 +113,15 @@ class RenderedFrame(Hints):
             instance = self._renderer.binder.scene.instances[instance]
         ids = [number for number, other in self.instances.items() if other is instance]
         return np.isin(self["instance_id"], ids)
+
+    @property
+    def labels(self) -> dict[int, str]:
+        """The labels of the scene's instances by the numbers in `frame["instance_id"]`, "" for those without one."""
+        return {number: instance.label for number, instance in self.instances.items()}
+
+    def boxes(self) -> dict[Instance, tuple[int, int, int, int]]:
+        """The smallest box around each instance's pixels: its left column, top row, width and height in pixels."""
+        return {self.instances[number]: box for number, box in boxes(self["instance_id"]).items()}
 
     def pick(self, x: int, y: int) -> Instance | None:
         """The instance that a pixel shows at its center, None for the background.

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import solari_vk as sv
 from solari_vk.cli.cluster import metered, open_pool, render_files
@@ -14,8 +19,10 @@ from solari_vk.cluster import RenderTask, Style, View, blocks
 from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
 from solari_vk.cluster.journal import open_journal
 from solari_vk.errors import SolariError
-from solari_vk.files import make_folder
+from solari_vk.files import make_folder, write_whole
 from solari_vk.output import oidn
+from solari_vk.output.annotations import Annotations, instance_table
+from solari_vk.scene.labels import find_labels
 
 if TYPE_CHECKING:
     from solari_vk.cli.jobs import DatasetJob
@@ -23,15 +30,21 @@ if TYPE_CHECKING:
 
 METERED = 8  # views whose mean exposure is that of all
 JOURNAL = "views.jsonl"
+INSTANCES, COCO, CLASSES = "instances.json", "annotations.json", "classes.txt"
+ANNOTATIONS = ("coco", "yolo")
 
 
 def run(job: DatasetJob) -> int:
     """Render the views that aren't in the folder yet; returns the exit code, 1 if some are missing."""
     check_time_limit(job.time_limit)
-    style = _style(job)
+    style = _style(_with_ids(job))
     folder = job.output.resolve()
     make_folder(folder)
     subject = load(job, time=job.time)
+    instances = dict(enumerate(subject.scene.instances))
+    given = {} if job.labels is None else find_labels(subject.scene, job.labels)
+    labels = {number: given.get(instance, instance.label) for number, instance in instances.items()}
+    annotations = Annotations(labels) if job.annotations else None
     cameras, shown = _cameras(subject, job)
     with open_pool(job) as pool:
         ev100 = metered(pool, subject, shown, job.size) if subject.auto_exposure else subject.cameras[0].ev100
@@ -41,7 +54,40 @@ def run(job: DatasetJob) -> int:
         tasks = _tasks(style, views, job.cameras == "random")
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
-        return 0 if render_files(pool, subject.scene, tasks, journal, job) else 1
+        if "instance_id" in style.layers:
+            _write_json(folder / INSTANCES, instance_table(instances, labels))
+        if not render_files(pool, subject.scene, tasks, journal, job):
+            return 1
+    if annotations is not None:
+        _annotate(folder, annotations, job.annotations, views)
+    return 0
+
+
+def _with_ids(job: DatasetJob) -> DatasetJob:
+    """The job with the output that its annotations need."""
+    for name in job.annotations:
+        if name not in ANNOTATIONS:
+            raise SolariError(f"--annotations {name}: take one or both of {', '.join(ANNOTATIONS)}")
+    if not job.annotations or ("instance_id" in job.aov and job.format != "exr"):
+        return job
+    if job.format == "exr":
+        raise SolariError("--annotations: are made from .npy files of instance_id: give --format png or npy")
+    return dataclasses.replace(job, aov=(*job.aov, "instance_id"))
+
+
+def _annotate(folder: Path, annotations: Annotations, kinds: tuple[str, ...], views: list[View]) -> None:
+    """Write annotations of all views. Raises SolariError for a file that can't be written."""
+    names = [(view.name, folder / f"{Path(view.name).stem}.instance_id.npy") for view in views]
+    if "coco" in kinds:
+        _write_json(folder / COCO, annotations.coco((name, np.load(path)) for name, path in names))
+    if "yolo" in kinds:
+        write_whole(folder / CLASSES, "".join(f"{name}\n" for name in annotations.classes))
+        for _, path in names:
+            write_whole(folder / path.name.replace(".instance_id.npy", ".txt"), annotations.yolo(np.load(path)))
+
+
+def _write_json(path: Path, value: dict[str, Any]) -> None:
+    write_whole(path, json.dumps(value))
 
 
 def _style(job: DatasetJob) -> Style:

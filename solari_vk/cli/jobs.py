@@ -216,6 +216,13 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
     )
     format: str = option("of the pictures (png)", choices=("png", "exr", "npy"), default="png")
+    labels: Path | None = option(
+        'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
+    )
+    annotations: tuple[str, ...] = option(
+        "boxes and masks of instances that have a class: coco (annotations.json), yolo (a text file for each picture)",
+        "coco,yolo", type=words, default=(),
+    )
     time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
     samples: int = option("samples per pixel (64)", "N", type=positive, default=64)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)

@@ -134,7 +134,8 @@ class Instance(Checked, Scaled):
     too. ray_mesh: a simpler mesh that rays hit instead of `mesh`, which realtime frames
     show by raster. An instance that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4)
     and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
-    `transform`, and how much of each morph target is added. Raises SolariError for a singular transform, and for poses
+    `transform`, and how much of each morph target is added. label: a semantic class, such as "chair", for annotations
+    of pictures (`label_instances`). Raises SolariError for a singular transform, and for poses
     that don't fit the mesh.
     """
 
@@ -147,9 +148,11 @@ class Instance(Checked, Scaled):
     joint_matrices: NDArray[np.float64] | None = None
     morph_weights: NDArray[np.float64] | None = None
     name: str = ""
+    label: str = ""
 
     _converters = {
         "name": checks.text,
+        "label": checks.text,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,

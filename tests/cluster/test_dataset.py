@@ -57,6 +57,55 @@ def contents(folder, but=()):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name not in but}
 
 
+def test_annotations(make, copied, tmp_path):
+    """The data set goes on from where it was, and pycocotools and the numbers in instance_id agree with its files."""
+    coco_tools = pytest.importorskip("pycocotools.coco")
+    (tmp_path / "classes.json").write_text('{"*block": "block", "lamp": "a lamp"}')
+    more = "--labels", tmp_path / "classes.json", "--annotations", "coco,yolo"
+    said, folder = make(*THREE, *more, name="copied")
+    assert ": 3 of 3 pictures, 0" in said
+    table = {row["id"]: row for row in json.loads((folder / "instances.json").read_text())["instances"]}
+    coco = coco_tools.COCO(folder / "annotations.json")
+    assert [category["name"] for category in coco.loadCats(coco.getCatIds())] == ["a lamp", "block"]
+    seen = 0
+    for image in coco.loadImgs(coco.getImgIds()):
+        ids, position = (np.load(folder / image["file_name"].replace("png", f"{name}.npy"))
+                         for name in ("instance_id", "position"))  # fmt: skip
+        lines = (folder / image["file_name"].replace("png", "txt")).read_text().splitlines()
+        found = coco.loadAnns(coco.getAnnIds(image["id"]))
+        assert len(lines) == len(found) == len({n for n in np.unique(ids) if n in table and table[n]["label"]})
+        for one, line in zip(found, lines, strict=True):
+            mask, row = coco.annToMask(one) > 0, table[one["instance_id"]]
+            assert np.array_equal(mask, ids == one["instance_id"])
+            x, y, width, height = one["bbox"]
+            assert np.array_equal(np.argwhere(mask).min(0), [y, x])
+            assert np.array_equal(np.argwhere(mask).max(0), [y + height - 1, x + width - 1])
+            category, *box = map(float, line.split())
+            assert coco.cats[one["category_id"]]["name"] == row["label"] == ["a lamp", "block"][int(category)]
+            center = x + width / 2, y + height / 2
+            assert np.multiply(box, (24, 16, 24, 16)) == pytest.approx((*center, width, height), abs=1e-4)
+            local = np.c_[position[mask], np.ones(mask.sum())] @ np.linalg.inv(row["transform"]).T
+            assert np.all(np.abs(local[:, :3] - row["lowest"] - np.divide(row["size"], 2))
+                          <= np.divide(row["size"], 2) + 1e-4)  # fmt: skip
+            seen += one["area"]
+    assert seen > 50
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("--annotations", "coco"), "no instance has a label"),
+    (("--annotations", "voc"), "--annotations voc: take one or both of coco, yolo"),
+    (("--annotations", "coco", "--format", "exr"), "give --format png or npy"),
+    (("--labels", "{}/chairs.json"), 'chairs.json: no instance is named \'Chair*\'; names are '),
+    (("--labels", "{}/list.json"), "list.json: give a class for each pattern"),
+    (("--labels", "{}/none.json"), "none.json"),
+])  # fmt: skip
+def test_labels_that_fit_nothing(make, tmp_path, arguments, message):
+    (tmp_path / "chairs.json").write_text('{"lamp": "lamp", "Chair*": "chair"}')
+    (tmp_path / "list.json").write_text('["lamp"]')
+    said, _ = make(*THREE, *(text.format(tmp_path) for text in arguments), code=2)
+    assert message in said
+
+
 def test_workers_give_the_same_files(make, views, pool):
     """Streamed back, or written by the workers into a shared folder."""
     for name, more in (("streamed", []), ("shared", ["--shared-folder"])):
@@ -65,7 +114,7 @@ def test_workers_give_the_same_files(make, views, pool):
         assert contents(together, ["views.jsonl"]) == contents(views, ["views.jsonl"])
     ends = (".png", ".depth.npy", ".instance_id.npy", ".position.npy")
     names = {f"{number:05}{end}" for number in range(3) for end in ends}
-    assert contents(views).keys() == names | {"views.jsonl", "transforms.json"}
+    assert contents(views).keys() == names | {"views.jsonl", "transforms.json", "instances.json"}
 
 
 def test_the_example_loads_the_views(views):

@@ -19,6 +19,13 @@ def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
     return {name: found[name] for name in names if name in found} if isinstance(found, dict) else {}
 
 
+def read_label(entry: Entry) -> str:
+    """The semantic class of a node's meshes: ours, or else the text `label` in the extras of files of others."""
+    extras = entry.data.get("extras")
+    found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, ("label",))}.get("label")
+    return found if isinstance(found, str) else ""
+
+
 def write_own(item: Any, names: Container[str]) -> dict[str, Any]:
     """The `extras` with those fields of an object that glTF has no word for and that aren't as by default."""
     changed = {}

@@ -16,7 +16,7 @@ from solari_vk.scene.gltf.cameras import DEFAULT, make_camera, read_lens
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
-from solari_vk.scene.gltf.extras import read_own
+from solari_vk.scene.gltf.extras import read_label, read_own
 from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
@@ -228,7 +228,7 @@ class _Loader:
         skin = None
         with self._report.costs("wrong skins are left out"):
             skin = skin_of(self._document, self._accessors, node, placed, self._report)
-        name = node.entry.name or mesh.name or mesh.place
+        name, label = node.entry.name or mesh.name or mesh.place, read_label(node.entry)
         pose = Pose(self._animations, node, mesh, skin, placed)
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -250,7 +250,7 @@ class _Loader:
                 world, visible = np.eye(4), False  # until an animation gives it a size
             for suffix, shape, material, others in parts:
                 shape = rig.inside_out(shape) if mirrored else shape
-                instance = Instance(shape, material, world, visible=visible, name=name + suffix)
+                instance = Instance(shape, material, world, visible=visible, name=name + suffix, label=label)
                 try:
                     pose.give(instance)
                 except SolariError as error:

@@ -16,7 +16,7 @@ from solari_vk.scene.gltf.cameras import DEFAULT
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.gltf.pointers import AnimatedObject, has_texture, put
 from solari_vk.scene.gltf.saving.content import Content
-from solari_vk.scene.gltf.saving.nodes import VISIBILITY, Matrix, Nodes, backdrop_extras
+from solari_vk.scene.gltf.saving.nodes import VISIBILITY, Matrix, Nodes, node_extras
 from solari_vk.scene.gltf.saving.shapes import Variants
 from solari_vk.scene.matrices import upright
 from solari_vk.scene.objects import Instance
@@ -105,7 +105,7 @@ class RigNodes:
                 parent, item, matrix, variants=self._variants.get(item, ()), skin=number,
                 mesh=self._rig.inside_out(item.mesh) if turned else None,
                 weights=None if weights is None else weights[1], visible=visible if node is not None else item.visible,
-                extras=backdrop_extras(self._scene, item),
+                extras=node_extras(self._scene, item),
             )  # fmt: skip
             if weights is not None:
                 self._meshes_of.setdefault(weights[0], []).append(written)

@@ -177,9 +177,10 @@ class Nodes:
         return number
 
 
-def backdrop_extras(scene: Any, instance: Instance) -> dict[str, Any] | None:
+def node_extras(scene: Any, instance: Instance) -> dict[str, Any]:
     """The extras of an instance's node."""
-    return {EXTRAS: {"backdrop": True}} if instance is scene.backdrop else None
+    own = write_own(instance, ("label",)).get(EXTRAS, {}) | ({"backdrop": True} if instance is scene.backdrop else {})
+    return {EXTRAS: own} if own else {}
 
 
 def _worlds(instance: Instance) -> list[Matrix]:

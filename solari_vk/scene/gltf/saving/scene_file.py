@@ -11,7 +11,7 @@ from solari_vk.files import check_writable
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.gltf.saving.clips import RigNodes
 from solari_vk.scene.gltf.saving.content import Content
-from solari_vk.scene.gltf.saving.nodes import Nodes, backdrop_extras
+from solari_vk.scene.gltf.saving.nodes import Nodes, node_extras
 from solari_vk.scene.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.gltf.saving.skies import add_sky
 from solari_vk.scene.gltf.saving.surfaces import Surfaces
@@ -66,7 +66,7 @@ class _Writer:
             if instance not in done:
                 self._nodes.instance(
                     None, instance, instance.transform, variants=variants.get(instance, ()), visible=instance.visible,
-                    extras=backdrop_extras(scene, instance),
+                    extras=node_extras(scene, instance),
                 )  # fmt: skip
         for camera in cameras:
             if camera not in done:

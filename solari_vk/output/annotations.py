@@ -1,0 +1,98 @@
+"""Annotations of pictures in which each pixel has the number of an instance: boxes, masks, COCO and YOLO.
+
+Lin et al., "Microsoft COCO: Common Objects in Context" (2014), and its format of objects; the text files of YOLO.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.model import Instance
+
+NO_INSTANCE = 2**32 - 1
+"""The `instance_id` of pixels without a surface."""
+Ids = NDArray[np.uint32]
+
+
+def boxes(ids: Ids) -> dict[int, tuple[int, int, int, int]]:
+    """The smallest box around the pixels of each instance in ids (height, width): x, y, width and height in pixels."""
+    numbers, of_pixel = np.unique(ids, return_inverse=True)
+    rows, columns = np.divmod(np.arange(ids.size), ids.shape[1])
+    low, high = np.full((2, len(numbers), 2), np.iinfo(np.int64).max)
+    high[:] = -1
+    np.minimum.at(low, of_pixel.ravel(), np.stack([columns, rows], 1))
+    np.maximum.at(high, of_pixel.ravel(), np.stack([columns, rows], 1))
+    found = np.concatenate([low, high - low + 1], axis=1).tolist()
+    return {int(number): tuple(box) for number, box in zip(numbers, found, strict=True) if number != NO_INSTANCE}
+
+
+def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
+    """COCO's uncompressed run lengths of a mask (height, width): column by column, the first run is outside of it."""
+    pixels = np.concatenate([[False], mask.T.ravel()])
+    ends = np.flatnonzero(pixels[1:] != pixels[:-1])
+    return [int(length) for length in np.diff([0, *ends, mask.size])]
+
+
+def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str]) -> dict[str, Any]:
+    """What the numbers in `instance_id` mean, for a JSON file. labels: of the instances.
+
+    transform: from the mesh to the world; size: of the mesh's box, in its own space, from `lowest` on.
+    """
+    rows = []
+    for number, instance in sorted(instances.items()):
+        low, high = (bound(instance.mesh.positions, axis=0) for bound in (np.min, np.max))
+        rows.append({
+            "id": number, "name": instance.name, "label": labels[number], "material": instance.material.name,
+            "transform": instance.transform.tolist(), "lowest": low.tolist(), "size": (high - low).tolist(),
+        })  # fmt: skip
+    return {"no_instance": NO_INSTANCE, "instances": rows}
+
+
+class Annotations:
+    """Annotations of pictures of one scene. Classes are the labels in alphabetical order; instances without one have
+    no annotation. labels: of instances by number, such as `frame.labels`. Raises SolariError if there is none."""
+
+    def __init__(self, labels: Mapping[int, str]) -> None:
+        self._labels = {number: label for number, label in labels.items() if label}
+        self.classes = sorted(set(self._labels.values()))
+        if not self.classes:
+            raise SolariError("annotations: no instance has a label: assign instance.label, or give a file of classes "
+                              "by --labels (label_instances)")  # fmt: skip
+
+    def _found(self, ids: Ids) -> Iterable[tuple[int, int, tuple[int, int, int, int]]]:
+        """Number, class and box of each annotated instance in a picture."""
+        for number, box in boxes(ids).items():
+            if number in self._labels:
+                yield number, self.classes.index(self._labels[number]), box
+
+    def coco(self, pictures: Iterable[tuple[str, Ids]]) -> dict[str, Any]:
+        """Images, annotations and categories in COCO's format, for a JSON file. pictures: names of files, and ids
+        (height, width). Categories are counted from 1. Masks are run lengths; `instance_id` is the instance's number.
+        """
+        images, found = [], list[dict[str, Any]]()
+        for image, (name, ids) in enumerate(pictures, 1):
+            height, width = ids.shape
+            images.append({"id": image, "file_name": name, "width": width, "height": height})
+            for number, category, box in self._found(ids):
+                mask = ids == number
+                found.append({
+                    "id": len(found) + 1, "image_id": image, "category_id": category + 1, "iscrowd": 0,
+                    "bbox": list(box), "area": int(mask.sum()), "instance_id": number,
+                    "segmentation": {"size": [height, width], "counts": run_lengths(mask)},
+                })  # fmt: skip
+        categories = [{"id": number, "name": name} for number, name in enumerate(self.classes, 1)]
+        return {"images": images, "annotations": found, "categories": categories}
+
+    def yolo(self, ids: Ids) -> str:
+        """A picture's lines: class from 0, then center and size of the box relative to the picture."""
+        height, width = ids.shape
+        lines = []
+        for _, category, (x, y, across, down) in self._found(ids):
+            box = (x + across / 2) / width, (y + down / 2) / height, across / width, down / height
+            lines.append(" ".join([str(category), *(f"{value:.6f}" for value in box)]) + "\n")
+        return "".join(lines)
