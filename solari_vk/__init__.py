@@ -43,6 +43,7 @@ _HOMES = {
     "scene.lights.temperature": ("kelvin",),
     "scene.studio": ("studio_lights",),
     "bands": ("render_large",),
+    "batch": ("Batch",),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
@@ -59,7 +60,7 @@ _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Animation", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device", "DeviceError",
+    "Animation", "Batch", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device", "DeviceError",
     "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile", "Material",
     "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig",
     "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture",
@@ -72,6 +73,7 @@ __all__ = [
 if TYPE_CHECKING:
     from solari_vk import cluster, notebook, rt
     from solari_vk.bands import render_large
+    from solari_vk.batch import Batch
     from solari_vk.bound.binder import SceneBinder
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
