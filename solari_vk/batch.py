@@ -16,7 +16,7 @@ from solari_vk.bound.features import LENSES
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
-from solari_vk.gpu.acceleration.checks import check_switch, whole_number
+from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -38,33 +38,38 @@ class Batch(SceneUser):
 
     size: (width, height) of a view in pixels. views: their number N. renderer: "labels" finds first hits alone, at the
     pixels' centers; "reference" adds path-traced `radiance`, and takes the options of `PathTracer`, such as seed and
-    max_bounces. materials: `shading_normal`, `albedo`, `roughness_metallic` and `emissive` too. View i has bit by bit
-    what a `PathTracer` of its own finds with the same camera and seed: seed i is `seed` + i * 0x9E3779B9 modulo 2^32.
-    Rays hit an instance's ray_mesh where it has one.
+    max_bounces. outputs: names of OUTPUTS, which are computed beside the radiance: by default depth, position,
+    geometric_normal, instance_id and primitive; motion_vectors and what needs materials take time of their own. View i
+    has bit by bit what a `PathTracer` of its own finds with the same camera and seed: seed i is `seed` + i * 0x9E3779B9
+    modulo 2^32. Rays hit an instance's ray_mesh where it has one.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
     """
 
+    OUTPUTS = passes.OUTPUTS
+
     def __init__(
         self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int], views: int, *,
-        renderer: str = "labels", materials: bool = False, **options: Any,
+        renderer: str = "labels", outputs: Sequence[str] = passes.GEOMETRY, **options: Any,
     ) -> None:  # fmt: skip
         if renderer not in RENDERERS:
             raise SolariError(f"Batch: renderer is one of {', '.join(RENDERERS)}, not {quoted(renderer)}")
         for name in options:
             if name not in PATH_OPTIONS or renderer == "labels":
-                known = ["renderer", "materials", *(PATH_OPTIONS if renderer == "reference" else ())]
+                known = ["renderer", "outputs", *(PATH_OPTIONS if renderer == "reference" else ())]
                 raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
-        check_switch(materials, "Batch: materials")
+        names = (outputs,) if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+        for name in names:
+            if name not in passes.OUTPUTS:
+                raise unknown_name("Batch: there is no output", name, passes.OUTPUTS)
         super().__init__(device, scene)
         try:
             self.views = whole_number(views, "Batch: views", 1)
             self.size = _checked_size(device, size, self.views)
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = pathtracer.max_rows(self._strip)
-            self._materials = bool(materials)
-            self._names = ("radiance",) * (renderer == "reference") + passes.GEOMETRY + passes.MATERIALS * materials
+            self._names = ("radiance", *names) if renderer == "reference" else names
             record = reflect(compile_shader(SHADER), SHADER).bindings["views"].element
             assert record is not None
             self._record: np.dtype[Any] = record
@@ -88,8 +93,7 @@ class Batch(SceneUser):
             raise
 
     def _stages(self) -> list[Stage]:
-        labels = passes.labels_stage(self._strip, self._rows, self._materials)
-        return [labels, passes.last_stage(self._capacity)]
+        return [passes.labels_stage(self._strip, self._rows, self._names, self._capacity)]
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -161,11 +165,12 @@ class Batch(SceneUser):
         frame.apply_edits()
         if self._orders.update():
             frame.bind(self._orders.buffers)
-        if binder.instance_capacity != self._capacity:  # the rows of instances stay valid
-            previous = frame.resource("previous_instances").read()
+        if binder.instance_capacity != self._capacity:
             self._capacity = binder.instance_capacity
-            frame.rebuild(self._stages())
-            frame.resource("previous_instances").upload(previous)
+            if "motion_vectors" in self._names:
+                previous = frame.resource("previous_instances").read()  # whose rows stay valid
+                frame.rebuild(self._stages())
+                frame.resource("previous_instances").upload(previous)
         self._buffer.upload(views)
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):

@@ -22,7 +22,7 @@ from solari_vk.tracer import RayTracer
 SCENE, SAMPLES, ROUNDS = "cornell_box", 4, 5
 NAMES = ("depth", "instance_id")
 INTRO = (
-    f"Views a second of `{SCENE}`, in turns and each the median of {ROUNDS} rounds, until the results are numpy arrays. "
+    f"Views a second of `{SCENE}`, in turns and each the median of {ROUNDS} rounds, until results are numpy arrays. "
     "Labels are depth and instance ids; one by one they are those of `RayTracer`, whose rays Python makes. "
     f"Reference is the radiance of {SAMPLES} samples a pixel; one by one it is that of one `PathTracer`.",
 )

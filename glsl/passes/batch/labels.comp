@@ -10,7 +10,9 @@
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
+// What takes time of its own is computed where it is asked for.
 layout(constant_id = has_materials_id) const bool has_materials = false;
+layout(constant_id = has_motion_id) const bool has_motion = false;
 
 layout(set = 1, scalar) writeonly buffer AovPrimitiveBlock { uint at[]; } aov_primitive;  // NO_INDEX: nothing
 layout(set = 1, scalar) writeonly buffer AovMotionVectorsBlock { vec2 at[]; } aov_motion_vectors;
@@ -59,12 +61,12 @@ void main() {
     if (hit.instance == NO_INDEX || !is_seen(vec2(pixel) + 0.5)) {
         if (has_materials) { store_empty_aovs(index); } else { store_empty_geometry(index); }
         aov_primitive.at[index] = NO_INDEX;
-        aov_motion_vectors.at[index] = empty_motion_vector(ray);
+        if (has_motion) { aov_motion_vectors.at[index] = empty_motion_vector(ray); }
         return;
     }
     Instance instance = instances.at[hit.instance];
     Mesh mesh = meshes.at[instance.ray_mesh];
     if (has_materials) { store_aovs(index, ray, hit, mesh); } else { store_geometry(index, ray, hit, mesh); }
     aov_primitive.at[index] = triangle_orders.at[order_starts.at[instance.ray_mesh] + hit.triangle];
-    aov_motion_vectors.at[index] = hit_motion_vector(hit, mesh);
+    if (has_motion) { aov_motion_vectors.at[index] = hit_motion_vector(hit, mesh); }
 }
