@@ -25,7 +25,6 @@ from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.reference import PathTracer, numbered_seeds
-from solari_vk.scene import checks
 from solari_vk.scene.model import Camera, Instance, Scene
 
 RENDERERS = ("labels", "reference")
@@ -120,8 +119,8 @@ class Batch(SceneUser):
         samples = self._checked_samples(samples)
         views = np.zeros(self.views, self._record)
         now = np.zeros(self.views, self._record["now"])
-        lenses = self._write_cameras(now, cameras, {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near})
-        now["size"] = now["picture_size"] = self.size
+        options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near}
+        lenses = view_table.write(now, cameras, self.size, options)
         views["now"], views["seed"] = now, self._checked_seeds(seeds)
         cut = np.broadcast_to(_checked_mask(reset, self.views), self.views)
         views["before"] = now if self._latest is None else np.where(cut, now, self._latest)
@@ -132,33 +131,6 @@ class Batch(SceneUser):
         if self._paths is not None:
             self._paths.trace(samples)
         return self
-
-    def _write_cameras(self, now: NDArray[Any], cameras: Any, options: dict[str, Any]) -> list[Camera]:
-        """Write the cameras' records; returns those with a lens, which is a feature of the shaders."""
-        given = {name: value for name, value in options.items() if value is not None}
-        found = view_table.camera_list(cameras, self.views)
-        if found is not None:
-            if given:
-                raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
-            view_table.write_cameras(now, found, self.size)
-            return [camera for camera in found if camera.has_lens]
-        count, near = self.views, given.pop("near", view_table.DEFAULTS.near)
-        if len(given) > 1:
-            raise SolariError(f"Batch.render: give one of {', '.join(given)}")
-        poses = view_table.array(cameras, "cameras", (count, 4, 4))
-        view_table.check_poses(poses)
-        if "K" in given:
-            matrices = view_table.array(given["K"], "K", (count, 3, 3), (3, 3))
-            half, jitter = view_table.of_matrices(np.broadcast_to(matrices, (count, 3, 3)), self.size)
-        else:
-            name, value = next(iter(given.items()), ("vertical_fov", view_table.DEFAULTS.vertical_fov))
-            fov = np.broadcast_to(view_table.array(value, name, (count,), ()), count)
-            half, jitter = view_table.of_fov(fov * (math.pi / 180) if name == "fov" else fov, self.size)
-        nears = np.broadcast_to(view_table.array(near, "near", (count,), ()), count)
-        view_table.check_all((nears >= 1e-9) & (nears <= checks.LARGEST_COORDINATE), "near",
-                             f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m")  # fmt: skip
-        view_table.write_poses(now, poses, half, jitter, nears)
-        return []
 
     def _find_labels(self, views: NDArray[Any]) -> None:
         frame, binder = self._labels, self.binder

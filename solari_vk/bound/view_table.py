@@ -7,7 +7,7 @@ of each, bit by bit: the same operations in the same order on doubles.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -85,10 +85,11 @@ def write_poses(records: NDArray[Any], poses: Floats, half: Floats, jitter: Floa
 def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> None:
     """Write the records (N,) of cameras of any kind, one after the other."""
     packed, begin = packing(records.dtype, FIELDS)
+    memory = records.view(np.uint8).data
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         at = index * records.dtype.itemsize + begin
-        packed.pack_into(records.data.cast("B"), at, *found.numbers, *size, *size, *found.jitter, *found.lens)
+        packed.pack_into(memory, at, *found.numbers, *size, *size, *found.jitter, *found.lens)
 
 
 def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
@@ -127,3 +128,35 @@ def camera_list(cameras: Any, views: int) -> list[Camera] | None:
         what = f"one is {quoted(wrong[0])}" if wrong else f"there are {len(cameras)}"
         raise SolariError(f"Batch.render: give {views} cameras, one for each view; {what}")
     return list(cameras)
+
+
+def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: Mapping[str, Any]) -> list[Camera]:
+    """Write the records (N,) of Camera objects or of an array of poses; returns the cameras with a lens, which is a
+    feature of the shaders. size: of a view in pixels. options: fov, vertical_fov, K and near of `Batch.render`; None
+    for what isn't given."""
+    count = len(records)
+    given = {name: value for name, value in options.items() if value is not None}
+    found = camera_list(cameras, count)
+    records["size"] = records["picture_size"] = size
+    if found is not None:
+        if given:
+            raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
+        write_cameras(records, found, size)
+        return [camera for camera in found if camera.has_lens]
+    near = given.pop("near", DEFAULTS.near)
+    if len(given) > 1:
+        raise SolariError(f"Batch.render: give one of {', '.join(given)}")
+    poses = array(cameras, "cameras", (count, 4, 4))
+    check_poses(poses)
+    if "K" in given:
+        matrices = array(given["K"], "K", (count, 3, 3), (3, 3))
+        half, jitter = of_matrices(np.broadcast_to(matrices, (count, 3, 3)), size)
+    else:
+        name, value = next(iter(given.items()), ("vertical_fov", DEFAULTS.vertical_fov))
+        fov = np.broadcast_to(array(value, name, (count,), ()), count)
+        half, jitter = of_fov(fov * (math.pi / 180) if name == "fov" else fov, size)
+    nears = np.broadcast_to(array(near, "near", (count,), ()), count)
+    check_all((nears >= 1e-9) & (nears <= checks.LARGEST_COORDINATE), "near",
+              f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m")  # fmt: skip
+    write_poses(records, poses, half, jitter, nears)
+    return []
