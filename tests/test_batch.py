@@ -167,7 +167,13 @@ def check_motion(batch, before, now, moved=None):
     return np.abs(found[seen]).max()
 
 
-def test_motion_is_that_of_cameras_and_instances(device):
+@pytest.fixture
+def many_dispatches(monkeypatch):
+    """Of 11 rows each in pictures of 24x20."""
+    monkeypatch.setattr(pathtracer, "MAX_FIRST_PIXELS", 24 * 11)
+
+
+def test_motion_is_that_of_cameras_and_instances(device, many_dispatches):
     scene = sv.builtin("cornell_box")
     first = [sv.Camera.look_at((1 + 0.1 * i, 1, -2.5), (1, 1, 0)) for i in range(3)]
     second = [sv.Camera.look_at((1 + 0.1 * i, 1.1, -2.4), (1, 0.9, 0), fov=50) for i in range(3)]
@@ -189,6 +195,19 @@ def test_motion_is_that_of_cameras_and_instances(device):
         check_first_hits(device, batch, mixed)
         assert check_motion(batch.render(mixed), mixed, mixed) == 0
         assert check_motion(batch.render(first, reset=True), first, first) == 0
+
+
+def test_motion_is_that_of_edited_meshes(device, many_dispatches):
+    scene, camera = sv.builtin("cornell_box"), sv.Camera.look_at((1, 1, -2.5), (1, 1, 0))
+    with sv.Batch(device, scene, (24, 20), 2, outputs=sv.Batch.OUTPUTS) as batch:
+        batch.render([camera, camera])
+        block = scene.instances["tall block"]
+        shift, place = np.eye(4), block.transform
+        shift[:3, 3] = 0.1, -0.05, 0.02
+        block.mesh.positions = block.mesh.positions + shift[:3, 3]
+        batch.render([camera, camera])
+        move = place @ shift @ np.linalg.inv(place)
+        assert check_motion(batch, [camera] * 2, [camera] * 2, (block, move)) > 0.01
 
 
 # ---- arrays in --------------------------------------------------------------------------------------
