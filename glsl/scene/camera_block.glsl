@@ -1,5 +1,5 @@
-// The cameras of this frame and of the previous one. solari_vk/bound/projection.py fills the two uniform blocks. Shaders
-// with MANY_VIEWS render many pictures in one frame, each with a record that solari_vk/bound/view_table.py fills.
+// The cameras of this frame and of the previous one. solari_vk/bound/projection.py fills the two uniform blocks.
+// Shaders with MANY_VIEWS render many pictures in one frame, each with a record of solari_vk/bound/view_table.py.
 #ifndef SCENE_CAMERA_BLOCK_GLSL
 #define SCENE_CAMERA_BLOCK_GLSL
 
