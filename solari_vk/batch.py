@@ -58,7 +58,9 @@ class Batch(SceneUser):
             if name not in PATH_OPTIONS or renderer == "labels":
                 known = ["renderer", "outputs", *(PATH_OPTIONS if renderer == "reference" else ())]
                 raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
-        names = (outputs,) if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+        if not isinstance(outputs, (str, Sequence)):
+            raise SolariError(f"Batch: outputs is a list of names, not {quoted(outputs)}")
+        names = tuple(dict.fromkeys([outputs] if isinstance(outputs, str) else outputs))
         for name in names:
             if name not in passes.OUTPUTS:
                 raise unknown_name("Batch: there is no output", name, passes.OUTPUTS)

@@ -334,7 +334,7 @@ def test_wrong_options_are_named(device, binder, three):
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
         ({"renderer": "reference", "sead": 4}, "did you mean 'seed'"),
         ({"renderer": "reference", "seed": -1}, "seed must lie between"),
-        ({"outputs": ["depht"]}, "did you mean 'depth'"),
+        ({"outputs": ["depht"]}, "did you mean 'depth'"), ({"outputs": 5}, "outputs is a list of names, not 5"),
         ({"views": 0}, "views is 0"), ({"views": most + 1}, f"at most {most:,} views of this size"),
         ({"size": (64, 0)}, "hold none of this size"), ({"size": 64}, "two whole numbers"),
     ):  # fmt: skip
