@@ -45,6 +45,7 @@ _HOMES = {
     "scene.studio": ("studio_lights",),
     "bands": ("render_large",),
     "output.annotations": ("Annotations", "instance_table"),
+    "batch": ("Batch",),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
@@ -61,19 +62,20 @@ _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Animation", "Annotations", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation", "Device",
-    "DeviceError", "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance", "LightProfile",
-    "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame", "Renderer",
-    "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage", "Texture",
-    "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin", "check_output",
-    "cluster", "encode_picture", "illuminance", "instance_table", "kelvin", "label_instances", "list_devices",
-    "load", "load_colmap", "load_gltf", "notebook", "open", "render_large", "rt", "save_colmap", "save_image",
-    "save_video", "shapes", "studio_lights", "tonemap",
+    "Animation", "Annotations", "Batch", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation",
+    "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance",
+    "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame",
+    "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage",
+    "Texture", "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin",
+    "check_output", "cluster", "encode_picture", "illuminance", "instance_table", "kelvin", "label_instances",
+    "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open", "render_large", "rt", "save_colmap",
+    "save_image", "save_video", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from solari_vk import cluster, notebook, rt
     from solari_vk.bands import render_large
+    from solari_vk.batch import Batch
     from solari_vk.bound.binder import SceneBinder
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame

@@ -34,6 +34,11 @@ def numbered_seed(seed: int, number: int) -> int:
     return (seed + number * 0x9E3779B9) % 2**32  # odd, so that all differ
 
 
+def numbered_seeds(seed: int, count: int) -> NDArray[np.uint32]:
+    """`numbered_seed` of the pictures from 0 to count - 1."""
+    return (seed + np.arange(count, dtype=np.uint64) * 0x9E3779B9).astype(np.uint32)
+
+
 class PathTracer(PictureRenderer):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 
@@ -203,7 +208,8 @@ class PathTracer(PictureRenderer):
         """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
-        self._add_samples(camera, min(self._batch, max_samples))
+        submission = self._add_samples(min(self._batch, max_samples))
+        self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
 
     def _prepare(self, camera: Camera) -> None:
@@ -219,8 +225,8 @@ class PathTracer(PictureRenderer):
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
             self._frame.uniforms["path_sampling.row_count"] = self._band_rows
 
-    def _add_samples(self, camera: Camera, count: int) -> None:
-        """Trace `count` samples for every pixel, in bands of rows."""
+    def _add_samples(self, count: int) -> int:
+        """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
         uniforms = self._frame.uniforms
         uniforms["path_sampling.sample_index"] = self.samples
         uniforms["path_sampling.samples_per_dispatch"] = count
@@ -233,7 +239,7 @@ class PathTracer(PictureRenderer):
             self.reset()  # some bands have these samples and others don't
             raise
         self.samples += count
-        self._latest = RenderedFrame(self, camera, self._projection, submission)
+        return submission
 
     def _adapt(self) -> None:
         """Choose the next dispatches' size by the time that the latest finished one took.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.errors import SolariError, checked_keywords, unknown_attribute
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
@@ -44,7 +45,7 @@ class RayTracer(SceneUser):
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         super().__init__(device, scene)
         self._frames: dict[bool, SceneFrame] = {}
-        self._orders: dict[int, NDArray[np.int64]] = {}
+        self._orders = TriangleOrders(device, self.binder)
         self._revision = -1
         self.instances: dict[int, Instance] = {}
         self._buffers: dict[str, Buffer] = {}
@@ -120,7 +121,9 @@ class RayTracer(SceneUser):
             trace = Pass("ray_tracer/trace", threads=BATCH, constants={"any_hit": any_hit})
             to_host = Step("hits to the host", lambda cmd: vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()))
             stage = Stage("ray tracer", passes=[trace, to_host])
-            self._frames[any_hit] = SceneFrame(self.device, self.binder, [stage], external=self._buffers)
+            self._frames[any_hit] = SceneFrame(
+                self.device, self.binder, [stage], external={**self._buffers, **self._orders.buffers}
+            )  # fmt: skip
         return self._frames[any_hit]
 
     def _update(self) -> None:
@@ -129,20 +132,9 @@ class RayTracer(SceneUser):
         if self.binder.revision == self._revision:
             return
         self.instances = self.binder.instances
-        orders = self.binder.triangle_orders
-        same = orders.keys() == self._orders.keys() and all(orders[row] is self._orders[row] for row in orders)
-        if not same or "order_starts" not in self._buffers:
-            starts = np.zeros(max(orders, default=0) + 1, np.uint32)
-            starts[list(orders)] = np.cumsum([0, *map(len, orders.values())])[:-1]
-            numbers = np.concatenate([np.zeros(0, np.int64), *orders.values()]).astype(np.uint32)
-            for name, values in (("triangle_orders", numbers), ("order_starts", starts)):
-                if name in self._buffers:
-                    self._buffers[name].destroy()
-                self._buffers[name] = self.device.buffer(values.nbytes, name)
-                self._buffers[name].upload(values)
+        if self._orders.update():
             for frame in self._frames.values():
-                frame.bind({name: self._buffers[name] for name in ("triangle_orders", "order_starts")})
-        self._orders = orders
+                frame.bind(self._orders.buffers)
         self._revision = self.binder.revision
 
     def close(self) -> None:
@@ -153,6 +145,7 @@ class RayTracer(SceneUser):
             buffer.destroy()
         self._frames.clear()
         self._buffers.clear()
+        self._orders.destroy()
         self._mapped.clear()
         super().close()
 

@@ -26,8 +26,8 @@ GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
-    "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", *WINGS,
-    *GPU,
+    "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
+    *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
     "errors", "passes", "frame", "first_hits", "rendered", "picture_renderer", "output", "gpu.device", "gpu.frame",
@@ -60,6 +60,7 @@ MAY_IMPORT = {
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},
+    "batch": {"reference", "gpu.acceleration", "gpu.shaders", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,

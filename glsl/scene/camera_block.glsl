@@ -1,4 +1,5 @@
 // The cameras of this frame and of the previous one. solari_vk/bound/projection.py fills the two uniform blocks.
+// Shaders with MANY_VIEWS render many pictures in one frame, each with a record of solari_vk/bound/view_table.py.
 #ifndef SCENE_CAMERA_BLOCK_GLSL
 #define SCENE_CAMERA_BLOCK_GLSL
 
@@ -33,7 +34,24 @@ struct Camera {
     Lens lens;
 };
 
+#ifdef MANY_VIEWS
+
+struct View {
+    Camera now;
+    Camera before;  // in the previous frame; the same as `now` after a cut
+    uint seed;
+};
+
+layout(set = 0, scalar) readonly buffer ViewsBlock { View at[]; } views;
+uint view_index;  // of the invocation's view; `main` sets it first
+#define camera views.at[view_index].now
+#define previous_camera views.at[view_index].before
+
+#else
+
 layout(set = 0, scalar) uniform CameraBlock { Camera camera; };
 layout(set = 0, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
+
+#endif
 
 #endif

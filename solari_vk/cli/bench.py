@@ -89,6 +89,14 @@ class Cluster(Measurement):
     simulate: bool = flag("the load of a scheduler with many workers too")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Batch(Measurement):
+    MODULE = "batch"
+    views: tuple[int, ...] = option("of a batch (1, 16 and 64; repeatable)", "N", type=positive, action="append",
+                                    default=(1, 16, 64))
+    size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
+
+
 def run(job: Measurement) -> None:
     """Measure, print, and write the page."""
     values = dict(vars(job))

@@ -17,6 +17,7 @@ from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
+MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
 FIRST_HIT_AOVS = (
     "depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic", "emissive",
     "instance_id",
@@ -57,7 +58,8 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
-    camera. Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
+    camera; with "trace_views" the picture is a strip of the pictures of `views`, each with a seed of its own.
+    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
@@ -94,7 +96,7 @@ def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
 
 def max_rows(size: tuple[int, int]) -> int:
     """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog."""
-    return min(size[1], max(MAX_FIRST_PIXELS // size[0], 1))
+    return min(size[1], max(MAX_FIRST_PIXELS // size[0], 1), MAX_ROWS)
 
 
 def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:

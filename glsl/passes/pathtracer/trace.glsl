@@ -3,8 +3,8 @@
 #ifndef PASSES_PATHTRACER_TRACE_GLSL
 #define PASSES_PATHTRACER_TRACE_GLSL
 
-#include "common/pixel.glsl"
 #include "passes/pathtracer/bindings.glsl"
+#include "passes/strip.glsl"
 #include "scene/walk.glsl"
 
 struct Path {
@@ -83,13 +83,22 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     return goes_on;
 }
 
+uint path_seed() {
+#ifdef MANY_VIEWS
+    return views.at[view_index].seed;
+#else
+    return path_sampling.seed;
+#endif
+}
+
 void trace_paths() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
-    if (!is_inside(pixel, camera.size) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
+    uint index;
+    if (!find_pixel(pixel, index) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
+    uint seed = path_seed();
 
     // The mean is updated sample by sample, so that its bits don't depend on how samples are split into dispatches. A
     // mean keeps the precision of the millionth sample, which a sum would lose.
-    uint index = pixel_index(pixel, camera.size);
     uint sample_index = path_sampling.sample_index;
     vec3 mean = vec3(0.0);
     float deviations = 0.0;
@@ -113,14 +122,14 @@ void trace_paths() {
 #ifdef LOW_DISCREPANCY
             sequence_index = path_sampling.first_sample + sample_index;
 #else
-            rng = seed_rng(pixel, path_sampling.first_sample + sample_index, path_sampling.seed);
+            rng = seed_rng(pixel, path_sampling.first_sample + sample_index, seed);
 #endif
             path.receiver = CHOSEN_BY_POWER;
             path.bounce = 0u;
             path.radiance = vec3(0.0);
         }
 #ifdef LOW_DISCREPANCY
-        rng = seed_rng(pixel, path.bounce, path_sampling.seed);  // the same for all samples, whatever they drew before
+        rng = seed_rng(pixel, path.bounce, seed);  // the same for all samples, whatever they drew before
 #endif
         bool at_vertex = path_ended && start_path(pixel, path, vertex, rng);
         at_vertex = at_vertex || reach_vertex(path, vertex, rng);

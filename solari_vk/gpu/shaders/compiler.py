@@ -145,9 +145,9 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 
 # A shader with an empty main is compiled for the reflection of its declarations, so they all stay.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
-# The one shader of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It
-# takes up to ten seconds a module; other shaders are as fast without it.
-_OPTIMIZED = "passes/pathtracer/trace.comp"
+# The shaders of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It takes
+# up to ten seconds a module; other shaders are as fast without it.
+_OPTIMIZED = ("passes/pathtracer/trace.comp", "passes/pathtracer/trace_views.comp")
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
 _OPTIONS = f"bound, live blocks {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
@@ -192,7 +192,7 @@ def _key(sources: Sources, path: str, header: str, defines: Sequence[str]) -> st
 
 
 def _optimization(path: str) -> str:
-    return "performance" if path == _OPTIMIZED and not overlays else "zero"
+    return "performance" if path in _OPTIMIZED and not overlays else "zero"
 
 
 def _defines(sources: Sources, path: str, features: bool, traces: bool) -> list[str]:

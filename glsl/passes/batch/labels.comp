@@ -1,0 +1,72 @@
+// First hits of many views: the surface that the ray through each pixel's center hits, with the values of
+// pathtracer/aov.comp, the user's number of its triangle, and its motion.
+#version 460
+#define MANY_VIEWS
+#include "common/random.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/pathtracer/aov.glsl"
+#include "passes/strip.glsl"
+#include "scene/camera.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+// What takes time of its own is computed where it is asked for.
+layout(constant_id = has_materials_id) const bool has_materials = false;
+layout(constant_id = has_motion_id) const bool has_motion = false;
+
+layout(set = 1, scalar) writeonly buffer AovPrimitiveBlock { uint at[]; } aov_primitive;  // NO_INDEX: nothing
+layout(set = 1, scalar) writeonly buffer AovMotionVectorsBlock { vec2 at[]; } aov_motion_vectors;
+// The user's number of each triangle in the device's order, and the index of each mesh's first triangle in it.
+layout(set = 1, scalar) readonly buffer TriangleOrdersBlock { uint at[]; } triangle_orders;
+layout(set = 1, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_starts;
+
+void store_geometry(uint index, CameraRay ray, Hit hit, Mesh mesh) {
+    TrianglePoint point = resolve_triangle(instances.at[hit.instance], mesh, hit.triangle, hit.barycentrics);
+    bool front_face = dot(ray.direction, point.geometric_world_normal) <= 0.0;
+    aov_instance_id.at[index] = hit.instance;
+    aov_depth.at[index] = hit.t * ray.depth_per_t;
+    aov_position.at[index] = point.world_position;
+    aov_geometric_normal.at[index] = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
+}
+
+void store_empty_geometry(uint index) {
+    aov_instance_id.at[index] = NO_INDEX;
+    aov_depth.at[index] = INFINITY;
+    aov_position.at[index] = vec3(0.0);
+    aov_geometric_normal.at[index] = vec3(0.0);
+}
+
+// As passes/gbuffer/pixel.glsl computes them.
+vec2 hit_motion_vector(Hit hit, Mesh mesh) {
+    vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
+    precise vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
+    return motion_vector(now, previous_world_position(hit, mesh, object_position, now));
+}
+
+vec2 empty_motion_vector(CameraRay ray) {
+    vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
+    vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
+    return is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
+    uint index;
+    if (!find_pixel(pixel, index) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
+
+    CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
+    uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
+    uvec2 alpha_seed = random_alpha_seed(rng);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
+    if (hit.instance == NO_INDEX || !is_seen(vec2(pixel) + 0.5)) {
+        if (has_materials) { store_empty_aovs(index); } else { store_empty_geometry(index); }
+        aov_primitive.at[index] = NO_INDEX;
+        if (has_motion) { aov_motion_vectors.at[index] = empty_motion_vector(ray); }
+        return;
+    }
+    Instance instance = instances.at[hit.instance];
+    Mesh mesh = meshes.at[instance.ray_mesh];
+    if (has_materials) { store_aovs(index, ray, hit, mesh); } else { store_geometry(index, ray, hit, mesh); }
+    aov_primitive.at[index] = triangle_orders.at[order_starts.at[instance.ray_mesh] + hit.triangle];
+    if (has_motion) { aov_motion_vectors.at[index] = hit_motion_vector(hit, mesh); }
+}
