@@ -39,9 +39,9 @@ class Batch(SceneUser):
     pixels' centers; "reference" adds path-traced `radiance`, and takes the options of `PathTracer`, such as seed and
     max_bounces. outputs: names of OUTPUTS, which are computed beside the radiance: by default depth, position,
     geometric_normal, instance_id and primitive; motion_vectors and what needs materials take time of their own. View i
-    has what a `PathTracer` of its own finds with the same camera and seed, bit by bit or, where a driver rounds in another
-    way, nearly so: seed i is `seed` + i * 0x9E3779B9
-    modulo 2^32. Rays hit an instance's ray_mesh where it has one.
+    has what a `PathTracer` of its own finds with the same camera and seed, bit by bit or, where a driver rounds in
+    another way, nearly so: seed i is `seed` + i * 0x9E3779B9 modulo 2^32. Rays hit an instance's ray_mesh where it has
+    one.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
