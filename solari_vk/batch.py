@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import weakref
 from collections.abc import Iterator, Sequence
 from typing import Any, Self
 
@@ -77,6 +78,7 @@ class Batch(SceneUser):
             self._record: np.dtype[Any] = record
             self._latest: NDArray[Any] | None = None  # the views of the latest frame
             self._closed = False
+            self._lent = 0  # tensors that somebody has
             self._buffer = device.buffer(self.views * record.itemsize, "views")
             self._owned.callback(self._buffer.destroy)
             self._orders = TriangleOrders(device, self.binder)
@@ -174,7 +176,8 @@ class Batch(SceneUser):
 
         For software devices and others whose memory the host sees. Waits for the frame. The array, and what
         `torch.from_dlpack` and others make of it, shows later frames too: take it again after each `render`, which
-        waits. It must not be used after `close`. Raises SolariError where the host doesn't see the memory.
+        waits. It keeps its memory when the batch is closed, until the device is. Raises SolariError where the host
+        doesn't see the memory.
         """
         frame, resource = self._place(name)
         buffer: Buffer = frame.resource(resource)
@@ -184,7 +187,16 @@ class Batch(SceneUser):
         element = frame.binding(resource).element
         assert element is not None
         self.device.sync_host()
-        return self._shaped(name, buffer.view(element.base, self._strip[0] * self._strip[1] * math.prod(element.shape)))
+        memory = buffer.view(element.base, self._strip[0] * self._strip[1] * math.prod(element.shape))
+        self._lent += 1
+        weakref.finalize(memory, self._take_back).atexit = False
+        return self._shaped(name, memory)
+
+    def _take_back(self) -> None:
+        """A tensor, and all that was made of it, is gone."""
+        self._lent -= 1
+        if self._closed:
+            self.close()
 
     def _place(self, name: str) -> tuple[SceneFrame, str]:
         """The frame that has a result, and the name of its buffer."""
@@ -210,9 +222,10 @@ class Batch(SceneUser):
         return self.binder.instances
 
     def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
+        """Free everything on the device, when no tensor needs it any more. Safe to call twice."""
         self._closed = True
-        super().close()
+        if not self._lent:
+            super().close()
 
     def __repr__(self) -> str:
         width, height = self.size

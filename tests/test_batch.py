@@ -285,6 +285,21 @@ def test_tensors_are_the_memory_itself(three, monkeypatch):
         three.tensor("depth")
 
 
+def test_a_tensor_keeps_its_memory(device, scene):
+    """Closing the batch frees it when nothing made of its tensors is left."""
+    device.wait_idle()
+    before = device.objects_in_use
+    with sv.Batch(device, scene, SIZE, 3) as batch:
+        depth = batch.render(box_cameras(3))["depth"]
+        shared = np.from_dlpack(batch.tensor("depth"))[1:]
+    device.wait_idle()
+    assert device.objects_in_use > before
+    np.testing.assert_array_equal(shared, depth[1:])
+    del shared
+    device.wait_idle()
+    assert device.objects_in_use == before
+
+
 # ---- wrong input ------------------------------------------------------------------------------------
 
 POSES = np.tile(np.eye(4), (3, 1, 1))
