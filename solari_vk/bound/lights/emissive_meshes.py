@@ -46,6 +46,9 @@ class Emission:
         return float(self.joint_areas[:count] @ scales + self.joint_areas[count])
 
 
+ONE_PART = Emission(1.0, 1, None)
+
+
 class Emissions:
     """The Emission of each pair of mesh and emissive texture in use. row: the layout of the shaders' AliasTableRow."""
 

@@ -23,7 +23,6 @@ class EnvironmentBuffers:
     """
 
     def __init__(self, device: Device, row: np.dtype[Any], image: FloatArray) -> None:
-        self.image = image
         height, width = image.shape[:2]
         codes, scale = encode_texels(image)
         table = alias_table(texel_weights(image).ravel(), row)

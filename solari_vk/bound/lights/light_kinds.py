@@ -38,7 +38,7 @@ from solari_vk.bound.features import FEATURES
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
 from solari_vk.scene.lights.environment import EnvironmentLight
-from solari_vk.scene.lights.punctual import PointLight, PunctualLight
+from solari_vk.scene.lights.punctual import PointLight, PunctualLight, SpotLight
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import DirectionalLight, Instance
 
@@ -95,14 +95,14 @@ def _environment_record(light: EnvironmentLight) -> dict[str, Any]:
     return {"intensity": light.intensity, "world_from_map": light.rotation.T}  # GLSL holds columns
 
 
-def _punctual_record(light: PunctualLight) -> dict[str, Any]:
+def _punctual_record(light: PointLight | SpotLight) -> dict[str, Any]:
     scale, offset = light.falloff
     area = math.pi * light.radius**2  # of the disk that the sphere's outline is: radiance times it is intensity
     return {
         "position": light.position,
         "radius": light.radius,
         "strength": light.color * (light.intensity / (area or 1.0)),
-        "axis": light.axis,
+        "axis": light.direction,
         "cone_scale": scale,
         "cone_offset": offset,
         "inverse_range": 1 / light.range if light.range else 0.0,
@@ -122,7 +122,7 @@ def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight],
         power=lambda light, area: light.solid_angle * light.intensity * luminance(light.color),
         buffer=f"{name}_lights",
         record=_punctual_record,
-        position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if light.axes else 0.0),
+        position=lambda light: light.position + (SHADOW_DISTANCE * light.direction if light.axes else 0.0),
         bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
         depends_on_receiver=True,
         holds=holds,

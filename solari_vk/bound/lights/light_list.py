@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
 from solari_vk.bound.lights.clusters import Clusters
-from solari_vk.bound.lights.emissive_meshes import Emission
+from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
-from solari_vk.bound.lights.own_buffers import OwnBuffers, own_buffers, own_image
+from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
 from solari_vk.bound.table import Table
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Instance, Light
 
 Position = tuple[float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)
-ONE_PART = Emission(1.0, 1, None)
 EQUAL_SHARE = 0.5
 """The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
 strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone."""
@@ -59,8 +58,7 @@ class LightList:
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
-        self._device = device
-        self._maps: dict[Light, OwnBuffers] = {}
+        self._own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
@@ -153,31 +151,15 @@ class LightList:
         if not present:
             for known in (self._id_of, self._power_of, self._edited):
                 known.pop(light, None)
-            self._drop_map(light)
+            self._own.set(light, None)
         elif light not in self._others[own]:
             self._others[own][light] = None
             self.renew(light)
         else:
             self._edited[light] = own
         self._changed |= not present
-        if present:
-            self._update_map(light)
-
-    def _update_map(self, light: Light) -> None:
-        """Put an environment's image or a lamp's profile on the device if it isn't there yet."""
-        image = own_image(light)
-        if image is (self._maps[light].image if light in self._maps else None):
-            return
-        row = self.leaves.table.records["by_power"].dtype
-        made = None if image is None else own_buffers(self._device, row, image)
-        self.renew(light)
-        self._drop_map(light)
-        if made:
-            self._maps[light] = made
-
-    def _drop_map(self, light: Light) -> None:
-        if light in self._maps:
-            self._maps.pop(light).destroy()
+        if present and self._own.set(light, own_data(light)):
+            self.renew(light)
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):
@@ -280,7 +262,7 @@ class LightList:
         for kind, lights in self._others.items():
             self._records[kind].reserve(len(lights))
             for index, light in enumerate(lights):
-                found = self._maps.get(light)
+                found = self._own.get(light)
                 self._write_source(row, kind, index, found.emission if found else ONE_PART)
                 self._write_record(kind, index, light)
                 row += 1
@@ -290,7 +272,7 @@ class LightList:
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
-        table, found = self._records[kind], self._maps.get(light)
+        table, found = self._records[kind], self._own.get(light)
         for field, value in (kind.record(light) | (found.record if found else {})).items():
             table.records[index][field] = value
         table.mark([index])
@@ -299,5 +281,4 @@ class LightList:
         """Free the tables."""
         for table in self.tables:
             table.destroy()
-        for found in self._maps.values():
-            found.destroy()
+        self._own.destroy()

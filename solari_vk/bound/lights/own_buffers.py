@@ -1,4 +1,4 @@
-"""Data on a device that a light has of its own: an environment's image, a lamp's profile."""
+"""Data on a device that lights have of their own: environments' images, lamps' profiles."""
 
 from __future__ import annotations
 
@@ -6,21 +6,27 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.lights.emissive_meshes import Emission
+from solari_vk.bound.lights.emissive_meshes import ONE_PART
 from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
+from solari_vk.bound.table import Rows
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.profile import LightProfile
 
 
 class ProfileBuffer:
     """The buffer of a profile's shares. record: the fields of the shaders' PunctualLight that follow from it."""
 
+    emission = ONE_PART
+
     def __init__(self, device: Device, profile: LightProfile) -> None:
-        self.image = profile
-        self.emission = Emission(1.0, 1, None)
         self._shares = device.buffer(profile.shares.nbytes, "light profile")
-        self._shares.upload(profile.shares)
+        try:
+            self._shares.upload(profile.shares)
+        except BaseException:
+            self._shares.destroy()
+            raise
         self.record = {"profile": self._shares.address, "profile_columns": profile.shares.shape[1]}
 
     def destroy(self) -> None:
@@ -28,14 +34,52 @@ class ProfileBuffer:
         self._shares.destroy()
 
 
-OwnBuffers = EnvironmentBuffers | ProfileBuffer
+class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
+    """The buffers of each light that has an image or a profile; lights of the same one share them.
+
+    row: as EnvironmentBuffers has it.
+    """
+
+    def __init__(self, device: Device, row: np.dtype[Any]) -> None:
+        super().__init__()
+        self._device, self._row = device, row
+        self._data: dict[Light, Any] = {}  # which keeps the ids below from being given away
+        self._users: Rows[int] = Rows()  # by the id of the data, because arrays can't be keys
+
+    def set(self, light: Light, data: Any) -> bool:
+        """Have buffers for the data, an image or a profile, that a light has now; None: for none. Returns whether it is
+        another than before. On errors nothing is changed."""
+        if data is self._data.get(light):
+            return False
+        made = None if data is None else self._shared(data) or self._make(data)
+        self._drop(light)
+        if made is not None:
+            self._users.acquire(id(data), light)
+            self[light], self._data[light] = made, data
+        return True
+
+    def _shared(self, data: Any) -> EnvironmentBuffers | ProfileBuffer | None:
+        users = self._users.users(id(data))
+        return self[users[0]] if users else None
+
+    def _make(self, data: Any) -> EnvironmentBuffers | ProfileBuffer:
+        if isinstance(data, LightProfile):
+            return ProfileBuffer(self._device, data)
+        return EnvironmentBuffers(self._device, self._row, data)
+
+    def _drop(self, light: Light) -> None:
+        """Free the buffers of a light, if it has some and is their last user."""
+        if light in self:
+            buffers, data = self.pop(light), self._data.pop(light)
+            if self._users.release(id(data), light):
+                buffers.destroy()
+
+    def destroy(self) -> None:
+        """Free all buffers."""
+        for light in list(self):
+            self._drop(light)
 
 
-def own_image(light: Any) -> Any:
+def own_data(light: Any) -> Any:
     """An environment's image or a lamp's profile, None for lights without one."""
     return light.image if isinstance(light, EnvironmentLight) else getattr(light, "profile", None)
-
-
-def own_buffers(device: Device, row: np.dtype[Any], image: Any) -> OwnBuffers:
-    """The buffers of what `own_image` gives. row: as EnvironmentBuffers has it."""
-    return ProfileBuffer(device, image) if isinstance(image, LightProfile) else EnvironmentBuffers(device, row, image)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -80,7 +81,8 @@ class Lights:
             document = self._document
             embedded = "bufferView" in entry
             data = document.view(entry.integer("bufferView"), entry)[0] if embedded else document.resource(entry)
-            self._profiles[number] = LightProfile.parse(bytes(data), f"{document.file}: {entry.place}")
+            remark = partial(self._report.add, place=entry.place)
+            self._profiles[number] = LightProfile.parse(bytes(data), f"{document.file}: {entry.place}", remark)
         return self._profiles[number]
 
     def fields(self, entry: Entry) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_regular
 
 ROWS, COLUMNS = 361, 360
@@ -22,6 +23,11 @@ LARGEST_FILE = 2**24  # bytes
 _TYPES = {1: "C", 2: "B", 3: "A"}
 _WHOLE_CIRCLE = {(0.0, 0.0), (0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0)}  # what type C's planes may span
 _BYTES_PER_NUMBER = 120  # while it is read: the text's part, the number and its place in a list
+_SEPARATORS = b" ,\t\n\v\f\r\x1c\x1d\x1e\x1f\x85\xa0"  # what `str.split` and `str.splitlines` part words at, and commas
+_WITHOUT_PHOTOMETRIC_FACTOR = ("IESNA:LM-63-1995", "IESNA:LM-63-2002", "IES:LM-63-")  # first lines, the last of 2019
+_STEP = 180 / (ROWS - 1)  # in degrees, between the table's vertical angles
+_MOST_AROUND, _MOST_SAMPLES = 16, 256  # between two columns of the table, and between four entries
+TILT_REMARK = "factors for tilted lamps (TILT) aren't applied"
 
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +42,11 @@ class LightProfile:
     the horizontal angle is from the plane in which the other one is measured. Planes that are left out because of
     symmetry (horizontal angles from 0 to 0, 90 or 180, or 90 to 270, of C; from 0 on, of A and B) are mirrored.
     Directions outside the given angles are dark. Raises SolariError if these numbers don't fit together.
+
+    The device has a table of it, every half degree of type C's vertical angles and every degree of its horizontal ones,
+    between which it is linear. Where the given angles are closer together, entries of the table are means, so that
+    narrow beams keep their flux but are wider and less bright than measured: those of half a degree by a half degree.
+    The edge of what is dark is as soft. A warning says where the given angles are too close together even for means.
     """
 
     def __init__(
@@ -66,14 +77,15 @@ class LightProfile:
             return cls.parse(read_regular(file, str(file), LARGEST_FILE + 1), str(file))
 
     @classmethod
-    def parse(cls, data: bytes, name: str) -> LightProfile:
+    def parse(cls, data: bytes, name: str, remark: Callable[[str], None] | None = None) -> LightProfile:
         """The profile in the text of a file; errors begin with `name`.
 
-        Intensities are multiplied by the file's factors for all of them, of the ballast too. Factors for tilted lamps
-        (TILT) aren't applied, which a warning says.
+        Intensities are multiplied by the file's factors for all of them: the multiplier, the ballast factor, and in
+        files of 1986 and 1991 the ballast-lamp photometric factor, in whose place later ones have other numbers.
+        Factors for tilted lamps (TILT) aren't applied: `remark` is called with words that say so, by default a warning.
         """
-        charge(_BYTES_PER_NUMBER * (data.count(b" ") + data.count(b"\n") + data.count(b",")), name, "its numbers")
-        lines = data[: LARGEST_FILE + 1].decode("latin-1").splitlines()
+        charge(_BYTES_PER_NUMBER * (len(data) - len(data.translate(None, _SEPARATORS))), name, "its numbers")
+        lines = data[: LARGEST_FILE + 1].rstrip(b"\x1a").decode("latin-1").splitlines()  # DOS ends files by \x1a
         tilt = next((number for number, line in enumerate(lines) if line.lstrip().upper().startswith("TILT=")), None)
         if len(data) > LARGEST_FILE or tilt is None:
             raise SolariError(f"{name}: not a light profile: a file after IES LM-63 of at most 16 MiB has a line TILT=")
@@ -84,13 +96,26 @@ class LightProfile:
             count = numbers.count("angles of tilt")
             numbers.take(2 * count)
         if kind != "NONE":
-            warnings.warn(f"{name}: the light of tilted lamps differs (TILT), which isn't applied", stacklevel=3)
-        _, _, factor = numbers.take(3)
-        rows, columns, kind_of_angles = (numbers.count(what) for what in ("vertical", "horizontal", "photometry"))
-        _, _, _, _, ballast, lamps, _ = numbers.take(7)
+            if remark is None:
+                warnings.warn(f"{name}: {TILT_REMARK}", stacklevel=3)
+            else:
+                remark(TILT_REMARK)
+        numbers.take(2)
+        factor = numbers.factor("the multiplier")
+        rows, columns = numbers.count("vertical angles"), numbers.count("horizontal angles")
+        [photometry] = numbers.take(1)
+        if photometry not in _TYPES:
+            raise SolariError(f"{name}: the photometric type must be 1, 2 or 3 (C, B or A), not {photometry:g}")
+        numbers.take(4)
+        factor *= numbers.factor("the ballast factor")
+        if lines[0].strip().upper().startswith(_WITHOUT_PHOTOMETRIC_FACTOR):
+            numbers.take(1)
+        else:
+            factor *= numbers.factor("the ballast-lamp photometric factor")
+        numbers.take(1)
         vertical, horizontal = numbers.take(rows), numbers.take(columns)
-        candelas = numbers.take(rows * columns).reshape(columns, rows) * (factor * ballast * lamps)
-        return cls(vertical, horizontal, candelas, _TYPES.get(kind_of_angles, str(kind_of_angles)), name=name)
+        candelas = numbers.take(rows * columns).reshape(columns, rows) * factor
+        return cls(vertical, horizontal, candelas, _TYPES[int(photometry)], name=name)
 
     @property
     def peak(self) -> float:
@@ -100,20 +125,35 @@ class LightProfile:
     @cached_property
     def shares(self) -> NDArray[np.float32]:
         """Intensities divided by the largest one, at vertical angles of C from 0 to 180 degrees, and horizontal ones of
-        0, 1, ... 359 degrees (361, 360); (361, 1) if all planes are alike."""
-        alike = self.photometry == "C" and len(self.horizontal) == 1
-        vertical = np.linspace(0, math.pi, ROWS)[:, None]
-        horizontal = np.radians(np.arange(1 if alike else COLUMNS))
-        found: NDArray[np.float32] = (self._at(vertical, horizontal) / (self.peak or 1.0)).astype(np.float32)
+        0, 1, ... 359 degrees (361, 360); (361, 1) if all planes are alike. Means where given angles are closer."""
+        table, step = self._rings(np.linspace(0, math.pi, ROWS)), math.radians(_STEP)
+        finest, around = self._fineness
+        most = _MOST_SAMPLES * COLUMNS // (table.shape[1] * self._samples_around(1.0))
+        if finest.min() < _STEP / most or around < 1 / _MOST_AROUND:
+            warnings.warn(f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
+                          "beams may lose light: leave angles out", stacklevel=2)  # fmt: skip
+        fine = np.pad(np.isfinite(finest), 1)
+        means = fine[:-1] | fine[1:]
+        sums, weights = np.zeros_like(table), np.zeros((ROWS, 1))
+        for gap in np.flatnonzero(means[:-1] | means[1:]):
+            count = int(np.clip(np.ceil(4 * _STEP / finest[gap]), 8, most))
+            along = (np.arange(count) + 0.5) / count
+            light, area = self._rings((gap + along) * step), np.sin((gap + along) * step)
+            for row, share in ((gap, (1 - along) * area), (gap + 1, along * area)):
+                sums[row] += share @ light / count
+                weights[row] += share.sum() / count
+        table[means] = sums[means] / weights[means]
+        found: NDArray[np.float32] = (table / (self.peak or 1.0)).astype(np.float32)
         found.setflags(write=False)
         return found
 
     @cached_property
     def solid_angle(self) -> float:
         """The integral of intensities over all directions, divided by the largest one, in steradians."""
-        polar = np.linspace(0, math.pi, ROWS)
-        rings = self.shares.mean(axis=1, dtype=np.float64) * np.sin(polar)
-        return float(2 * math.pi * np.trapezoid(rings, polar))
+        step = math.radians(_STEP)
+        areas = np.sin(np.linspace(0, math.pi, ROWS)) * (2 - 2 * math.cos(step)) / step
+        areas[[0, -1]] = 1 - math.sin(step) / step  # of each row, which counts up to the next ones
+        return float(2 * math.pi * areas @ self.shares.mean(axis=1, dtype=np.float64))
 
     def text(self) -> str:
         """The profile as a file after LM-63-2002."""
@@ -128,6 +168,38 @@ class LightProfile:
 
     def __repr__(self) -> str:
         return f"LightProfile({self.name!r}, {self.peak:g} cd)"
+
+    @cached_property
+    def _fineness(self) -> tuple[FloatArray, float]:
+        """The smallest step of given angles between two rows of the table each (360,), and between its columns, in
+        degrees; infinite where none is smaller than the table's."""
+        finest, steps = np.full(ROWS - 1, np.inf), np.diff(self.vertical)
+        around = float(np.diff(self.horizontal).min(initial=np.inf))
+        if self.photometry == "C":
+            fine = steps < _STEP * (1 - 1e-6)
+            for gaps in (np.floor(self.vertical[:-1] / _STEP), np.ceil(self.vertical[1:] / _STEP) - 1):
+                np.minimum.at(finest, gaps[fine].astype(int), steps[fine])
+            return finest, around if around < 1 else math.inf
+        around = min(around, float(steps.min(initial=np.inf)))
+        around = around if around < _STEP else math.inf
+        reach = abs(self.vertical).max() + abs(self.horizontal).max()  # beyond this polar angle it is dark
+        finest[: min(math.ceil(reach / _STEP), ROWS // 2)] = around
+        return finest, around
+
+    def _samples_around(self, width: float) -> int:
+        """How many directions make a mean between two columns, which are `width` degrees apart; 1: no mean."""
+        return int(np.clip(math.ceil(4 * width / self._fineness[1]), 1, _MOST_AROUND))
+
+    def _rings(self, polar: FloatArray) -> FloatArray:
+        """The intensity at vertical angles of C (N,), in radians, for each column of the table (N, 360 or 1), in cd."""
+        alike = self.photometry == "C" and len(self.horizontal) == 1
+        count = self._samples_around(1.0 if self.photometry == "C" else float(np.sin(polar).max()))
+        if count == 1:
+            return self._at(polar[:, None], np.radians(np.arange(1 if alike else COLUMNS)))
+        along = (np.arange(count) + 0.5) / count
+        turns = np.radians(np.add.outer(np.arange(COLUMNS), along).ravel())
+        light = self._at(polar[:, None], turns).reshape(len(polar), COLUMNS, count)
+        return (light @ (1 - along) + np.roll(light @ along, 1, axis=1)) / count
 
     def _at(self, vertical: Any, horizontal: Any) -> FloatArray:
         """The intensity in directions by their angles of type C, in radians, in cd."""
@@ -157,8 +229,8 @@ class LightProfile:
         """Between the four measured directions around; 0 outside."""
         row, along = _between(self.vertical, vertical)
         column, across = _between(self.horizontal, horizontal)
-        table = np.pad(self.candelas, ((0, 1), (0, 1)), mode="edge")
-        near, far = (table[column + at, row] * (1 - along) + table[column + at, row + 1] * along for at in (0, 1))
+        below, right = np.minimum(row + 1, len(self.vertical) - 1), np.minimum(column + 1, len(self.horizontal) - 1)
+        near, far = (self.candelas[at, row] * (1 - along) + self.candelas[at, below] * along for at in (column, right))
         inside = np.ones(vertical.shape, bool)
         for angles, given in ((vertical, self.vertical), (horizontal, self.horizontal)):
             inside &= (angles >= given[0] - 1e-6) & (angles <= given[-1] + 1e-6)
@@ -197,15 +269,31 @@ class _Numbers:
             raise SolariError(f"{self._name}: ends early: {count - len(words)} further numbers are missing")
         self._at += count
         try:
-            return np.array(words, np.float64)
+            if not any("_" in word for word in words):  # Python reads 1_00 as 100
+                return np.array(words, np.float64)
         except ValueError:
-            raise SolariError(f"{self._name}: has words where numbers belong, after TILT=") from None
+            pass
+        wrong = next(word for word in words if not _is_number(word))
+        raise SolariError(f"{self._name}: has the word {quoted(wrong)} where a number belongs, after TILT=")
 
     def count(self, what: str) -> int:
         [number] = self.take(1)
         if not (0 < number < 2**24 and number == int(number)):
-            raise SolariError(f"{self._name}: the number for {what} must be a count of at least 1, not {number:g}")
+            raise SolariError(f"{self._name}: the number of {what} must be a count of at least 1, not {number:g}")
         return int(number)
+
+    def factor(self, what: str) -> float:
+        [number] = self.take(1)
+        if not 0 <= number < math.inf:
+            raise SolariError(f"{self._name}: {what} must be a finite number of at least 0, not {number:g}")
+        return float(number)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return "_" not in word and float(word) is not None
+    except ValueError:
+        return False
 
 
 def _between(given: FloatArray, angles: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:

@@ -62,12 +62,12 @@ class PunctualLight(Light):
     @classmethod
     def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
         """`solid_angle` after fields are assigned."""
-        return 4 * math.pi
+        raise NotImplementedError
 
     @property
     def lumens(self) -> float:
         """The luminous flux of a light whose color has a luminance of 1: intensity times `solid_angle`. May be
-        assigned; the intensity then follows from the cone as it is."""
+        assigned; the intensity then follows from the cone or the profile as it is."""
         return self.intensity * self.solid_angle
 
     @lumens.setter
@@ -80,11 +80,6 @@ class PunctualLight(Light):
         return self.intensity > 0 and bool((self.color > 0).any())
 
     @property
-    def axis(self) -> FloatArray:
-        """The direction (3,) of the cone, or of a profile's vertical angle 0."""
-        return np.array((0, -1, 0), np.float32)
-
-    @property
     def falloff(self) -> tuple[float, float]:
         """A scale and an offset. In a direction whose cosine to the axis is c, the share of the intensity is
         clamp(scale c + offset, 0, 1)^2."""
@@ -93,7 +88,7 @@ class PunctualLight(Light):
     @property
     def solid_angle(self) -> float:
         """The integral of the share of the intensity over all directions, in steradians."""
-        return 4 * math.pi
+        return self._solid_angle_of({}, self)
 
     def _validate(self) -> None:
         if 0 < self.radius < MIN_RADIUS:
@@ -102,14 +97,14 @@ class PunctualLight(Light):
 
 @checked
 class PointLight(PunctualLight):
-    """A lamp that sends the same light in all directions.
+    """A lamp that sends the same light in all directions, or by a profile.
 
     position (3,): in meters. intensity: in cd; the illuminance of a surface that faces the light at distance d is
-    intensity / d^2. lumens, in its place: intensity times 4 pi. color (3,): linear. kelvin, in its place: the
-    temperature of a black body, see `kelvin`. radius: in meters; 0 is a point, which no ray meets. A larger radius
-    makes a sphere of the same intensity, with soft shadows; cameras and mirrors see it, and it casts no shadow itself.
-    range: in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None:
-    without end, as real light.
+    intensity / d^2. lumens, in its place: intensity times `solid_angle`, 4 pi without a profile. color (3,): linear.
+    kelvin, in its place: the temperature of a black body, see `kelvin`. radius: in meters; 0 is a point, which no ray
+    meets. A larger radius makes a sphere of the same intensity, with soft shadows; cameras and mirrors see it, and it
+    casts no shadow itself. range: in meters; light is dimmed towards this distance and ends there, by the window that
+    glTF recommends; None: without end, as real light.
 
     profile: a LightProfile, which says how bright each direction is in proportion to `intensity`, that of the brightest
     one; None: all are alike. ies, in its place: a file after ANSI/IES LM-63, or a LightProfile; unless intensity or
@@ -140,6 +135,10 @@ class PointLight(PunctualLight):
             given["profile"] = profile = file if isinstance(file, LightProfile) else _read(file)
             if not {"intensity", "lumens"} & given.keys():
                 given["intensity"] = profile.peak
+        if "lumens" in given and cls._solid_angle_of(given, current) == 0:
+            name = (given.get("profile") or current.profile).name
+            raise SolariError(f"{cls.__name__}: lumens can't be given with the profile '{name}', which is wholly dark: "
+                              "give another profile")  # fmt: skip
         return super()._resolve(given, current)
 
     @classmethod
@@ -152,20 +151,11 @@ class PointLight(PunctualLight):
         """The fields that are directions, which turn with what carries the light."""
         return ("direction", "horizontal") if self.profile else ()
 
-    @property
-    def axis(self) -> FloatArray:
-        """The direction (3,) of a profile's vertical angle 0."""
-        return self.direction
-
-    @property
-    def solid_angle(self) -> float:
-        """The integral of the share of the intensity over all directions, in steradians."""
-        return self._solid_angle_of({}, self)
-
     def _validate(self) -> None:
         super()._validate()
-        if np.linalg.norm(np.cross(self.direction, self.horizontal)) < 1e-3:
-            raise SolariError(f"{self.describe()}: horizontal must not have the direction of `direction`")
+        if self.profile and np.linalg.norm(np.cross(self.direction, self.horizontal)) < 1e-3:
+            raise SolariError(f"{self.describe()}: horizontal must not have the direction of `direction`: set both by "
+                              "update(direction=..., horizontal=...)")  # fmt: skip
 
 
 @checked
@@ -198,11 +188,6 @@ class SpotLight(PunctualLight):
         return ("direction",)
 
     @property
-    def axis(self) -> FloatArray:
-        """The direction (3,) in which the light is as bright as `intensity` says."""
-        return self.direction
-
-    @property
     def _cosines(self) -> tuple[float, float]:
         return _cosines(self.inner_cone_angle, self.outer_cone_angle)
 
@@ -212,11 +197,6 @@ class SpotLight(PunctualLight):
         clamp(scale c + offset, 0, 1)^2."""
         inner, outer = self._cosines
         return 1 / (inner - outer), -outer / (inner - outer)
-
-    @property
-    def solid_angle(self) -> float:
-        """The integral of the share of the intensity over all directions, in steradians."""
-        return _cone(*self._cosines)
 
     @classmethod
     def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:

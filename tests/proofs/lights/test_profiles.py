@@ -13,6 +13,7 @@ from support.realtime import Effort, make_renderer, measure_mean, run_pictures, 
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
+from solari_vk.budget import load_budget
 from solari_vk.errors import SolariError
 from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.matrices import rotation
@@ -143,10 +144,61 @@ def test_intensities_and_lumens(tmp_path):
     assert (light.intensity, light.solid_angle) == (3, pytest.approx(4 * math.pi, rel=1e-3))
     with pytest.raises(SolariError, match="ies makes profile: give one of them"):
         light.update(ies=tmp_path / "lamp.ies", profile=None)
-    with pytest.raises(SolariError, match="horizontal must not have the direction"):
-        light.update(horizontal=(0, 1, 0))
+    with pytest.raises(SolariError, match=r"horizontal must not have the direction .* set both by update"):
+        light.direction = (1, 0, 0)
+    light.update(direction=(1, 0, 0), horizontal=(0, 1, 0))
+    light.profile = None
+    light.direction = (0, 1, 0)  # without a profile both are ignored
     with pytest.raises(SolariError, match="ies must be a path or a LightProfile, not int"):
         sv.PointLight((0, 0, 0), ies=3)
+    with pytest.raises(SolariError, match="lumens can't be given with the profile 'off', which is wholly dark: give"):
+        light.update(ies=LightProfile([0, 90], [0], [[0, 0]], name="off"), lumens=5)
+
+
+FINE = np.arange(-10, 10.01, 0.1)
+CLOSE = np.array([0, *np.arange(40, 50, 0.1), *np.arange(50, 361, 10)])
+
+
+@pytest.mark.parametrize(("photometry", "vertical", "horizontal", "aim"), [
+    ("C", np.arange(0, 10, 0.1), [0], (0, 0)), ("C", np.arange(0, 10, 0.25), [0], (0, 0)),
+    ("C", np.arange(20, 40, 0.1), CLOSE, (30.03, 45.07)), ("A", FINE, FINE, (3.03, -5.02)), ("B", FINE, FINE, (0, 0)),
+])  # fmt: skip
+def test_narrow_beams_keep_their_flux(photometry, vertical, horizontal, aim):
+    """Of half a degree, where half of the intensity is left."""
+
+    def directions(v, h):
+        v, h = np.radians(v), np.radians(h)
+        if photometry == "C":
+            return np.stack(np.broadcast_arrays(np.sin(v) * np.cos(h), np.sin(v) * np.sin(h), np.cos(v)), -1)
+        first, second = (v, h) if photometry == "A" else (h, v)
+        return np.stack(np.broadcast_arrays(np.sin(first), np.cos(first) * np.sin(second),
+                                            np.cos(first) * np.cos(second)), -1)  # fmt: skip
+
+    away = directions(vertical, np.reshape(horizontal, (-1, 1))) - directions(*aim)
+    candelas = np.exp2(-np.square(np.linalg.norm(away, axis=-1) / math.radians(0.25)))
+    profile = LightProfile(vertical, horizontal, candelas, photometry)
+    if len(horizontal) == 1:  # as the shader and the file have it: linear between angles
+        fine = np.radians(np.linspace(0, vertical[-1], 100_001))
+        flux = 2 * math.pi * np.trapezoid(np.interp(np.degrees(fine), vertical, candelas[0]) * np.sin(fine), fine)
+    else:
+        flux = math.pi * math.radians(0.25) ** 2 / math.log(2)
+    assert profile.solid_angle * profile.peak == pytest.approx(flux, rel=0.01)
+
+
+def test_a_ray_between_the_rows_of_the_table_isnt_lost():
+    profile = LightProfile([0, 30, 30.25, 30.5, 90], [0], [[0, 0, 1000, 0, 0]])
+    ring = 2 * math.pi * math.sin(math.radians(30.25)) * math.radians(0.25)
+    assert profile.solid_angle == pytest.approx(ring, rel=1e-3)
+    assert np.flatnonzero(profile.shares).tolist() == [60, 61]
+    smooth = LightProfile([0, 10, 20.1, 20.2, 90], [0], [[50, 40, 9, 8, 0]])
+    np.testing.assert_allclose(smooth.shares[[0, 10, 20], 0], (1, 0.9, 0.8), rtol=1e-6)  # elsewhere as measured
+
+
+def test_angles_too_close_together_are_named():
+    close = np.linspace(30, 30.01, 21)
+    profile = LightProfile([0, *close, 90], [0, 180], np.ones((2, 23)), name="laser")
+    with pytest.warns(UserWarning, match="laser: angles only 0.0005 degrees apart are too close"):
+        np.testing.assert_allclose(profile.shares[:180], 1, rtol=1e-5)
 
 
 # ---- files ------------------------------------------------------------------------------------------
@@ -157,13 +209,16 @@ NUMBERS = "1 -1 1 2 1 1 2 0 0 0\n1 1 60\n0 90\n0\n"
 BAD = {
     "not a light profile": "hello",
     "ends early: 2 further numbers are missing": "TILT=NONE\n" + NUMBERS,
-    "has words where numbers belong": "TILT=NONE\n" + NUMBERS + "1 bright",
+    "has the word 'bright' where a number belongs": "TILT=NONE\n" + NUMBERS + "1 bright",
     "vertical angles must rise": "TILT=NONE\n" + NUMBERS.replace("0 90", "90 0") + "1 1",
     "must be a count of at least 1, not 0": "TILT=NONE\n" + NUMBERS.replace("2 1 1", "0 1 1", 1) + "1 1",
     "type C must reach from 0 to 0, 90, 180 or 360": "TILT=NONE\n1 -1 1 1 2 1 2 0 0 0 1 1 60 0 0 70 1 1",
     "candelas must lie between 0 and": "TILT=NONE\n" + NUMBERS + "1 -1",
     "candelas must be finite": "TILT=NONE\n" + NUMBERS + "1 nan",
-    "photometry must be A, B or C": "TILT=NONE\n" + NUMBERS.replace("1 2 0 0 0", "7 2 0 0 0") + "1 1",
+    "has the word '1_00' where a number belongs": "TILT=NONE\n" + NUMBERS + "1 1_00",
+    r"type must be 1, 2 or 3 \(C, B or A\), not 9": "TILT=NONE\n" + NUMBERS.replace("1 2 0 0 0", "9 2 0 0 0") + "1 1",
+    r"type must be 1, 2 or 3 \(C, B or A\), not 0": "TILT=NONE\n" + NUMBERS.replace("1 2 0 0 0", "0 2 0 0 0") + "1 1",
+    "the multiplier must be a finite number of at least 0": "TILT=NONE\n1 -1 nan 2 1 1 2 0 0 0 1 1 60 0 90 0 1 1",
     "memory": f"TILT=NONE\n1 -1 1 16000000 16000000 1 2 0 0 0 1 1 60{' 0' * 2**22}",
 }
 
@@ -174,6 +229,21 @@ def test_wrong_files_end_in_one_error_that_names_them(tmp_path, message, monkeyp
     (tmp_path / "bad.ies").write_text(BAD[message])
     with pytest.raises(SolariError, match=f"bad.ies: .*{message}"):
         LightProfile.read(tmp_path / "bad.ies")
+
+
+@pytest.mark.parametrize("separator", " \t\n\r\v\f,\x1c\x85\xa0")
+def test_all_that_parts_numbers_is_charged(separator):
+    with load_budget(memory=2**20), pytest.raises(SolariError, match="lamp: its numbers would take 11 MiB"):
+        LightProfile.parse(f"TILT=NONE\n{f'12{separator}' * 100_000}".encode("latin-1"), "lamp")
+
+
+@pytest.mark.parametrize(("first", "number", "factor"), [
+    ("", 0.9, 0.9), ("IESNA91\n", 0.9, 0.9), ("IESNA:LM-63-1995\n", 0, 1), ("IESNA:LM-63-2002\r\n", 0, 1),
+    ("IES:LM-63-2019\n", 1.10100, 1),
+])  # fmt: skip
+def test_the_number_after_the_ballast_factor_counts_in_old_files_only(first, number, factor):
+    text = f"{first}TILT=NONE\n{NUMBERS.replace('1 1 60', f'0.5 {number} 60')}8 2\n\x1a"  # DOS ends files by \x1a
+    assert LightProfile.parse(text.encode(), "lamp").candelas.tolist() == [[4 * factor, factor]]
 
 
 def test_tilt_is_passed_over_with_a_warning(tmp_path):
@@ -192,7 +262,7 @@ def test_a_missing_file():
 
 def test_luminaires_of_gltf_files(tmp_path):
     """A file's, turned by its node; saved and read back equal."""
-    (tmp_path / "a lamp.ies").write_text(make_file("C, whole"))
+    (tmp_path / "a lamp.ies").write_text(make_file("C, whole").replace("TILT=NONE", "TILT=other.file"))
     file = GltfWriter()
     file.json["extensions"] = {"EXT_lights_ies": {"lights": [{"uri": "a%20lamp.ies"}]}}
     file.json["extensionsUsed"] = file.json["extensionsRequired"] = ["EXT_lights_ies"]
@@ -204,6 +274,7 @@ def test_luminaires_of_gltf_files(tmp_path):
     with pytest.raises(SolariError, match="refers to light profile 4, but the file has only 1"):
         sv.load(path, strict=True)
     scene = sv.load(path)
+    assert any("(TILT) aren't applied: " in line and "light profile 0" in line for line in scene.warnings)
     [light] = scene.lights
     assert light.intensity == pytest.approx(light.profile.peak / 2)
     np.testing.assert_allclose(light.color, (1, 0.5, 0.25))
