@@ -7,8 +7,9 @@ from pathlib import Path
 
 import solari_vk as sv
 from solari_vk.bound.projection import Projection
-from solari_vk.cli.jobs import FidelityJob
+from solari_vk.cli.jobs import FidelityJob, SceneOptions
 from solari_vk.cli.progress import Progress, Stopped
+from solari_vk.cli.subject import load
 from solari_vk.errors import DeviceError, SolariError, unknown_name
 from solari_vk.files import make_folder
 from solari_vk.gpu.device.compile_notes import CompileNotes
@@ -56,9 +57,9 @@ def run(job: FidelityJob) -> int:
                 raise SolariError(f"{path}: interrupted before it was done, so it isn't written") from None
             except SolariError as error:
                 if len(found) == 1:
-                    raise SolariError(f"scenario '{scenario.name}': {error}") from None
+                    raise
                 missing.append(scenario.name)
-                print(f"{scenario.name}: {error}", file=sys.stderr)
+                print(f"solari-vk: {error}", file=sys.stderr)
     if missing:
         raise SolariError(f"{len(missing)} of {len(found)} scenarios have no picture: {', '.join(missing)}")
     return 0
@@ -66,8 +67,9 @@ def run(job: FidelityJob) -> int:
 
 def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, denoise: bool) -> None:
     """Write the picture of one scenario."""
-    scene = sv.load(scenario.model)
-    fidelity.prepare(scene, scenario.lighting)
+    model, lighting = str(scenario.file("model")), str(scenario.file("lighting"))
+    scene = load(SceneOptions(source=model, environment=lighting, exposure="camera")).scene
+    fidelity.show_unlit_colors(scene)
     low, high = scene.bounds
     camera: Camera = scenario.camera(float(sum((high - low) ** 2) ** 0.5 / 2))
     size = scenario.size[0] * job.pixel_ratio, scenario.size[1] * job.pixel_ratio

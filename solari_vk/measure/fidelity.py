@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.files import read_json
 from solari_vk.output.tone_mapping import Colors, clip, encode_srgb
-from solari_vk.scene.lights.environment import Environment, EnvironmentLight
+from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.model import Camera, Scene
 
 RENDERER = "solari-vk"
@@ -48,8 +48,11 @@ class Scenario:
     """One picture: angles in degrees, lengths in meters, the size in the generator's pixels."""
 
     name: str
-    model: Path
-    lighting: Path
+    where: str
+    """The JSON file and the name, for messages."""
+    folder: Path
+    model: str
+    lighting: str
     size: tuple[int, int]
     target: tuple[float, float, float]
     theta: float
@@ -58,6 +61,17 @@ class Scenario:
     vertical_fov: float
     skybox: bool
     excludes_us: bool
+
+    def file(self, key: str) -> Path:
+        """The file of "model" or "lighting": beside the JSON file, or where the generator has it, whose paths are seen
+        from renderers/NAME/. Raises SolariError if there is none."""
+        places = ("", "renderers/x", "test/renderers/x")
+        paths = [Path(os.path.normpath(self.folder / place / getattr(self, key))) for place in places]
+        for path in paths:
+            if os.path.isfile(path):  # False for names that no file can have
+                return path
+        tried = ", ".join(dict.fromkeys(map(str, paths)))
+        raise SolariError(f"{self.where}: '{key}': there is no file {tried}: mend the path, or get the file")
 
     def camera(self, extent: float) -> Camera:
         """The camera, whose exposure is 1; extent: the radius of the model in meters.
@@ -114,9 +128,10 @@ def _scenario(given: Any, where: str, folder: Path) -> Scenario:
     target, orbit, size = (values[key] for key in ("target", "orbit", "dimensions"))
     if orbit["radius"] < 0:
         raise SolariError(f"{where}: 'orbit' has a radius of {orbit['radius']}: give one of at least 0")
+    if not isinstance(given.get("model"), str):
+        raise SolariError(f"{where}: 'model' must be the path of a file, not {quoted(given.get('model'))}")
     return Scenario(
-        name, _path(given.get("model"), f"{where}: 'model'", folder),
-        _path(values["lighting"], f"{where}: 'lighting'", folder), (round(size["width"]), round(size["height"])),
+        name, where, folder, given["model"], values["lighting"], (round(size["width"]), round(size["height"])),
         (target["x"], target["y"], target["z"]), orbit["theta"], orbit["phi"], orbit["radius"], values["verticalFoV"],
         values["renderSkybox"], RENDERER in values["exclude"],
     )  # fmt: skip
@@ -138,21 +153,8 @@ def _merged(given: Any, default: Any, where: str, limits: tuple[float, float] | 
     return float(given)
 
 
-def _path(given: Any, where: str, folder: Path) -> Path:
-    """A file beside the JSON file, or where the generator has it: its paths are seen from renderers/NAME/."""
-    if not isinstance(given, str) or not given or "\0" in given:
-        raise SolariError(f"{where} must be the path of a file, not {quoted(given)}")
-    places = [Path(os.path.normpath(folder / place / given)) for place in ("", "renderers/x", "test/renderers/x")]
-    for path in places:
-        if path.is_file():
-            return path
-    tried = ", ".join(dict.fromkeys(map(str, places)))
-    raise SolariError(f"{where}: there is no file {given} (tried {tried}): mend the path, or get the file")
-
-
-def prepare(scene: Scene, lighting: Path) -> None:
-    """Light a scene by an environment, and show unlit colors as they are, for a camera with an exposure of 1."""
-    scene.environment = Environment(lighting)
+def show_unlit_colors(scene: Scene) -> None:
+    """Show unlit colors as they are, for a camera with an exposure of 1."""
     for material in scene.materials:
         if material.unlit:
             material.base_color = material.base_color / 1.2
