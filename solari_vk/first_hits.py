@@ -46,6 +46,12 @@ class FirstHits:
                 means[index] = means[index] + pathtracer.read_aov(frame, name, size) / np.float32(AVERAGED)
         return means
 
+    def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
+        """The share of each pixel (height, width) that shows a surface, from AVERAGED rays, with proxies."""
+        frames = (self._found(projection, size, offset, True) for offset in JITTERS[:AVERAGED])
+        hits = sum(np.isfinite(pathtracer.read_aov(frame, "depth", size)).astype(np.float32) for frame in frames)
+        return np.asarray(hits / AVERAGED, np.float32)
+
     def _found(
         self, projection: Projection, size: tuple[int, int], offset: tuple[float, float], proxies: bool
     ) -> Frame:

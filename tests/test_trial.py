@@ -20,10 +20,11 @@ from support.gltf_writer import GltfWriter
 import solari_vk as sv
 from solari_vk.cli.trial import TrialJob, _subjects
 from solari_vk.errors import SolariError
+from solari_vk.measure.trial import compare as trial_compare
 from solari_vk.measure.trial import process, subject, translation
-from solari_vk.measure.trial.compare import Result, distance
+from solari_vk.measure.trial.compare import Comparison, Result, distance
 from solari_vk.measure.trial.differences import DIFFERENCES, that_apply
-from solari_vk.measure.trial.page import error_map
+from solari_vk.measure.trial.page import Page, error_map
 from solari_vk.measure.trial.process import KINDS, OURS, Kind, Process, Render
 from solari_vk.measure.trial.run import Plan, pythons_of, run
 from solari_vk.measure.trial.subject import Conditions, Subject
@@ -197,6 +198,17 @@ def test_noise_cancels_out_of_distances():
     assert abs(noisy[0].error(np.ones((200, 200, 3)))) < 0.005
     assert far.ratio == pytest.approx((1, 1, 1), abs=5 * far.ratio_error)
     assert far.ratio_error == pytest.approx(0.2 / 200, rel=0.1)  # two pictures of two halves of 200 x 200 pixels
+
+
+def test_distances_are_computed_once_however_often_the_page_is_written(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(trial_compare, "distance", lambda a, b, exposure: seen.append(1) or distance(a, b, exposure))
+    page = Page(tmp_path, {}, {})
+    for name in "xyz":
+        halves = [Render(np.full((2, 2, 3), value), 1.0, 1.0) for value in (1.0, 2.0)]
+        page.add(name, Comparison({OURS: Result(halves, 0), "cycles": Result(halves, 0)}), ())
+        page.markdown()
+    assert len(seen) == 3
 
 
 def test_error_maps_are_red_where_the_first_is_brighter():

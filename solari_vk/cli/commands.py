@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from solari_vk.cli import bench
 from solari_vk.cli.conformance import EXIT_CODES, ConformanceJob
-from solari_vk.cli.jobs import DatasetJob, RenderOptions, ViewJob
+from solari_vk.cli.jobs import DatasetJob, FidelityJob, RenderOptions, ViewJob
 from solari_vk.cli.options import Command
 from solari_vk.cli.trial import TrialJob
 
@@ -56,6 +56,11 @@ COMMANDS = (
         "Render glTF files by the path tracer and by other renderers, with the same camera, environment and lights, "
         "and write a page of pictures, distances and times. Each renderer has a process of its own, so that a crash or "
         "a hang of one is a line of the page. Those that aren't installed are left out.",
+    ),
+    Command(
+        "fidelity", "render scenarios of Khronos' glTF render fidelity generator", "fidelity:run", FidelityJob,
+        "Render scenarios of Khronos' glTF render fidelity generator by the path tracer, with their cameras, "
+        "environments and tone mapping. Without renderSkybox the background is transparent.",
     ),
     Command(
         "conformance", "measure whether a device keeps the rules of the specification", "conformance:run",

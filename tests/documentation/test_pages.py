@@ -253,3 +253,15 @@ def test_names_that_pages_give_are_there():
     sources = "".join(text_of(path) for path in (ROOT / "solari_vk").rglob("*.py"))
     assert variables == set(re.findall(r"SOLARI_VK_[A-Z]+(?:_[A-Z]+)*", sources))
     assert json.loads(blocks(DOCS / "guides/animation.md", "json")[0])
+
+
+def test_fields_of_materials_are_there():
+    """The column "here" of the tables of docs/guides/materials.md."""
+    found = set()
+    for table in re.findall(r"(?:^\|.*\n)+", text_of(DOCS / "guides/materials.md"), re.MULTILINE):
+        titles, _, *rows = ([cell.strip() for cell in line.split("|")] for line in table.splitlines())
+        if "here" in titles:
+            found |= {name for row in rows for name in re.findall(r"`(\w+)`", row[titles.index("here")])}
+    assert len(found) > 20
+    for name in found:
+        assert hasattr(sv.Material(), name), name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from itertools import combinations
 from statistics import median
 from typing import Any
@@ -102,8 +103,10 @@ class Comparison:
     failures: dict[str, str] = field(default_factory=dict)
     exposure: float = 1.0
 
+    @cached_property
     def distances(self) -> dict[tuple[str, str], Distance]:
-        """Of all pairs of renderers; ours comes first."""
+        """Of all pairs of renderers; ours comes first. They are computed once, when results and exposure are known,
+        since a page is written after each scene."""
         order = sorted(self.results, key=lambda name: name != OURS)
         return {(a, b): distance(self.results[a], self.results[b], self.exposure) for a, b in combinations(order, 2)}
 

@@ -54,7 +54,7 @@ class Page:
         for renderer, result in found.results.items():
             save_image(self._folder / name / f"{renderer}.exr", result.picture)
             save_image(self._folder / name / f"{renderer}.png", result.picture, exposure=found.exposure)
-        for a, b in found.distances():
+        for a, b in found.distances:
             shown = error_map(found.results[a].picture, found.results[b].picture)
             write_codes(self._folder / name / f"{a}-{b}.png", shown)
         self._scenes.append((name, found, known))
@@ -68,7 +68,7 @@ class Page:
             "scenes": {name: {
                 "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
                 "failures": found.failures,
-                "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances().items()],
+                "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
                 "explained": [f"{difference.judge}: {difference.what}" for difference in known],
             } for name, found, known in self._scenes},
         }  # fmt: skip
@@ -84,7 +84,7 @@ class Page:
             mean = " ".join(f"{value:.4g}" for value in facts["mean"])
             renderers.append([name, KINDS[renderer].title, mean, f"{facts['noise']:.2g}", *spent, time])
         distances = [[name, f"{KINDS[a].title} / {KINDS[b].title}", *_cells(far)]
-                     for (a, b), far in found.distances().items()]  # fmt: skip
+                     for (a, b), far in found.distances.items()]  # fmt: skip
         return renderers, distances
 
     def html(self) -> str:
@@ -103,7 +103,7 @@ class Page:
     def _pictures(self, name: str, found: Comparison) -> str:
         """For each pair a row of both pictures and the error map."""
         rows = []
-        for a, b in found.distances():
+        for a, b in found.distances:
             cells = [
                 (f"{a}.png", KINDS[a].title),
                 (f"{b}.png", KINDS[b].title),
