@@ -47,12 +47,20 @@ struct Glass {
     float roughness;
     vec3 color;          // of the light that passes
     vec3 tint;           // of reflections
+    ThinFilm film;       // on its outside
+    vec3 film_f0;
+    float film_share;    // of its reflections
     vec3 compensation;   // one over the albedo of single scattering: Turquin (2019)
 };
 
 vec3 glass_fresnel(Glass glass, float cosine) {
     float reflected = dielectric_fresnel(glass.eta, cosine);
-    return reflected < 1.0 ? reflected * glass.tint : vec3(1.0);
+    if (!(reflected < 1.0)) { return vec3(1.0); }
+    if (!has_film(glass.film)) { return reflected * glass.tint; }
+    // A film reflects as much light from within as from the direction outside that it is refracted to.
+    float outside = glass.eta < 1.0 ? safe_sqrt(1.0 - (1.0 - square(cosine)) / square(glass.eta)) : cosine;
+    vec3 filmed = glass.film_share * film_fresnel(glass.film, glass.film_f0, outside);
+    return mix(reflected * glass.tint, filmed, glass.film.weight);
 }
 
 // The probability with which a microfacet reflects instead of refracting.
@@ -74,13 +82,18 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
     glass.roughness = base.roughness;
     glass.color = parameters.reflects_only ? vec3(0.0) : base.color;
     glass.tint = glass_tint(ior, base.specular_weight * reflectance_f0(base.reflectance));
+    glass.film = base.film;
+    glass.film_f0 = reflectance_f0(base.reflectance);
+    glass.film_share = base.specular_weight;
     glass.compensation = vec3(1.0);
     if (glass.weight > 0.0 && !mirror) {
         vec2 ab = lookup_brdf_table(cosine, base.perceptual_roughness);
         vec3 albedo = vec3(ab.x + ab.y);
         if (!glass.thin) {
             vec2 ends = lookup_glass_table(glass.eta, cosine, base.perceptual_roughness);
-            albedo = mix(vec3(ends.x), vec3(ends.y), glass.tint);
+            vec3 tint = glass.tint;
+            if (has_film(glass.film)) { tint = glass_fresnel(glass, cosine) / dielectric_fresnel(glass.eta, cosine); }
+            albedo = mix(vec3(ends.x), vec3(ends.y), tint);
         }
         glass.compensation = 1.0 / albedo;
     }
