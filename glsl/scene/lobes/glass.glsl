@@ -70,6 +70,23 @@ float glass_reflects(Glass glass, float cosine) {
     return max_component(reflected) / max(max_component(reflected) + through, 1e-30);
 }
 
+// The albedo of single scattering with a film, for microfacets of these cosines; `ends` are those of the table. Where a
+// film reflects more than the surface without it, this is a bound, so that no light is gained.
+vec3 filmed_glass_albedo(Glass glass, vec2 ends, vec2 cosines) {
+    vec3 filmed = vec3(1e-6);
+    float bare = 1e-6;
+    for (uint i = 0u; i < 2u; i++) {
+        float without = dielectric_fresnel(glass.eta, cosines[i]);
+        if (without < 1.0) {
+            filmed += 0.5 * glass_fresnel(glass, cosines[i]);
+            bare += 0.5 * without;
+        }
+    }
+    vec3 albedo = mix(vec3(ends.x), vec3(ends.y), min(filmed / bare, 1.0));
+    // From within, what is reflected is seldom scattered more than once.
+    return glass.eta < 1.0 ? mix(albedo, vec3(1.0), max(filmed - bare, 0.0)) : albedo;
+}
+
 // `cosine` is that of the direction from which the surface is seen.
 Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine) {
     bool mirror = base.roughness <= MIRROR_ROUGHNESS;
@@ -91,9 +108,9 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
         vec3 albedo = vec3(ab.x + ab.y);
         if (!glass.thin) {
             vec2 ends = lookup_glass_table(glass.eta, cosine, base.perceptual_roughness);
-            vec3 tint = glass.tint;
-            if (has_film(glass.film)) { tint = glass_fresnel(glass, cosine) / dielectric_fresnel(glass.eta, cosine); }
-            albedo = mix(vec3(ends.x), vec3(ends.y), tint);
+            albedo = has_film(glass.film)
+                ? filmed_glass_albedo(glass, ends, film_cosines(glass.roughness, ab, cosine))
+                : mix(vec3(ends.x), vec3(ends.y), glass.tint);
         }
         glass.compensation = 1.0 / albedo;
     }

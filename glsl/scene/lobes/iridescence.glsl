@@ -81,16 +81,21 @@ vec3 film_fresnel(ThinFilm film, vec3 f0, float cosine) {
 
 // ---- albedo -----------------------------------------------------------------------------------------
 
-// The mean of film_fresnel over the microfacets that a direction sees, from A and B of their albedo there. The mean is
-// taken over two cosines x with the microfacets' mean of (1 - x)^5, so that it is exact for Schlick's Fresnel and for
-// mirrors; elsewhere it is off by 0.01 in the mean, and by 0.1 at most.
-vec3 mean_film_fresnel(ThinFilm film, vec3 f0, float roughness, vec2 ab, float cosine) {
+// Two cosines x that stand for the microfacets that a direction sees, from A and B of their albedo there. They have the
+// microfacets' mean of (1 - x)^5, so that a mean over them is exact for Schlick's Fresnel and for mirrors; that of films
+// is off by 0.01 in the mean, and by 0.1 at most.
+vec2 film_cosines(float roughness, vec2 ab, float cosine) {
     float middle = pow(max(ab.y, 1e-30) / (ab.x + ab.y), 0.2);
     float spread = 0.8 * roughness * safe_sqrt(1.0 - square(cosine)) / max(middle, 1e-3);
     float near = clamp(1.0 - spread, 0.4, 1.0);
-    vec2 at = middle * vec2(near, pow(2.0 - pow(near, 5.0), 0.2));
+    return max(1.0 - middle * vec2(near, pow(2.0 - pow(near, 5.0), 0.2)), 0.0);
+}
+
+// The mean of film_fresnel over the microfacets that a direction sees.
+vec3 mean_film_fresnel(ThinFilm film, vec3 f0, float roughness, vec2 ab, float cosine) {
+    vec2 cosines = film_cosines(roughness, ab, cosine);
     vec3 sum = vec3(0.0);
-    for (uint i = 0u; i < 2u; i++) { sum += film_fresnel(film, f0, max(1.0 - at[i], 0.0)); }
+    for (uint i = 0u; i < 2u; i++) { sum += film_fresnel(film, f0, cosines[i]); }
     return 0.5 * sum;
 }
 
@@ -107,20 +112,21 @@ struct FilmCover {
 FilmCover prepare_film_cover(ThinFilm film, vec3 f0, float roughness, float perceptual_roughness) {
     const vec4 cosines = vec4(0.2634993, 0.5744640, 0.8185295, 0.9646597);  // Gauss's points of their squares
     const vec4 weights = vec4(0.1739274, 0.3260726, 0.3260726, 0.1739274);
-    vec3 sum = vec3(0.0), least = vec3(1.0), largest = vec3(0.0);
+    float sum = 0.0;
+    vec3 least = vec3(1.0), largest = vec3(0.0);
     for (uint i = 0u; i < 4u; i++) {
         vec3 reflected = film_fresnel(film, f0, cosines[i]);
         float grazing = fresnel(vec3(0.0), cosines[i]).x;
         vec3 color = (reflected - grazing) / (1.0 - grazing);  // as F0 of Schlick's Fresnel
-        sum += weights[i] * reflected;
+        sum += weights[i] * max_component(reflected);
         least = min(least, color);
         largest = max(largest, color);
     }
     // The F0 with whose Fresnel a mirror has the same mean.
-    float as_f0 = saturate((21.0 * max_component(sum) - 1.0) / 20.0);
+    float as_f0 = saturate((21.0 * sum - 1.0) / 20.0);
     mat3 averages = lookup_brdf_averages(perceptual_roughness);
     float average = averages[0].x + as_f0 * (averages[1].x + as_f0 * averages[2].x);
-    return FilmCover(average, 0.1 * max_component(largest - least) * min(sqrt(roughness) / 0.3, 1.0));
+    return FilmCover(average, 0.05 * max_component(largest - least) * min(sqrt(roughness) / 0.3, 1.0));
 }
 
 float film_cover(FilmCover cover, vec3 mean, vec2 ab) {
