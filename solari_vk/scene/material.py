@@ -133,10 +133,10 @@ class Material(Checked):
     A texture is a Texture, a TextureImage, an array of pixels or the path of a file. Textures multiply the values: base
     color and emissive are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are
     in tangent space, with z computed from x and y. The other textures have their channels where glTF has them:
-    transmission, clearcoat and iridescence in red, clearcoat roughness and iridescence thickness in green, specular, sheen roughness and diffuse transmission
-    in alpha, the colors of the three, sRGB, in red, green and blue, the direction of anisotropy in red and green and
-    its strength in blue. A double-sided material is visible, and emits, on both sides. The back side of other materials
-    is invisible to cameras, but blocks all other rays.
+    transmission, clearcoat and iridescence in red, clearcoat roughness and iridescence thickness in green, specular,
+    sheen roughness and diffuse transmission in alpha, the colors of the three, sRGB, in red, green and blue, the
+    direction of anisotropy in red and green and its strength in blue. A double-sided material is visible, and emits, on
+    both sides. The back side of other materials is invisible to cameras, but blocks all other rays.
 
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies

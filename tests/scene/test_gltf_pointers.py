@@ -260,7 +260,7 @@ def test_every_property_is_read(pointed):
             pointed.json.pop("buffers", None)
             start, end = (np.full(len(default), value) for value in fresh.get(path, (0.31, 0.62)))
             prefix = f"/extensions/{LIGHTS}" if kind == "lights" else ""
-            start, end = (1.2 + start, 1.2 + end) if path.endswith("/ior") else (start, end)
+            start, end = (1.2 + start, 1.2 + end) if path.lower().endswith("ior") else (start, end)
             scene = pointed.point(f"{prefix}/{kind}/0/{path}", start, end).load(strict=True)
             item = getattr(scene, kind)[0]
             seen = []

@@ -1,6 +1,6 @@
-// Iridescence: a thin film over a metal or a dielectric, whose two interfaces reflect light that interferes. Belcour and
-// Barla, "A Practical Extension to Microfacet Theory for the Modeling of Varying Iridescence" (2017), with Schlick's
-// approximation at both interfaces, as KHR_materials_iridescence has it.
+// Iridescence: a thin film over a metal or a dielectric, whose two interfaces reflect light that interferes. Belcour
+// and Barla, "A Practical Extension to Microfacet Theory for the Modeling of Varying Iridescence" (2017), with
+// Schlick's approximation at both interfaces, as KHR_materials_iridescence has it.
 #ifndef SCENE_LOBES_IRIDESCENCE_GLSL
 #define SCENE_LOBES_IRIDESCENCE_GLSL
 
@@ -81,9 +81,9 @@ vec3 film_fresnel(ThinFilm film, vec3 f0, float cosine) {
 
 // ---- albedo -----------------------------------------------------------------------------------------
 
-// Two cosines x that stand for the microfacets that a direction sees, from A and B of their albedo there. They have the
-// microfacets' mean of (1 - x)^5, so that a mean over them is exact for Schlick's Fresnel and for mirrors; that of films
-// is off by 0.01 in the mean, and by 0.1 at most.
+// Two cosines x that stand for the microfacets that a direction sees, from A and B of their albedo there. They have
+// the microfacets' mean of (1 - x)^5, so that a mean over them is exact for Schlick's Fresnel and for mirrors; that of
+// films is off by 0.01 in the mean, and by 0.1 at most.
 vec2 film_cosines(float roughness, vec2 ab, float cosine) {
     float middle = pow(max(ab.y, 1e-30) / (ab.x + ab.y), 0.2);
     float spread = 0.8 * roughness * safe_sqrt(1.0 - square(cosine)) / max(middle, 1e-3);

@@ -28,7 +28,9 @@ _OBJECT = re.compile(r"/(?:(materials|cameras)|extensions/KHR_lights_punctual/(l
 _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
-_THICKNESS = {"iridescenceThicknessMinimum": (100.0,), "iridescenceThicknessMaximum": (400.0,)}
+_THICKNESS: dict[str, tuple[float, ...]] = {
+    "iridescenceThicknessMinimum": (100.0,), "iridescenceThicknessMaximum": (400.0,),
+}
 _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "anisotropy": {"anisotropyStrength": _ZERO, "anisotropyRotation": _ZERO},
     "clearcoat": {"clearcoatFactor": _ZERO, "clearcoatRoughnessFactor": _ZERO, "clearcoatNormalTexture/scale": _UNIT},
