@@ -64,32 +64,32 @@ struct LobeAlbedos {
     vec3 specular;
 };
 
-// The albedos of a dielectric and of a metal with a film, and what the dielectric keeps from the diffuse lobe, from
-// those without the film.
-void cover_with_film(
-    BaseMaterial base, vec3 f0, vec2 ab, float cosine, inout vec3 dielectric, inout vec3 metal, inout vec3 cover
-) {
+// Gives the albedos of a dielectric and a metal a film; returns what the dielectric keeps from the diffuse lobe.
+vec3 add_film(BaseMaterial base, vec2 ab, float cosine, inout vec3 dielectric, inout vec3 metal) {
     float rough = table_roughness(base), roughness = square(rough);
+    vec3 f0 = reflectance_f0(base.reflectance);
     vec3 mean = mean_film_fresnel(base.film, f0, roughness, ab, cosine);
     FilmCover film = prepare_film_cover(base.film, f0, roughness, rough);
-    cover = mix(cover, vec3(film_cover(film, mean, ab)), base.film.weight);
-    dielectric = mix(dielectric, film_albedo(mean, ab), base.film.weight);
+    float weight = SCENE_LAYERS ? base.specular_weight : 1.0;
+    vec3 cover = mix(dielectric, vec3(weight * film_cover(film, mean, ab)), base.film.weight);
+    dielectric = mix(dielectric, weight * film_albedo(mean, ab), base.film.weight);
     vec3 metal_mean = mean_film_fresnel(base.film, base.color, roughness, ab, cosine);
     metal = mix(metal, film_albedo(metal_mean, ab), base.film.weight);
+    return cover;
 }
 
 LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
     if (lambertian_surfaces) { return LobeAlbedos(base.color, vec3(0.0)); }
     vec2 ab = albedo_terms(base.roughness <= MIRROR_ROUGHNESS, table_roughness(base), cosine);
-    vec3 f0 = reflectance_f0(base.reflectance), dielectric = specular_albedo(f0, ab), cover = dielectric;
+    vec3 dielectric = specular_albedo(reflectance_f0(base.reflectance), ab);
+    if (SCENE_LAYERS) { dielectric *= base.specular_weight; }
+    vec3 diffuse = diffuse_albedo(diffuse_color(material), base, dielectric, cosine);
     vec3 metal = specular_albedo(base.color, ab);
-    if (has_film(base.film)) { cover_with_film(base, f0, ab, cosine, dielectric, metal, cover); }
-    if (SCENE_LAYERS) {
-        dielectric *= base.specular_weight;
-        cover *= base.specular_weight;
+    if (SCENE_IRIDESCENCE && base.film.weight > 0.0) {
+        vec3 cover = add_film(base, ab, cosine, dielectric, metal);
+        diffuse = diffuse_albedo(diffuse_color(material), base, cover, cosine);
     }
-    vec3 diffuse = diffuse_albedo(diffuse_color(material), base, cover, cosine);
     if (!SCENE_LOBES) { return LobeAlbedos(diffuse, mix(dielectric, metal, base.metallic)); }
     Glass glass = prepare_glass(material.glass, base, cosine);
     float share = 1.0 - material.glass.transmission;
@@ -154,7 +154,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     brdf.diffuse = prepare_diffuse(reflected, brdf.specular, dielectric);
     float diffuse = luminance(color * (1.0 - dielectric));
     vec3 metal = specular_albedo(brdf.specular.metal_f0, ab);
-    if (has_film(material.base.film)) {
+    if (SCENE_IRIDESCENCE && material.base.film.weight > 0.0) {
         metal = mix(metal, film_albedo(brdf.specular.metal_film, ab), material.base.film.weight);
     }
     float specular = luminance(mix(dielectric * share, metal, material.base.metallic));

@@ -38,7 +38,7 @@ void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
 bool is_clear_wall(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
     float reflected = dielectric_fresnel(material.glass.ior, cosine);
-    if (has_film(base.film)) {
+    if (SCENE_IRIDESCENCE && base.film.weight > 0.0) {
         vec3 filmed = film_fresnel(base.film, reflectance_f0(base.reflectance), cosine);
         reflected = mix(reflected, max_component(filmed), base.film.weight);
     }

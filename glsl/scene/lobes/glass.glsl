@@ -56,7 +56,7 @@ struct Glass {
 vec3 glass_fresnel(Glass glass, float cosine) {
     float reflected = dielectric_fresnel(glass.eta, cosine);
     if (!(reflected < 1.0)) { return vec3(1.0); }
-    if (!has_film(glass.film)) { return reflected * glass.tint; }
+    if (!SCENE_IRIDESCENCE || glass.film.weight == 0.0) { return reflected * glass.tint; }
     // A film reflects as much light from within as from the direction outside that it is refracted to.
     float outside = glass.eta < 1.0 ? safe_sqrt(1.0 - (1.0 - square(cosine)) / square(glass.eta)) : cosine;
     vec3 filmed = glass.film_share * film_fresnel(glass.film, glass.film_f0, outside);
@@ -108,9 +108,10 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
         vec3 albedo = vec3(ab.x + ab.y);
         if (!glass.thin) {
             vec2 ends = lookup_glass_table(glass.eta, cosine, base.perceptual_roughness);
-            albedo = has_film(glass.film)
-                ? filmed_glass_albedo(glass, ends, film_cosines(glass.roughness, ab, cosine))
-                : mix(vec3(ends.x), vec3(ends.y), glass.tint);
+            albedo = mix(vec3(ends.x), vec3(ends.y), glass.tint);
+            if (SCENE_IRIDESCENCE && glass.film.weight > 0.0) {
+                albedo = filmed_glass_albedo(glass, ends, film_cosines(glass.roughness, ab, cosine));
+            }
         }
         glass.compensation = 1.0 / albedo;
     }

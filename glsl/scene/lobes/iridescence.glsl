@@ -21,8 +21,6 @@ const ThinFilm NO_FILM = ThinFilm(0.0, 1.0, 0.0);
 const float LARGEST_FILM_RATIO = 0.75;  // (ior - 1) / (ior + 1) for an index of refraction of 7
 const float LARGEST_PACKED_FILM = 8192.0;  // nanometers; thicker films have no colors
 
-bool has_film(ThinFilm film) { return SCENE_IRIDESCENCE && film.weight > 0.0; }
-
 // weight 8, index of refraction 10, thickness 14
 uint pack_film(ThinFilm film) {
     float ratio = (film.ior - 1.0) / (film.ior + 1.0) / LARGEST_FILM_RATIO;

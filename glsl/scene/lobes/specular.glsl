@@ -66,25 +66,22 @@ vec2 albedo_terms(Specular specular, vec3 w) {
     return lookup_brdf_table(w.z, sqrt(length(mean * to_anisotropy(specular, w))));
 }
 
-// The share of uniform light that a dielectric's specular lobe reflects towards a direction, from A and B there. The
-// factors of an anisotropic lobe bound its A and B over those of the table, measured for all directions, so that no
-// energy is gained.
-vec3 bare_dielectric_albedo(Specular specular, vec2 ab) {
-    vec3 albedo = specular_albedo(specular.dielectric_f0, ab);
-    if (!SCENE_LAYERS || specular.mirror) { return specular.dielectric_weight * albedo; }
-    vec3 reflected = specular.dielectric_f0 * ab.x;
-    vec3 excess = (ANISOTROPY_BOUND.x * reflected + ANISOTROPY_BOUND.y * ab.y) / max(reflected + ab.y, 1e-30);
-    return specular.dielectric_weight * min(albedo * (1.0 + square(specular.anisotropy) * excess), 1.0);
-}
-
-// That with a film: what the lobes below don't get. `cosine` is that of the direction.
+// The share of uniform light that a dielectric's specular lobe reflects towards a direction, or keeps from what lies
+// below it if it has a film, from A and B there. `cosine` is that of the direction. The factors of an anisotropic lobe
+// bound its A and B over those of the table, measured for all directions, so that no energy is gained.
 vec3 dielectric_albedo(Specular specular, vec2 ab, float cosine) {
-    vec3 bare = bare_dielectric_albedo(specular, ab);
-    if (!has_film(specular.film)) { return bare; }
-    float roughness = square(specular.perceptual_roughness);
-    vec3 mean = mean_film_fresnel(specular.film, specular.dielectric_f0, roughness, ab, cosine);
-    vec3 covered = vec3(specular.dielectric_weight * film_cover(specular.film_cover, mean, ab));
-    return mix(bare, covered, specular.film.weight);
+    vec3 albedo = specular_albedo(specular.dielectric_f0, ab);
+    if (SCENE_LAYERS && !specular.mirror) {
+        vec3 reflected = specular.dielectric_f0 * ab.x;
+        vec3 excess = (ANISOTROPY_BOUND.x * reflected + ANISOTROPY_BOUND.y * ab.y) / max(reflected + ab.y, 1e-30);
+        albedo = min(albedo * (1.0 + square(specular.anisotropy) * excess), 1.0);
+    }
+    if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) {
+        float roughness = square(specular.perceptual_roughness);
+        vec3 mean = mean_film_fresnel(specular.film, specular.dielectric_f0, roughness, ab, cosine);
+        albedo = mix(albedo, vec3(film_cover(specular.film_cover, mean, ab)), specular.film.weight);
+    }
+    return specular.dielectric_weight * albedo;
 }
 
 // The mean of that over directions, weighted by their cosines.
@@ -93,7 +90,7 @@ vec3 average_dielectric_albedo(Specular specular) {
     vec3 f0 = specular.dielectric_f0;
     vec3 average = specular.dielectric_weight * (averages[0] + f0 * (averages[1] + f0 * averages[2]));
     if (SCENE_LAYERS && !specular.mirror) { average *= 1.0 + ANISOTROPY_BOUND.x * square(specular.anisotropy); }
-    if (has_film(specular.film)) {
+    if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) {
         vec3 covered = vec3(specular.dielectric_weight * specular.film_cover.average);
         average = mix(average, covered, specular.film.weight);
     }
@@ -104,7 +101,7 @@ vec3 average_dielectric_albedo(Specular specular) {
 
 void prepare_film(inout Specular specular, ThinFilm film, float cosine) {
     specular.film = film;
-    if (!has_film(film)) { return; }
+    if (film.weight == 0.0) { return; }
     vec2 ab = specular.albedo_terms;
     float rough = specular.perceptual_roughness, roughness = square(rough);
     if (specular.metallic > 0.0) {
@@ -160,10 +157,20 @@ Specular no_specular() {
     return specular;
 }
 
-// With a film, instead of `bare`. `mean` is mean_film_fresnel towards wo.
-vec3 filmed_fresnel(Specular specular, vec3 bare, vec3 f0, vec3 mean, float LdotH) {
-    vec3 filmed = film_fresnel(specular.film, f0, LdotH) * (1.0 + mean * specular.multiscatter);
-    return mix(bare, filmed, specular.film.weight);
+// In one loop, since each copy of the code of films costs compilers time.
+void add_film(Specular specular, float LdotH, inout vec3 dielectric, inout vec3 metal) {
+    for (uint i = 0u; i < 2u; i++) {
+        bool is_metal = i == 1u;
+        if (specular.metallic == float(!is_metal)) { continue; }  // there is none
+        vec3 reflected = film_fresnel(specular.film, is_metal ? specular.metal_f0 : specular.dielectric_f0, LdotH);
+        vec3 mean = is_metal ? specular.metal_film : specular.dielectric_film;
+        reflected *= 1.0 + mean * specular.multiscatter;
+        if (is_metal) {
+            metal = mix(metal, reflected, specular.film.weight);
+        } else {
+            dielectric = mix(dielectric, reflected, specular.film.weight);
+        }
+    }
 }
 
 // Fresnel of metal and dielectric, mixed last, with multiple scattering.
@@ -171,15 +178,7 @@ vec3 specular_fresnel(Specular specular, float LdotH) {
     vec3 dielectric = fresnel(specular.dielectric_f0, LdotH)
         * (1.0 + specular.dielectric_f0 * specular.multiscatter);
     vec3 metal = fresnel(specular.metal_f0, LdotH) * (1.0 + specular.metal_f0 * specular.multiscatter);
-    if (has_film(specular.film)) {
-        if (specular.metallic < 1.0) {
-            dielectric =
-                filmed_fresnel(specular, dielectric, specular.dielectric_f0, specular.dielectric_film, LdotH);
-        }
-        if (specular.metallic > 0.0) {
-            metal = filmed_fresnel(specular, metal, specular.metal_f0, specular.metal_film, LdotH);
-        }
-    }
+    if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) { add_film(specular, LdotH, dielectric, metal); }
     if (SCENE_LOBES) { dielectric *= specular.dielectric_weight * specular.dielectric_share; }
     return mix(dielectric, metal, specular.metallic);
 }

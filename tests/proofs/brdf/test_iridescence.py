@@ -239,7 +239,10 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "films gain light": (with_shaders(check_furnace), Bug(
         FILM, "film_cover", "return 0.5 * correct(cover, mean, ab);")),
     "reciprocity": (with_shaders(check_reciprocity), Bug(
-        "scene/lobes/specular.glsl", "filmed_fresnel", "return correct(specular, bare, f0, mean, 0.7);")),
+        "scene/lobes/specular.glsl", "add_film",
+        "correct(specular, LdotH, dielectric, metal); metal *= 1.0 + 0.2 * specular.albedo_terms.y;")),
     "albedos": (with_shaders(check_lobe_albedos), Bug(FILM, "film_albedo", "return 0.5 * correct(mean, ab);")),
-    "absence": (with_shaders(check_absence), Bug(FILM, "has_film", "return SCENE_IRIDESCENCE;")),
+    "absence": (with_shaders(check_absence), Bug(
+        "scene/base_material.glsl", "resolve_film",
+        "ThinFilm film = correct(material, point); film.weight = max(film.weight, 1e-3); return film;")),
 }, quick=("interference",))  # fmt: skip
