@@ -9,6 +9,7 @@ from support import brdf_runs
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
+from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import shapes
 
 FILM = "scene/lobes/iridescence.glsl"
@@ -231,6 +232,17 @@ def test_textures(tracer):
         found.append(tracer(scene, (12, 12)).render(samples=4)["radiance"])
     np.testing.assert_allclose(*found, rtol=2e-5)
     assert np.ptp(found[0][6, 6]) > 0.01, "the film has a color"
+
+
+def test_a_film_on_a_pane_dims_what_shadow_rays_find(device):
+    lit = []
+    for weight in (0.0, 1.0):
+        scene = sv.Scene(sv.PointLight((0, 2, 0), intensity=100))
+        glass = sv.Material(base_color=1, transmission=1, roughness=0, **film(1.8, 300, weight))
+        scene.add(shapes.quad((0, 1, 0), (1, 0, 0), (0, 0, 1)), glass)
+        lit.append(sv.illuminance(device, scene, [(0, 0, 0)], samples=16, max_bounces=0).lux[0])
+    filmed = 1 - model(0.04, 1.8, 300, 1.0) @ LUMINANCE_WEIGHTS
+    assert lit[1] / lit[0] == pytest.approx(filmed / (1 - 0.04), abs=0.002)
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
