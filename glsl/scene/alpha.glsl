@@ -51,9 +51,14 @@ vec4 resolve_thin_wall(
     vec3 corner = mesh.positions.at[vertices.x];
     vec3 normal = cross(m * (mesh.positions.at[vertices.y] - corner), m * (mesh.positions.at[vertices.z] - corner));
     float cosine = abs(dot(safe_normalize(normal, vec3(0.0, 0.0, 1.0)), safe_normalize(direction, vec3(0.0))));
-    vec3 f0 = resolve_specular_weight(material, point) * reflectance_f0(resolve_reflectance(material, point));
-    vec3 tint = glass_tint(material.ior, f0);
-    vec3 through = transmission * color * (1.0 - tint * dielectric_fresnel(material.ior, cosine));
+    float weight = resolve_specular_weight(material, point);
+    vec3 f0 = reflectance_f0(resolve_reflectance(material, point));
+    vec3 reflected = glass_tint(material.ior, weight * f0) * dielectric_fresnel(material.ior, cosine);
+    if (SCENE_IRIDESCENCE && material.iridescence > 0.0) {
+        ThinFilm film = resolve_film(material, point);
+        reflected = mix(reflected, weight * film_fresnel(film, f0, cosine), film.weight);
+    }
+    vec3 through = transmission * color * (1.0 - reflected);
     if (SCENE_LAYERS) { through *= 1.0 - resolve_coat(material, point).weight * fresnel(vec3(COAT_F0), cosine).x; }
     float opacity = max(1.0 - max_component(through), 1e-3);
     return vec4(1.0 + (through / max(1.0 - opacity, 1e-9) - 1.0) / opacity, opacity);

@@ -5,6 +5,7 @@
 #include "common/math.glsl"
 #include "common/packing.glsl"
 #include "scene/bindings.glsl"
+#include "scene/lobes/iridescence.glsl"
 #include "scene/textures.glsl"
 
 // All surfaces are Lambertian, base color / pi, for comparison with closed forms.
@@ -21,12 +22,13 @@ struct BaseMaterial {
     float specular_weight;      // of a dielectric's reflections
     float anisotropy;           // strength
     vec2 anisotropy_direction;  // along which reflections are rougher, in the frame orthonormalize(shading normal)
+    ThinFilm film;
 };
 
 BaseMaterial make_base(vec3 color, vec3 reflectance, float perceptual_roughness, float metallic) {
     float roughness = min(square(perceptual_roughness), 1.0);  // Mesa 26.2 rounds 1 * 1 up
     return BaseMaterial(
-        color, reflectance, perceptual_roughness, roughness, metallic, false, false, 1.0, 0.0, vec2(1.0, 0.0)
+        color, reflectance, perceptual_roughness, roughness, metallic, false, false, 1.0, 0.0, vec2(1.0, 0.0), NO_FILM
     );
 }
 
@@ -72,6 +74,14 @@ void orient_anisotropy(inout BaseMaterial base, mat3 frame, mat3 tangent_frame) 
     }
 }
 
+ThinFilm resolve_film(Material material, TexturePoint point) {
+    vec2 thickness = material.iridescence_thickness;
+    return ThinFilm(
+        material.iridescence * sampled_or_one(material.iridescence_texture, point, 0u), material.iridescence_ior,
+        mix(thickness.x, thickness.y, sampled_or_one(material.iridescence_thickness_texture, point, 1u))
+    );
+}
+
 BaseMaterial resolve_base(Material material, vec3 vertex_color, TexturePoint point, bool front_face) {
     vec3 color = material.base_color * vertex_color;
     if (material.base_color_texture != NO_INDEX) { color *= sample_texture(material.base_color_texture, point).rgb; }
@@ -84,6 +94,7 @@ BaseMaterial resolve_base(Material material, vec3 vertex_color, TexturePoint poi
     BaseMaterial base = make_base(color, resolve_reflectance(material, point), perceptual_roughness, metallic);
     base.specular_weight = resolve_specular_weight(material, point);
     if (SCENE_LAYERS) { resolve_anisotropy(base, material, point); }
+    if (SCENE_IRIDESCENCE) { base.film = resolve_film(material, point); }
     if (SCENE_TRANSMISSION) {
         base.solid = (material.flags & MATERIAL_SOLID) != 0u;
         base.inside = base.solid && !front_face;

@@ -64,6 +64,20 @@ struct LobeAlbedos {
     vec3 specular;
 };
 
+// Gives the albedos of a dielectric and a metal a film; returns what the dielectric keeps from the diffuse lobe.
+vec3 add_film(BaseMaterial base, vec2 ab, float cosine, inout vec3 dielectric, inout vec3 metal) {
+    float rough = table_roughness(base), roughness = square(rough);
+    vec3 f0 = reflectance_f0(base.reflectance);
+    vec3 mean = mean_film_fresnel(base.film, f0, roughness, ab, cosine);
+    FilmCover film = prepare_film_cover(base.film, f0, roughness, rough);
+    float weight = SCENE_LAYERS ? base.specular_weight : 1.0;
+    vec3 cover = mix(dielectric, vec3(weight * film_cover(film, mean, ab)), base.film.weight);
+    dielectric = mix(dielectric, weight * film_albedo(mean, ab), base.film.weight);
+    vec3 metal_mean = mean_film_fresnel(base.film, base.color, roughness, ab, cosine);
+    metal = mix(metal, film_albedo(metal_mean, ab), base.film.weight);
+    return cover;
+}
+
 LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
     if (lambertian_surfaces) { return LobeAlbedos(base.color, vec3(0.0)); }
@@ -72,6 +86,10 @@ LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
     if (SCENE_LAYERS) { dielectric *= base.specular_weight; }
     vec3 diffuse = diffuse_albedo(diffuse_color(material), base, dielectric, cosine);
     vec3 metal = specular_albedo(base.color, ab);
+    if (SCENE_IRIDESCENCE && base.film.weight > 0.0) {
+        vec3 cover = add_film(base, ab, cosine, dielectric, metal);
+        diffuse = diffuse_albedo(diffuse_color(material), base, cover, cosine);
+    }
     if (!SCENE_LOBES) { return LobeAlbedos(diffuse, mix(dielectric, metal, base.metallic)); }
     Glass glass = prepare_glass(material.glass, base, cosine);
     float share = 1.0 - material.glass.transmission;
@@ -125,7 +143,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     float share = SCENE_GLASS ? 1.0 - material.glass.transmission : 1.0;
     brdf.specular = prepare_specular(material.base, share, wo);
     vec2 ab = brdf.specular.albedo_terms;
-    vec3 dielectric = dielectric_albedo(brdf.specular, ab);
+    vec3 dielectric = dielectric_albedo(brdf.specular, ab, wo.z);
     vec3 color = diffuse_color(material) * share;
     vec3 reflected = color;
     if (SCENE_DIFFUSE_TRANSMISSION) {
@@ -135,9 +153,11 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     }
     brdf.diffuse = prepare_diffuse(reflected, brdf.specular, dielectric);
     float diffuse = luminance(color * (1.0 - dielectric));
-    float specular = luminance(
-        mix(dielectric * share, specular_albedo(brdf.specular.metal_f0, ab), material.base.metallic)
-    );
+    vec3 metal = specular_albedo(brdf.specular.metal_f0, ab);
+    if (SCENE_IRIDESCENCE && material.base.film.weight > 0.0) {
+        metal = mix(metal, film_albedo(brdf.specular.metal_film, ab), material.base.film.weight);
+    }
+    float specular = luminance(mix(dielectric * share, metal, material.base.metallic));
     // Not above 1 by the rounding of a division.
     brdf.specular_probability = diffuse > 0.0 ? min(specular / (specular + diffuse), 1.0) : 1.0;
     if (SCENE_LOBES) { prepare_lobes(brdf, material, wo, specular + diffuse); }

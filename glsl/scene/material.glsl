@@ -70,20 +70,23 @@ struct PackedLobes {
     uvec2 coat;
     uint sheen;
     uint diffuse_transmission;
+    uint film;
 };
 
-const PackedLobes NO_PACKED_LOBES = PackedLobes(uvec2(0u), 0u, uvec2(0u), 0u, 0u);
+const PackedLobes NO_PACKED_LOBES = PackedLobes(uvec2(0u), 0u, uvec2(0u), 0u, 0u, 0u);
 
 // `packed_normal` is the shading normal as the G-buffer has it, to whose frame directions are packed.
 PackedLobes pack_lobes(ResolvedMaterial material, vec3 world_normal, vec3 packed_normal) {
     mat3 frame = orthonormalize(world_normal), packed_frame = orthonormalize(packed_normal);
     return PackedLobes(
         pack_base(material.base, frame, packed_frame), pack_glass(material.glass), pack_coat(material.coat, frame),
-        pack_sheen(material.sheen), pack_diffuse_transmission(material.diffuse_transmission)
+        pack_sheen(material.sheen), pack_diffuse_transmission(material.diffuse_transmission),
+        pack_film(material.base.film)
     );
 }
 
 ResolvedMaterial unpack_lobes(ResolvedMaterial material, PackedLobes packed, vec3 world_normal) {
+    if (SCENE_IRIDESCENCE) { material.base.film = unpack_film(packed.film); }
     return ResolvedMaterial(
         unpack_base(material.base, packed.base), material.emissive, unpack_glass(packed.glass),
         unpack_coat(packed.coat, orthonormalize(world_normal)), unpack_sheen(packed.sheen),

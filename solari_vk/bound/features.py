@@ -53,6 +53,7 @@ FEATURES = (
     Feature("DIFFUSE_TRANSMISSION", Material, lambda material: material.diffuse_transmission > 0,
             is_lobe=True, transmits=True),
     Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
+    Feature("IRIDESCENCE", Material, lambda material: material.iridescence > 0, is_lobe=True),
     Feature("UNLIT", Material, lambda material: material.unlit),
     Feature("LENSES", Camera, lambda camera: camera.has_lens),
 )

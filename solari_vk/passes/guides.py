@@ -26,7 +26,8 @@ IMAGES = ("diffuse_albedo", "specular_albedo", "normal_roughness", "depth", "mot
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The images, computed from the G-buffer, and from rays where a pixel shows a mirror.
 
-    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_instances`, `*_table`. Outputs: `guides_*`.
+    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_instances`, `*_table`,
+    `brdf_averages`. Outputs: `guides_*`.
     """
     return Stage(
         "guides",

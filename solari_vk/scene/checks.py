@@ -164,6 +164,23 @@ def number(
     return convert
 
 
+def span(low: float, high: float, unit: str) -> Callable[[Any], FloatArray]:
+    """Two numbers within a range, (2,), or one for both. unit: named in the error."""
+
+    def convert(value: Any) -> FloatArray:
+        given = real(value, np.float64)
+        if given.shape not in ((), (2,)):
+            raise ValueError(f"must be two numbers, or one for both, not of the shape {given.shape}")
+        refuse_not_finite(given)
+        if (given < low).any() or (given > high).any():
+            raise ValueError(f"must lie between {low:g} and {high:g} {unit}, not {given.tolist()}")
+        array = np.array(np.broadcast_to(given, (2,)), np.float32)
+        array.setflags(write=False)
+        return array
+
+    return convert
+
+
 def direction(value: ArrayLike) -> FloatArray:
     """A unit vector (3,) from a vector of any length but zero."""
     given = real(value, np.float64)

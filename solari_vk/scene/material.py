@@ -77,6 +77,7 @@ MIRROR_ROUGHNESS = 0.001
 UNLIT_RADIANCE = 1.2
 """Of an unlit color of 1, in cd/m^2: white in a picture with an EV100 of 0, as a white surface in the studio."""
 LARGEST_REFLECTANCE = 1e4  # F0 is 1 from 2.5 on; textures may multiply a larger one by little
+LARGEST_THICKNESS = 1e6  # nanometers, of films
 LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
 
 
@@ -91,6 +92,11 @@ def _number(default: float, low: float, high: float, unit: str = "", glsl: str =
 def _color(default: float, high: float = 1.0, glsl: str = "vec3") -> Any:
     metadata = {"converter": checks.color(0, high), "glsl": glsl}
     return field(default_factory=lambda: np.full(3, default, np.float32), metadata=metadata)
+
+
+def _span(low_default: float, high_default: float, low: float, high: float, unit: str) -> Any:
+    metadata = {"converter": checks.span(low, high, unit), "glsl": "vec2"}
+    return field(default_factory=lambda: np.array((low_default, high_default), np.float32), metadata=metadata)
 
 
 def _texture(srgb: bool = False) -> Any:
@@ -119,15 +125,18 @@ class Material(Checked):
 
     clearcoat in [0, 1] is the weight of a layer of an ior of 1.5 over all else, with clearcoat_roughness. sheen_color
     is the color of fibers that shine at grazing angles, with sheen_roughness. anisotropy in [0, 1] spreads reflections
-    along the tangent, turned by anisotropy_rotation in radians towards the bitangent.
+    along the tangent, turned by anisotropy_rotation in radians towards the bitangent. iridescence in
+    [0, 1] is the weight of a thin film on all but the coat and sheen, of the index of refraction iridescence_ior, with
+    the colors of soap bubbles and oil. iridescence_thickness is its thickness in nanometers where its texture is 0 and
+    where it is 1, (2,); one number stands for both, and without a texture the second counts.
 
     A texture is a Texture, a TextureImage, an array of pixels or the path of a file. Textures multiply the values: base
     color and emissive are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are
     in tangent space, with z computed from x and y. The other textures have their channels where glTF has them:
-    transmission and clearcoat in red, clearcoat roughness in green, specular, sheen roughness and diffuse transmission
-    in alpha, the colors of the three, sRGB, in red, green and blue, the direction of anisotropy in red and green and
-    its strength in blue. A double-sided material is visible, and emits, on both sides. The back side of other materials
-    is invisible to cameras, but blocks all other rays.
+    transmission, clearcoat and iridescence in red, clearcoat roughness and iridescence thickness in green, specular,
+    sheen roughness and diffuse transmission in alpha, the colors of the three, sRGB, in red, green and blue, the
+    direction of anisotropy in red and green and its strength in blue. A double-sided material is visible, and emits, on
+    both sides. The back side of other materials is invisible to cameras, but blocks all other rays.
 
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies
@@ -185,6 +194,11 @@ class Material(Checked):
     anisotropy: float = _number(0.0, 0, 1)
     anisotropy_rotation: float = _number(0.0, -1e6, 1e6, "radians")
     anisotropy_texture: Texture | None = _texture()
+    iridescence: float = _number(0.0, 0, 1)
+    iridescence_texture: Texture | None = _texture()
+    iridescence_ior: float = _number(1.3, 1, 1e6)
+    iridescence_thickness: FloatArray = _span(100.0, 400.0, 0, LARGEST_THICKNESS, "nanometers")
+    iridescence_thickness_texture: Texture | None = _texture()
     name: str = ""
 
     _aliases = {"roughness": "perceptual_roughness"}

@@ -62,6 +62,9 @@ M, L, E = "/materials/0/", f"/extensions/{LIGHTS}/lights/0/", "extensions/KHR_ma
         (M + E + "emissive_strength/emissiveStrength", [0, 40], material, "emissive", [10, 5, 0]),
         (M + E + "ior/ior", [1, 2], material, "ior", 1.25),
         (M + E + "specular/specularColorFactor", [[0, 0, 0], [1, 4, 0]], material, "reflectance", [0.25, 0.5, 0]),
+        (M + E + "iridescence/iridescenceFactor", [0, 1], material, "iridescence", 0.25),
+        (M + E + "iridescence/iridescenceIor", [1.4, 1.8], material, "iridescence_ior", 1.5),
+        (M + E + "iridescence/iridescenceThicknessMaximum", [0, 800], material, "iridescence_thickness", [100, 200]),
         (M + E + "transmission/transmissionFactor", [0, 1], material, "transmission", 0.25),
         (M + E + "volume/attenuationDistance", [1, 5], material, "attenuation_distance", 2),
         (M + E + "clearcoat/clearcoatRoughnessFactor", [0, 0.4], material, "clearcoat_roughness", 0.1),
@@ -257,7 +260,7 @@ def test_every_property_is_read(pointed):
             pointed.json.pop("buffers", None)
             start, end = (np.full(len(default), value) for value in fresh.get(path, (0.31, 0.62)))
             prefix = f"/extensions/{LIGHTS}" if kind == "lights" else ""
-            start, end = (1.2 + start, 1.2 + end) if path.endswith("/ior") else (start, end)
+            start, end = (1.2 + start, 1.2 + end) if path.lower().endswith("ior") else (start, end)
             scene = pointed.point(f"{prefix}/{kind}/0/{path}", start, end).load(strict=True)
             item = getattr(scene, kind)[0]
             seen = []

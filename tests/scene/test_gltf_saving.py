@@ -45,6 +45,7 @@ RANGES = {
     "ior": st.floats(1, 5) | st.just(1e6), "reflectance": st.floats(0, 100, width=32),
     "emissive": UNIT | st.floats(0, 2**20, width=32), "normal_scale": st.floats(-2, 2),
     "clearcoat_normal_scale": st.floats(-2, 2), "attenuation_distance": st.floats(1e-3, 1e6),
+    "iridescence_ior": st.floats(1, 5), "iridescence_thickness": st.floats(0, 1e4, width=32),
     "anisotropy_rotation": st.floats(-9, 9), "alpha_mode": st.sampled_from(["opaque", "mask", "blend"]),
     "name": st.text(max_size=4),
 }  # fmt: skip
@@ -78,7 +79,7 @@ def materials(draw):
         if field.name.endswith("_texture"):
             made[field.name] = draw(textures())
         elif isinstance(default, np.ndarray):
-            made[field.name] = [draw(one) for _ in range(3)]
+            made[field.name] = [draw(one) for _ in default]
         else:
             made[field.name] = draw(st.booleans() if isinstance(default, bool) else one)
     return Material(**made)
@@ -429,7 +430,8 @@ def test_files_pass_the_validator_of_khronos(validate, machine, tmp_path):
     scenes = {name: builtin(name) for name in SCENES if name != "many_lights"} | {"machine": machine}
     scenes |= {name.partition("/")[0]: sv.load(ASSETS / name) for name in FILES if (ASSETS / name).exists()}
     random = np.random.default_rng(5)
-    layers = ("clearcoat", "sheen_color", "transmission", "anisotropy", "specular", "diffuse_transmission")
+    layers = ("clearcoat", "sheen_color", "transmission", "anisotropy", "specular", "diffuse_transmission",
+              "iridescence")  # fmt: skip
     rich = [
         sv.Material(**dict.fromkeys(layers, 0.5), solid=True, emissive=7, ior=2),
         sv.Material(unlit=True, alpha_mode="blend", alpha=0.5),

@@ -7,7 +7,7 @@ from solari_vk.bound.features import LOBES
 from solari_vk.bound.material_record import TYPES
 from solari_vk.scene.material import TEXTURES
 
-_NUMPY = {"float": ("<f4", ()), "vec3": ("<f4", 3), "uint": ("<u4", ())}
+_NUMPY = {"float": ("<f4", ()), "vec2": ("<f4", 2), "vec3": ("<f4", 3), "uint": ("<u4", ())}
 MATERIAL = np.dtype(
     [(name, *_NUMPY[kind]) for name, kind in TYPES.items()]
     + [("inside", "<u4"), ("coat_normal", "<f4", 3), ("anisotropy_direction", "<f4", 2)]
@@ -17,7 +17,7 @@ WITHOUT_LOBES = {
     "anisotropy_direction": (1.0, 0.0),
 }  # fmt: skip
 """The fields of a record whose value is not 0 for a material without lobes that few materials have."""
-MODES = ("draw", "evaluate", "albedo", "sampled_albedo")
+MODES = ("draw", "evaluate", "albedo", "sampled_albedo", "lobe_albedos")
 ALL_LOBES = dict.fromkeys(LOBES, True)
 """The constants for materials with such lobes."""
 RESULT_COUNT = 4  # vectors that the shader writes for each row

@@ -38,6 +38,10 @@ void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
 bool is_clear_wall(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
     float reflected = dielectric_fresnel(material.glass.ior, cosine);
+    if (SCENE_IRIDESCENCE && base.film.weight > 0.0) {
+        vec3 filmed = film_fresnel(base.film, reflectance_f0(base.reflectance), cosine);
+        reflected = mix(reflected, max_component(filmed), base.film.weight);
+    }
     float let_through = (1.0 - reflected) * max_component(base.color);
     return is_glass(material) && !base.solid && base.roughness <= MIRROR_ROUGHNESS
         && material.glass.transmission * (1.0 - base.metallic) > MOSTLY_CLEAR && 3.0 * reflected < let_through;

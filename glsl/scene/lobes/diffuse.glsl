@@ -42,7 +42,7 @@ vec3 evaluate_diffuse(Diffuse diffuse, Specular specular, vec3 wo, vec3 wi) {
         vec3 f0 = specular.dielectric_f0;
         return value * ((1.0 - fresnel(f0, wo.z)) * (1.0 - fresnel(f0, wi.z)));
     }
-    return value * (1.0 - dielectric_albedo(specular, albedo_terms(specular, wi)));
+    return value * (1.0 - dielectric_albedo(specular, albedo_terms(specular, wi), wi.z));
 }
 
 float diffuse_pdf(vec3 wi) { return INVERSE_PI * wi.z; }

@@ -47,12 +47,20 @@ struct Glass {
     float roughness;
     vec3 color;          // of the light that passes
     vec3 tint;           // of reflections
+    ThinFilm film;       // on its outside
+    vec3 film_f0;
+    float film_share;    // of its reflections
     vec3 compensation;   // one over the albedo of single scattering: Turquin (2019)
 };
 
 vec3 glass_fresnel(Glass glass, float cosine) {
     float reflected = dielectric_fresnel(glass.eta, cosine);
-    return reflected < 1.0 ? reflected * glass.tint : vec3(1.0);
+    if (!(reflected < 1.0)) { return vec3(1.0); }
+    if (!SCENE_IRIDESCENCE || glass.film.weight == 0.0) { return reflected * glass.tint; }
+    // A film reflects as much light from within as from the direction outside that it is refracted to.
+    float outside = glass.eta < 1.0 ? safe_sqrt(1.0 - (1.0 - square(cosine)) / square(glass.eta)) : cosine;
+    vec3 filmed = glass.film_share * film_fresnel(glass.film, glass.film_f0, outside);
+    return mix(reflected * glass.tint, filmed, glass.film.weight);
 }
 
 // The probability with which a microfacet reflects instead of refracting.
@@ -60,6 +68,23 @@ float glass_reflects(Glass glass, float cosine) {
     vec3 reflected = glass_fresnel(glass, cosine);
     float through = max_component((1.0 - reflected) * glass.color);
     return max_component(reflected) / max(max_component(reflected) + through, 1e-30);
+}
+
+// The albedo of single scattering with a film, for microfacets of these cosines; `ends` are those of the table. Where a
+// film reflects more than the surface without it, this is a bound, so that no light is gained.
+vec3 filmed_glass_albedo(Glass glass, vec2 ends, vec2 cosines) {
+    vec3 filmed = vec3(1e-6);
+    float bare = 1e-6;
+    for (uint i = 0u; i < 2u; i++) {
+        float without = dielectric_fresnel(glass.eta, cosines[i]);
+        if (without < 1.0) {
+            filmed += 0.5 * glass_fresnel(glass, cosines[i]);
+            bare += 0.5 * without;
+        }
+    }
+    vec3 albedo = mix(vec3(ends.x), vec3(ends.y), min(filmed / bare, 1.0));
+    // From within, what is reflected is seldom scattered more than once.
+    return glass.eta < 1.0 ? mix(albedo, vec3(1.0), max(filmed - bare, 0.0)) : albedo;
 }
 
 // `cosine` is that of the direction from which the surface is seen.
@@ -74,6 +99,9 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
     glass.roughness = base.roughness;
     glass.color = parameters.reflects_only ? vec3(0.0) : base.color;
     glass.tint = glass_tint(ior, base.specular_weight * reflectance_f0(base.reflectance));
+    glass.film = base.film;
+    glass.film_f0 = reflectance_f0(base.reflectance);
+    glass.film_share = base.specular_weight;
     glass.compensation = vec3(1.0);
     if (glass.weight > 0.0 && !mirror) {
         vec2 ab = lookup_brdf_table(cosine, base.perceptual_roughness);
@@ -81,6 +109,9 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
         if (!glass.thin) {
             vec2 ends = lookup_glass_table(glass.eta, cosine, base.perceptual_roughness);
             albedo = mix(vec3(ends.x), vec3(ends.y), glass.tint);
+            if (SCENE_IRIDESCENCE && glass.film.weight > 0.0) {
+                albedo = filmed_glass_albedo(glass, ends, film_cosines(glass.roughness, ab, cosine));
+            }
         }
         glass.compensation = 1.0 / albedo;
     }

@@ -22,6 +22,11 @@ struct Specular {
     float anisotropy;  // strength
     vec2 anisotropic_roughness;
     vec2 anisotropy_direction;
+    // Where SCENE_IRIDESCENCE:
+    ThinFilm film;
+    vec3 dielectric_film;  // mean_film_fresnel towards wo; of metal likewise
+    vec3 metal_film;
+    FilmCover film_cover;
 };
 
 // By how much A and B of an anisotropic lobe exceed those of the table at most, over the square of its strength.
@@ -61,15 +66,22 @@ vec2 albedo_terms(Specular specular, vec3 w) {
     return lookup_brdf_table(w.z, sqrt(length(mean * to_anisotropy(specular, w))));
 }
 
-// The share of uniform light that a dielectric's specular lobe reflects towards a direction, from A and B there. The
-// factors of an anisotropic lobe bound its A and B over those of the table, measured for all directions, so that no
-// energy is gained.
-vec3 dielectric_albedo(Specular specular, vec2 ab) {
+// The share of uniform light that a dielectric's specular lobe reflects towards a direction, or keeps from what lies
+// below it if it has a film, from A and B there. `cosine` is that of the direction. The factors of an anisotropic lobe
+// bound its A and B over those of the table, measured for all directions, so that no energy is gained.
+vec3 dielectric_albedo(Specular specular, vec2 ab, float cosine) {
     vec3 albedo = specular_albedo(specular.dielectric_f0, ab);
-    if (!SCENE_LAYERS || specular.mirror) { return specular.dielectric_weight * albedo; }
-    vec3 reflected = specular.dielectric_f0 * ab.x;
-    vec3 excess = (ANISOTROPY_BOUND.x * reflected + ANISOTROPY_BOUND.y * ab.y) / max(reflected + ab.y, 1e-30);
-    return specular.dielectric_weight * min(albedo * (1.0 + square(specular.anisotropy) * excess), 1.0);
+    if (SCENE_LAYERS && !specular.mirror) {
+        vec3 reflected = specular.dielectric_f0 * ab.x;
+        vec3 excess = (ANISOTROPY_BOUND.x * reflected + ANISOTROPY_BOUND.y * ab.y) / max(reflected + ab.y, 1e-30);
+        albedo = min(albedo * (1.0 + square(specular.anisotropy) * excess), 1.0);
+    }
+    if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) {
+        float roughness = square(specular.perceptual_roughness);
+        vec3 mean = mean_film_fresnel(specular.film, specular.dielectric_f0, roughness, ab, cosine);
+        albedo = mix(albedo, vec3(film_cover(specular.film_cover, mean, ab)), specular.film.weight);
+    }
+    return specular.dielectric_weight * albedo;
 }
 
 // The mean of that over directions, weighted by their cosines.
@@ -78,10 +90,28 @@ vec3 average_dielectric_albedo(Specular specular) {
     vec3 f0 = specular.dielectric_f0;
     vec3 average = specular.dielectric_weight * (averages[0] + f0 * (averages[1] + f0 * averages[2]));
     if (SCENE_LAYERS && !specular.mirror) { average *= 1.0 + ANISOTROPY_BOUND.x * square(specular.anisotropy); }
+    if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) {
+        vec3 covered = vec3(specular.dielectric_weight * specular.film_cover.average);
+        average = mix(average, covered, specular.film.weight);
+    }
     return average;
 }
 
 // ---- seen from a direction --------------------------------------------------------------------------
+
+void prepare_film(inout Specular specular, ThinFilm film, float cosine) {
+    specular.film = film;
+    if (film.weight == 0.0) { return; }
+    vec2 ab = specular.albedo_terms;
+    float rough = specular.perceptual_roughness, roughness = square(rough);
+    if (specular.metallic > 0.0) {
+        specular.metal_film = mean_film_fresnel(film, specular.metal_f0, roughness, ab, cosine);
+    }
+    if (specular.metallic < 1.0) {
+        specular.dielectric_film = mean_film_fresnel(film, specular.dielectric_f0, roughness, ab, cosine);
+        specular.film_cover = prepare_film_cover(film, specular.dielectric_f0, roughness, rough);
+    }
+}
 
 // `share` of the dielectric is left to the base.
 Specular prepare_specular(BaseMaterial base, float share, vec3 wo) {
@@ -111,6 +141,7 @@ Specular prepare_specular(BaseMaterial base, float share, vec3 wo) {
             specular.multiscatter = 1.0 / albedo - 1.0;
         }
     }
+    if (SCENE_IRIDESCENCE) { prepare_film(specular, base.film, wo.z); }
     return specular;
 }
 
@@ -122,7 +153,24 @@ Specular no_specular() {
     specular.mirror = true;
     specular.multiscatter = specular.pdf_per_d = 0.0;
     specular.dielectric_weight = specular.dielectric_share = 1.0;
+    specular.film = NO_FILM;
     return specular;
+}
+
+// In one loop, since each copy of the code of films costs compilers time.
+void add_film(Specular specular, float LdotH, inout vec3 dielectric, inout vec3 metal) {
+    for (uint i = 0u; i < 2u; i++) {
+        bool is_metal = i == 1u;
+        if (specular.metallic == float(!is_metal)) { continue; }  // there is none
+        vec3 reflected = film_fresnel(specular.film, is_metal ? specular.metal_f0 : specular.dielectric_f0, LdotH);
+        vec3 mean = is_metal ? specular.metal_film : specular.dielectric_film;
+        reflected *= 1.0 + mean * specular.multiscatter;
+        if (is_metal) {
+            metal = mix(metal, reflected, specular.film.weight);
+        } else {
+            dielectric = mix(dielectric, reflected, specular.film.weight);
+        }
+    }
 }
 
 // Fresnel of metal and dielectric, mixed last, with multiple scattering.
@@ -130,6 +178,7 @@ vec3 specular_fresnel(Specular specular, float LdotH) {
     vec3 dielectric = fresnel(specular.dielectric_f0, LdotH)
         * (1.0 + specular.dielectric_f0 * specular.multiscatter);
     vec3 metal = fresnel(specular.metal_f0, LdotH) * (1.0 + specular.metal_f0 * specular.multiscatter);
+    if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) { add_film(specular, LdotH, dielectric, metal); }
     if (SCENE_LOBES) { dielectric *= specular.dielectric_weight * specular.dielectric_share; }
     return mix(dielectric, metal, specular.metallic);
 }

@@ -69,6 +69,7 @@ TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of trans
      _with(lambda m: m.clearcoat > 0)),
     ("reflectance", "colors and textures of a dielectric's reflections are left out",
      _with(lambda m: m.specular_texture or m.specular_color_texture or m.reflectance.std() > 0)),
+    ("iridescence", "left out", _with(lambda m: m.iridescence > 0)),
     ("diffuse transmission", "left out", _with(lambda m: m.diffuse_transmission > 0)),
     ("unlit", "left out: black there", _with(lambda m: m.unlit)),
     ("uvs", "all textures of a material take the uvs, and one way to wrap, of the first", _with(_moves_uvs_apart)),
@@ -94,6 +95,7 @@ DIFFERENCES = (
                "KHR_materials_sheen", _with(lambda m: m.sheen_color.max() > 0)),
     Difference("cycles", "anisotropy", "Blender makes another pair of roughnesses of an anisotropy",
                _with(lambda m: m.anisotropy > 0)),
+    Difference("cycles", "iridescence", "Blender's importer leaves it out", _with(lambda m: m.iridescence > 0)),
     Difference(
         "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
         "directions, which is reciprocal: at a roughness of 0.5 ours is 1 to 3 % brighter under steep light and 9 to "

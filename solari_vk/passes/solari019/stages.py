@@ -98,8 +98,8 @@ def demodulate(size: tuple[int, int], settings: Settings) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters, as the denoiser
     takes them.
 
-    Inputs: `gbuffer*`, `depth`, `di_diffuse`, `di_specular`, `gi_diffuse`, `specular_gi*`, `*_table`.
-    Outputs: `paths_diffuse`, `paths_specular`.
+    Inputs: `gbuffer*`, `depth`, `di_diffuse`, `di_specular`, `gi_diffuse`, `specular_gi*`, `*_table`,
+    `brdf_averages`. Outputs: `paths_diffuse`, `paths_specular`.
     """
     return Stage(
         "demodulate",

@@ -14,7 +14,7 @@ from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.specular_glossiness import FULL_REFLECTION
 from solari_vk.scene.gltf.values import Entry
-from solari_vk.scene.material import LARGEST_REFLECTANCE
+from solari_vk.scene.material import LARGEST_REFLECTANCE, LARGEST_THICKNESS
 
 LARGEST_DISTANCE = 1e9  # meters; also stands for a volume that absorbs nothing
 
@@ -58,6 +58,16 @@ def _diffuse_transmission(extension: Entry, material: Entry, report: Report) -> 
     return {
         "diffuse_transmission": extension.number("diffuseTransmissionFactor", 0.0, low=0, high=1),
         "diffuse_transmission_color": color,
+    }
+
+
+def _iridescence(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    keys = {"iridescenceThicknessMinimum": 100.0, "iridescenceThicknessMaximum": 400.0}
+    thickness = [extension.number(key, default, low=0) for key, default in keys.items()]
+    return {
+        "iridescence": extension.number("iridescenceFactor", 0.0, low=0, high=1),
+        "iridescence_ior": min(extension.number("iridescenceIor", 1.3, low=1), FULL_REFLECTION),
+        "iridescence_thickness": np.minimum(thickness, LARGEST_THICKNESS).astype(np.float32),
     }
 
 
@@ -117,7 +127,9 @@ EXTENSIONS = (
     Extension("KHR_materials_dispersion", "no", "all colors refract alike", neutral="dispersion"),
     Extension("KHR_materials_emissive_strength", "works", ""),
     Extension("KHR_materials_ior", "works", "", _reflections),
-    Extension("KHR_materials_iridescence", "no", "the material has no thin film", neutral="iridescenceFactor"),
+    Extension("KHR_materials_iridescence", "works", "also on glass; coats have none", _iridescence,
+              {"iridescence_texture": "iridescenceTexture",
+               "iridescence_thickness_texture": "iridescenceThicknessTexture"}),
     Extension("KHR_materials_sheen", "works", "", _sheen,
               {"sheen_color_texture": "sheenColorTexture", "sheen_roughness_texture": "sheenRoughnessTexture"}),
     Extension("KHR_materials_specular", "works", "", _reflections,

@@ -28,12 +28,16 @@ _OBJECT = re.compile(r"/(?:(materials|cameras)|extensions/KHR_lights_punctual/(l
 _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
+_THICKNESS: dict[str, tuple[float, ...]] = {
+    "iridescenceThicknessMinimum": (100.0,), "iridescenceThicknessMaximum": (400.0,),
+}
 _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "anisotropy": {"anisotropyStrength": _ZERO, "anisotropyRotation": _ZERO},
     "clearcoat": {"clearcoatFactor": _ZERO, "clearcoatRoughnessFactor": _ZERO, "clearcoatNormalTexture/scale": _UNIT},
     "diffuse_transmission": {"diffuseTransmissionFactor": _ZERO, "diffuseTransmissionColorFactor": _WHITE},
     "emissive_strength": {"emissiveStrength": _UNIT},
     "ior": {"ior": (1.5,)},
+    "iridescence": {"iridescenceFactor": _ZERO, "iridescenceIor": (1.3,)} | _THICKNESS,
     "sheen": {"sheenColorFactor": _BLACK, "sheenRoughnessFactor": _ZERO},
     "specular": {"specularFactor": _UNIT, "specularColorFactor": _WHITE},
     "transmission": {"transmissionFactor": _ZERO},
@@ -58,6 +62,7 @@ DEFAULTS: dict[str, dict[str, tuple[float, ...]]] = {
 """The properties that can be animated, with their values where a file has none."""
 _SHARED: list[dict[Path, tuple[float, ...]]] = [
     {("emissiveFactor",): _BLACK, ("extensions", "KHR_materials_emissive_strength", "emissiveStrength"): _UNIT},
+    {("extensions", "KHR_materials_iridescence", key): default for key, default in _THICKNESS.items()},
     {("color",): _WHITE, ("intensity",): _UNIT},
     {("spot", "innerConeAngle"): _ZERO, ("spot", "outerConeAngle"): (math.pi / 4,)},
 ]

@@ -23,6 +23,7 @@ PIXELS, EFFORT = 16, Effort(16, 0, 12, 1024)  # a ball and its margins are so ma
 # The other values with which a field has an effect. Glass is whole, so that no diffuse light hides its errors.
 GLASS = {"transmission": 1.0, "perceptual_roughness": 0.3}
 COAT = {"clearcoat": 1.0, "clearcoat_roughness": 0.4}  # a smooth one shows the sun in few pixels
+FILM = {"iridescence": 1.0, "iridescence_ior": 1.6, "reflectance": 1.0}
 NEEDED = {
     "alpha": {"alpha_mode": "blend"}, "alpha_mode": {"alpha": 0.6},
     "alpha_cutoff": {"alpha_mode": "mask", "alpha": 0.5},
@@ -39,6 +40,8 @@ NEEDED = {
     "clearcoat_texture": COAT, "anisotropy_texture": {"anisotropy": 1.0},
     "diffuse_transmission_texture": {"diffuse_transmission": 1.0},
     "diffuse_transmission_color_texture": {"diffuse_transmission": 0.7},
+    **dict.fromkeys(("iridescence_ior", "iridescence_texture", "iridescence_thickness"), FILM),
+    "iridescence_thickness_texture": FILM,
 }  # fmt: skip
 BUMPED = ("normal_scale", "clearcoat_normal_scale")
 VALUES = {
@@ -47,6 +50,8 @@ VALUES = {
     "double_sided": lambda random: random.random() < 0.5, "solid": lambda random: random.random() < 0.5,
     "emissive": lambda random: 2 * random.random(3), "ior": lambda random: random.uniform(1, 4),
     "normal_scale": lambda random: random.uniform(-1, 1), "reflectance": lambda random: 2 * random.random(3),
+    "iridescence_ior": lambda random: random.uniform(1, 2.5),
+    "iridescence_thickness": lambda random: random.uniform(0, 900, 2),
     "clearcoat_normal_scale": lambda random: random.uniform(-1, 1), "unlit": lambda random: random.random() < 0.5,
 }  # fmt: skip
 FIELDS = {field.name: field for field in fields(sv.Material) if field.name != "name"}
@@ -61,6 +66,7 @@ GROUPS = {
         "reflectance", "specular", "specular_texture", "specular_color_texture",
         *(name for name in FIELDS if name.startswith(("clearcoat", "sheen", "anisotropy"))),
     ],
+    "iridescence": [name for name in FIELDS if name.startswith("iridescence")],
     "glass": [name for name in FIELDS if name.startswith(("transmission", "solid", "attenuation", "diffuse"))],
 }  # fmt: skip
 RULES = {name: Rule(f"four balls of random {name} have the path tracer's light", SUITE, "Paths") for name in FIELDS}

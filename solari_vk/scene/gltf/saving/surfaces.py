@@ -25,6 +25,10 @@ FACTORS = {
         "diffuseTransmissionColorFactor": "diffuse_transmission_color",
     },
     "KHR_materials_ior": {"ior": "ior"},
+    "KHR_materials_iridescence": {
+        "iridescenceFactor": "iridescence", "iridescenceIor": "iridescence_ior",
+        "iridescenceThicknessMinimum": "iridescence_thickness", "iridescenceThicknessMaximum": "iridescence_thickness",
+    },
     "KHR_materials_sheen": {"sheenColorFactor": "sheen_color", "sheenRoughnessFactor": "sheen_roughness"},
     "KHR_materials_specular": {"specularFactor": "specular", "specularColorFactor": "reflectance"},
     "KHR_materials_transmission": {"transmissionFactor": "transmission"},
@@ -35,8 +39,10 @@ FACTORS = {
 }  # fmt: skip
 """By extension: the keys of its factors, and the fields of Material that they hold."""
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
-    "reflectance": lambda value: 4 * value.astype(np.float64) ** 2,
-    "solid": float,  # a thickness, which matters to rasterizers only
+    "specularColorFactor": lambda value: 4 * value.astype(np.float64) ** 2,
+    "iridescenceThicknessMinimum": lambda value: value[0],
+    "iridescenceThicknessMaximum": lambda value: value[1],
+    "thicknessFactor": float,  # a thickness, which matters to rasterizers only
     "ior": lambda value: 0.0 if value >= FULL_REFLECTION else value,
 }
 _OF_UNLIT = ("base_color", "base_color_texture", "alpha", "alpha_mode", "alpha_cutoff", "double_sided", "unlit", "name")
@@ -99,8 +105,8 @@ class Surfaces:
 
     @staticmethod
     def _factors(material: Material, keys: dict[str, str]) -> dict[str, Any]:
-        values = {key: (field, getattr(material, field)) for key, field in keys.items()}
-        return {key: plain(_CONVERTED.get(field, lambda value: value)(value)) for key, (field, value) in values.items()}
+        values = {key: getattr(material, field) for key, field in keys.items()}
+        return {key: plain(_CONVERTED.get(key, lambda value: value)(value)) for key, value in values.items()}
 
     # ---- textures -----------------------------------------------------------------------------------
 

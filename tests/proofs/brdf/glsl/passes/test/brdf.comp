@@ -1,4 +1,5 @@
-// The surface model for tests: samples, values at given directions, or the albedo, as MODE says. The albedo is
+// The surface model for tests: samples, values at given directions, the albedo, or its estimate by kinds of lobes, as
+// MODE says. The albedo is
 // integrated over each lobe, or, for surfaces with all kinds of lobes, over samples.
 #version 460
 #include "scene/textures.glsl"
@@ -8,7 +9,8 @@
 layout(local_size_x = 64) in;
 
 // As support/brdf_runs.py numbers them.
-const uint MODE_DRAW = 0u, MODE_EVALUATE = 1u, MODE_ALBEDO = 2u, MODE_SAMPLED_ALBEDO = 3u, RESULT_COUNT = 4u;
+const uint MODE_DRAW = 0u, MODE_EVALUATE = 1u, MODE_ALBEDO = 2u, MODE_SAMPLED_ALBEDO = 3u;
+const uint MODE_LOBE_ALBEDOS = 4u, RESULT_COUNT = 4u;
 
 layout(constant_id = MODE_id) const uint MODE = MODE_DRAW;
 
@@ -73,6 +75,12 @@ void main() {
     if (MODE == MODE_ALBEDO || MODE == MODE_SAMPLED_ALBEDO) {
         vec3 albedo = MODE == MODE_ALBEDO ? integrate_albedo(brdf, wo) : sampled_albedo(brdf, wo);
         results.at[i * RESULT_COUNT] = albedo;
+        return;
+    }
+    if (MODE == MODE_LOBE_ALBEDOS) {
+        LobeAlbedos albedos = lobe_albedos(resolve(material), wo.z);
+        results.at[i * RESULT_COUNT] = albedos.diffuse;
+        results.at[i * RESULT_COUNT + 1u] = albedos.specular;
         return;
     }
     uint rng = seed_rng(uvec2(i, 0u), 0u, 11u);
