@@ -27,16 +27,17 @@ from solari_vk.scene.model import Camera, Scene
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
 FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
+_SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
 
 
 def numbered_seed(seed: int, number: int) -> int:
     """The seed of one of many pictures with independent noise; picture 0 has `seed` itself."""
-    return (seed + number * 0x9E3779B9) % 2**32  # odd, so that all differ
+    return (seed + number * _SEED_STEP) % 2**32
 
 
 def numbered_seeds(seed: int, count: int) -> NDArray[np.uint32]:
     """`numbered_seed` of the pictures from 0 to count - 1."""
-    return (seed + np.arange(count, dtype=np.uint64) * 0x9E3779B9).astype(np.uint32)
+    return (seed + np.arange(count, dtype=np.uint64) * _SEED_STEP).astype(np.uint32)
 
 
 class PathTracer(PictureRenderer):

@@ -121,7 +121,8 @@ class RenderedFrame(Hints):
 
     def boxes(self) -> dict[Instance, tuple[int, int, int, int]]:
         """The smallest box around each instance's pixels: its left column, top row, width and height in pixels."""
-        return {self.instances[number]: box for number, box in boxes(self["instance_id"]).items()}
+        instances = self.instances
+        return {instances[number]: box for number, box in boxes(self["instance_id"]).items()}
 
     def pick(self, x: int, y: int) -> Instance | None:
         """The instance that a pixel shows at its center, None for the background.

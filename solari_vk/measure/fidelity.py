@@ -21,6 +21,7 @@ from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.files import read_json
 from solari_vk.output.tone_mapping import Colors, clip, encode_srgb
 from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Scene
 
 RENDERER = "solari-vk"
@@ -157,7 +158,7 @@ def show_unlit_colors(scene: Scene) -> None:
     """Show unlit colors as they are, for a camera with an exposure of 1."""
     for material in scene.materials:
         if material.unlit:
-            material.base_color = material.base_color / 1.2
+            material.base_color = material.base_color / UNLIT_RADIANCE
 
 
 # ---- from radiance to a picture ---------------------------------------------------------------------
