@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import weakref
 from collections.abc import Iterator, Sequence
 from typing import Any, Self
 
@@ -62,23 +61,26 @@ class Batch(SceneUser):
                 raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
         if not isinstance(outputs, (str, Sequence)):
             raise SolariError(f"Batch: outputs is a list of names, not {quoted(outputs)}")
-        names = tuple(dict.fromkeys([outputs] if isinstance(outputs, str) else outputs))
-        for name in names:
+        given = [outputs] if isinstance(outputs, str) else list(outputs)
+        for name in given:
             if name not in passes.OUTPUTS:
                 raise unknown_name("Batch: there is no output", name, passes.OUTPUTS)
+        names = tuple(dict.fromkeys(given))
+        if renderer == "labels" and not names:
+            raise SolariError(f"Batch: outputs names nothing: give some of {', '.join(passes.OUTPUTS)}")
         super().__init__(device, scene)
         try:
             self.views = whole_number(views, "Batch: views", 1)
-            self.size = _checked_size(device, size, self.views)
-            self._strip = self.size[0], self.size[1] * self.views
-            self._rows = pathtracer.max_rows(self._strip)
-            self._names = ("radiance", *names) if renderer == "reference" else names
             record = reflect(compile_shader(SHADER), SHADER).bindings["views"].element
             assert record is not None
             self._record: np.dtype[Any] = record
+            self.size = _checked_size(device, size, self.views, record.itemsize)
+            self._strip = self.size[0], self.size[1] * self.views
+            self._rows = pathtracer.max_rows(self._strip)
+            self._names = ("radiance", *names) if renderer == "reference" else names
             self._latest: NDArray[Any] | None = None  # the views of the latest frame
             self._closed = False
-            self._lent = 0  # tensors that somebody has
+            self._tensors = 0  # that somebody has
             self._buffer = device.buffer(self.views * record.itemsize, "views")
             self._owned.callback(self._buffer.destroy)
             self._orders = TriangleOrders(device, self.binder)
@@ -86,8 +88,11 @@ class Batch(SceneUser):
             self.binder.update()
             self._orders.update()
             self._capacity = self.binder.instance_capacity
-            external = {"views": self._buffer, **self._orders.buffers}
-            self._labels = self._owned.enter_context(SceneFrame(device, self.binder, self._stages(), external=external))
+            self._labels: SceneFrame | None = None
+            if names:
+                external = {"views": self._buffer, **self._orders.buffers}
+                frame = SceneFrame(device, self.binder, self._stages(), external=external)
+                self._labels = self._owned.enter_context(frame)
             self._paths: _ViewTracer | None = None
             if renderer == "reference":
                 self._paths = _ViewTracer(device, self.binder, self._strip, self._buffer, options)
@@ -123,22 +128,24 @@ class Batch(SceneUser):
         self._check_open()
         samples = self._checked_samples(samples)
         views = np.zeros(self.views, self._record)
-        now = np.zeros(self.views, self._record["now"])
+        current = np.zeros(self.views, self._record["current"])
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near}
-        lenses = view_table.write(now, cameras, self.size, options)
-        views["now"], views["seed"] = now, self._checked_seeds(seeds)
+        lenses = view_table.write(current, cameras, self.size, options)
+        views["current"], views["seed"] = current, self._checked_seeds(seeds)
         cut = np.broadcast_to(_checked_mask(reset, self.views), self.views)
-        views["before"] = now if self._latest is None else np.where(cut, now, self._latest)
+        views["previous"] = current if self._latest is None else np.where(cut, current, self._latest)
         if lenses and LENSES not in self.binder.features:
             self.binder.note(lenses[0])
-        self._find_labels(views)
-        self._latest = now
+        self._buffer.upload(views)
+        if self._labels is not None:
+            self._find_labels(self._labels)
+        self._latest = current
         if self._paths is not None:
             self._paths.trace(samples)
         return self
 
-    def _find_labels(self, views: NDArray[Any]) -> None:
-        frame, binder = self._labels, self.binder
+    def _find_labels(self, frame: SceneFrame) -> None:
+        binder = self.binder
         frame.apply_edits()
         if self._orders.update():
             frame.bind(self._orders.buffers)
@@ -148,7 +155,6 @@ class Batch(SceneUser):
                 previous = frame.resource("previous_instances").read()  # whose rows stay valid
                 frame.rebuild(self._stages())
                 frame.resource("previous_instances").upload(previous)
-        self._buffer.upload(views)
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
             frame.uniforms["path_sampling.first_row"] = row
@@ -176,8 +182,8 @@ class Batch(SceneUser):
 
         For software devices and others whose memory the host sees. Waits for the frame. The array, and what
         `torch.from_dlpack` and others make of it, shows later frames too: take it again after each `render`, which
-        waits. It keeps its memory when the batch is closed, until the device is. Raises SolariError where the host
-        doesn't see the memory.
+        waits. It keeps its memory when the batch and the device are closed. Raises SolariError where the host doesn't
+        see the memory.
         """
         frame, resource = self._place(name)
         buffer: Buffer = frame.resource(resource)
@@ -188,13 +194,13 @@ class Batch(SceneUser):
         assert element is not None
         self.device.sync_host()
         memory = buffer.view(element.base, self._strip[0] * self._strip[1] * math.prod(element.shape))
-        self._lent += 1
-        weakref.finalize(memory, self._take_back).atexit = False
+        self._tensors += 1
+        self.device.lend(memory, self._release_tensor)
         return self._shaped(name, memory)
 
-    def _take_back(self) -> None:
+    def _release_tensor(self) -> None:
         """A tensor, and all that was made of it, is gone."""
-        self._lent -= 1
+        self._tensors -= 1
         if self._closed:
             self.close()
 
@@ -208,6 +214,7 @@ class Batch(SceneUser):
         if name == "radiance":
             assert self._paths is not None
             return self._paths.frame, "radiance_mean"
+        assert self._labels is not None
         return self._labels, f"aov_{name}"
 
     def _shaped(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
@@ -224,7 +231,7 @@ class Batch(SceneUser):
     def close(self) -> None:
         """Free everything on the device, when no tensor needs it any more. Safe to call twice."""
         self._closed = True
-        if not self._lent:
+        if not self._tensors:
             super().close()
 
     def __repr__(self) -> str:
@@ -293,12 +300,13 @@ def _checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _checked_size(device: Device, size: Any, views: int) -> tuple[int, int]:
-    """The size of a view; raises SolariError if buffers don't hold so many views."""
+def _checked_size(device: Device, size: Any, views: int, record_bytes: int) -> tuple[int, int]:
+    """The size of a view; raises SolariError if buffers don't hold so many views, with a record for each."""
     width, height = _pair(size)
-    limit = device.properties.limits.maxStorageBufferRange // pathtracer.LARGEST_PIXEL_BYTES
-    if not (width > 0 and height > 0 and width * height * views <= limit):
-        most = limit // (width * height) if width > 0 and height > 0 else 0
+    limit = device.properties.limits.maxStorageBufferRange
+    pixels = width * height if width > 0 and height > 0 else 0
+    most = min(limit // (pathtracer.LARGEST_PIXEL_BYTES * pixels), limit // record_bytes) if pixels else 0
+    if views > most:
         hint = f"at most {most:,} views of this size: render them in parts" if most else "none of this size"
         raise SolariError(f"Batch: {views:,} views of {width}x{height} pixels: this device's buffers hold {hint}")
     return width, height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -177,6 +178,7 @@ def test_motion_is_that_of_cameras_and_instances(device, many_dispatches):
     scene = sv.builtin("cornell_box")
     first = [sv.Camera.look_at((1 + 0.1 * i, 1, -2.5), (1, 1, 0)) for i in range(3)]
     second = [sv.Camera.look_at((1 + 0.1 * i, 1.1, -2.4), (1, 0.9, 0), fov=50) for i in range(3)]
+    second[0] = sv.Camera.look_at((1, 1, -2.5), (1, 1, 0), principal_point=(0.6, 0.45))
     block = scene.instances["tall block"]
     with sv.Batch(device, scene, (24, 20), 3, outputs=sv.Batch.OUTPUTS) as batch:
         assert check_motion(batch.render(first), first, first) == 0
@@ -197,14 +199,18 @@ def test_motion_is_that_of_cameras_and_instances(device, many_dispatches):
         assert check_motion(batch.render(first, reset=True), first, first) == 0
 
 
-def test_motion_is_that_of_edited_meshes(device, many_dispatches):
+@pytest.mark.parametrize("proxy", [False, True])
+def test_motion_is_that_of_edited_meshes(device, many_dispatches, proxy):
     scene, camera = sv.builtin("cornell_box"), sv.Camera.look_at((1, 1, -2.5), (1, 1, 0))
     with sv.Batch(device, scene, (24, 20), 2, outputs=sv.Batch.OUTPUTS) as batch:
-        batch.render([camera, camera])
         block = scene.instances["tall block"]
+        if proxy:
+            block.ray_mesh = sv.Mesh(block.mesh.positions, block.mesh.triangles)
+        mesh = block.ray_mesh or block.mesh
+        batch.render([camera, camera])
         shift, place = np.eye(4), block.transform
         shift[:3, 3] = 0.1, -0.05, 0.02
-        block.mesh.positions = block.mesh.positions + shift[:3, 3]
+        mesh.positions = mesh.positions + shift[:3, 3]
         batch.render([camera, camera])
         move = place @ shift @ np.linalg.inv(place)
         assert check_motion(batch, [camera] * 2, [camera] * 2, (block, move)) > 0.01
@@ -231,7 +237,7 @@ def test_arrays_give_the_numbers_of_cameras(kind):
         else:
             camera.update(fov=float(fov[index]))
         camera.update(transform=poses[index])
-    element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["now"]
+    element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
     one_by_one, together = np.zeros((2, count), element)
     assert view_table.write(one_by_one, cameras, size, {}) == []
     view_table.write(together, poses, size, {kind: K if kind == "K" else fov})
@@ -295,9 +301,38 @@ def test_a_tensor_keeps_its_memory(device, scene):
     device.wait_idle()
     assert device.objects_in_use > before
     np.testing.assert_array_equal(shared, depth[1:])
+    held = [shared]
     del shared
+    dropper = threading.Thread(target=held.clear)
+    dropper.start()
+    dropper.join()
+    assert device.objects_in_use > before, "other threads leave the device alone"
     device.wait_idle()
     assert device.objects_in_use == before
+
+
+def test_pictures_without_labels(device, scene):
+    """The radiance is the same without the frame of first hits."""
+    cameras, pictures = box_cameras(2), []
+    for outputs in ((), ("depth",)):
+        with sv.Batch(device, scene, SIZE, 2, renderer="reference", outputs=outputs) as batch:
+            pictures.append(batch.render(cameras, samples=1)["radiance"])
+            assert list(batch) == ["radiance", *outputs]
+    np.testing.assert_array_equal(*pictures)
+
+
+def test_a_tensor_outlives_its_device(scene):
+    with sv.Device() as device, sv.Batch(device, scene, SIZE, 3) as batch:
+        depth = batch.render(box_cameras(3))["depth"]
+        tensors = [batch.tensor("depth") for _ in range(2)]
+    del tensors[0]
+    assert device.closed
+    np.testing.assert_array_equal(tensors[0], depth)
+    device.close()
+    batch.close()
+    assert device.live_objects > 0
+    tensors.clear()
+    assert device.live_objects == 0
 
 
 # ---- wrong input ------------------------------------------------------------------------------------
@@ -343,7 +378,8 @@ def test_wrong_input_is_named(three, arguments, said):
 
 
 def test_wrong_options_are_named(device, binder, three):
-    most = device.properties.limits.maxStorageBufferRange // 12 // (64 * 64)
+    limit = device.properties.limits.maxStorageBufferRange
+    most, records = limit // 12 // (64 * 64), limit // three._record.itemsize
     for options, said in (
         ({"renderer": "realtime"}, "renderer is one of labels, reference"),
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
@@ -351,6 +387,8 @@ def test_wrong_options_are_named(device, binder, three):
         ({"renderer": "reference", "seed": -1}, "seed must lie between"),
         ({"outputs": ["depht"]}, "did you mean 'depth'"), ({"outputs": 5}, "outputs is a list of names, not 5"),
         ({"views": 0}, "views is 0"), ({"views": most + 1}, f"at most {most:,} views of this size"),
+        ({"views": records + 1, "size": (2, 2)}, f"at most {records:,} views of this size"),
+        ({"outputs": []}, "outputs names nothing"), ({"outputs": [["depth"]]}, "there is no output"),
         ({"size": (64, 0)}, "hold none of this size"), ({"size": 64}, "two whole numbers"),
     ):  # fmt: skip
         with pytest.raises(sv.SolariError, match=said):

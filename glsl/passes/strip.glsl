@@ -10,7 +10,7 @@
 // outside of the strip. With a single view the strip is its picture.
 bool find_pixel(inout uvec2 pixel, out uint index) {
 #ifdef MANY_VIEWS
-    uvec2 size = views.at[0].now.size;
+    uvec2 size = views.at[0].current.size;
     if (!is_inside(pixel, uvec2(size.x, size.y * uint(views.at.length())))) { return false; }
     index = pixel_index(pixel, size);
     view_index = pixel.y / size.y;

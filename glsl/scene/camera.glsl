@@ -88,20 +88,23 @@ CameraRay through_lens(CameraRay ray, vec2 on_lens) {
 bool is_camera_static() {
     return previous_camera.world_from_view == camera.world_from_view
         && previous_camera.tan_half_fov == camera.tan_half_fov
+        && previous_camera.principal_shift == camera.principal_shift
         && previous_camera.parallel_range == camera.parallel_range && previous_camera.lens == camera.lens;
 }
 
-// The position of a world point in a camera's picture in uv, without jitter; far outside for points behind the camera.
+// The position of a world point in a camera's picture in uv, without the jitter of samples; far outside for points
+// behind the camera.
 vec2 project_to_uv(vec3 world_position, Camera from) {
     precise vec3 view = from.view_from_world * vec4(world_position, 1.0);
+    vec2 shift = from.principal_shift / vec2(from.size);
     if (has_lens(from)) {
         vec2 at;
         bool seen = find_lens_position(view * vec3(1.0, -1.0, -1.0), from.lens, at);
-        return seen ? 0.5 + 0.5 * at / from.tan_half_fov : vec2(-1000.0);
+        return seen ? 0.5 + 0.5 * at / from.tan_half_fov - shift : vec2(-1000.0);
     }
     if (!(view.z < 0.0)) { return vec2(-1000.0); }
     precise vec2 uv = 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
-    return uv;
+    return uv - shift;
 }
 
 #endif

@@ -31,21 +31,22 @@ struct Camera {
     uvec2 size;              // in pixels, of what is rendered
     uvec2 picture_size;      // in pixels, of the picture that is made of it
     vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
+    vec2 principal_shift;    // the part of it by which the principal point lies beside the middle
     Lens lens;
 };
 
 #ifdef MANY_VIEWS
 
 struct View {
-    Camera now;
-    Camera before;  // in the previous frame; the same as `now` after a cut
+    Camera current;
+    Camera previous;  // that of the previous frame; the same as `current` after a cut
     uint seed;
 };
 
 layout(set = 0, scalar) readonly buffer ViewsBlock { View at[]; } views;
 uint view_index;  // of the invocation's view; `main` sets it first
-#define camera views.at[view_index].now
-#define previous_camera views.at[view_index].before
+#define camera views.at[view_index].current
+#define previous_camera views.at[view_index].previous
 
 #else
 

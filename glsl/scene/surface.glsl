@@ -222,7 +222,10 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
         surface.material.coat.normal = coat_normal * frame;
         orient_anisotropy(surface.material.base, frame, tangents);
     }
-    if (surface.unlit) { make_unlit(surface.material); }
+    if (surface.unlit) {
+        make_unlit(surface.material);
+        if (!front_face && (material.flags & MATERIAL_DOUBLE_SIDED) == 0u) { surface.material.emissive = vec3(0.0); }
+    }
     return surface;
 }
 

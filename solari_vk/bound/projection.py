@@ -17,7 +17,7 @@ Numbers = tuple[float, ...]
 # Of struct Camera.
 FIELDS = (
     "world_from_view", "view_from_world", "tan_half_fov", "near", "parallel_range", "lens_radius", "focus_distance",
-    "size", "picture_size", "jitter", "lens",
+    "size", "picture_size", "jitter", "principal_shift", "lens",
 )  # fmt: skip
 PARALLEL_RANGE = 4096.0
 """How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
@@ -48,9 +48,11 @@ class Projection(NamedTuple):
     source: tuple[Any, ...]
     """What the projection was made from."""
     numbers: Numbers
-    """The fields of the shaders' struct Camera in its order, but for sizes, jitter and lens."""
+    """The fields of the shaders' struct Camera in its order, but for sizes, offsets and lens."""
     jitter: tuple[float, float]
-    """The camera's own, and the distance of the principal point from the middle, in pixels."""
+    """The camera's own, in pixels."""
+    principal_shift: tuple[float, float]
+    """From the principal point to the middle of the picture, in pixels."""
     lens: Numbers
     """The fields of the shaders' struct Lens."""
     exposure: float
@@ -58,7 +60,7 @@ class Projection(NamedTuple):
     @property
     def view(self) -> tuple[Any, ...]:
         """All that decides on what each pixel shows."""
-        return self.numbers, self.jitter, self.lens
+        return self.numbers, self.jitter, self.principal_shift, self.lens
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int], known: Projection | None = None) -> Projection:
@@ -81,8 +83,9 @@ class Projection(NamedTuple):
         q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
         height = camera.orthographic_height
         lens = lens_of(camera, size)
-        (jitter_x, jitter_y), (center_x, center_y) = camera.jitter.tolist(), camera.principal_point.tolist()
-        jitter = jitter_x + (0.5 - center_x) * size[0], jitter_y + (0.5 - center_y) * size[1]
+        jitter_x, jitter_y = camera.jitter.tolist()
+        center_x, center_y = camera.principal_point.tolist()
+        shift = (0.5 - center_x) * size[0], (0.5 - center_y) * size[1]
         numbers = (
             a, d, g, b, e, h, c, f, i, x, y, z,
             j, n, q, k, o, r, m, p, s,
@@ -90,7 +93,8 @@ class Projection(NamedTuple):
             *lens.half, camera.near, PARALLEL_RANGE * height, camera.aperture / 2,
             camera.focus_distance,
         )  # fmt: skip
-        return cls(source, numbers, jitter, (lens.kind, lens.limit, lens.reach, *lens.distortion), camera.exposure)
+        found = lens.kind, lens.limit, lens.reach, *lens.distortion
+        return cls(source, numbers, (jitter_x, jitter_y), shift, found, camera.exposure)
 
 
 class CameraUniforms:
@@ -121,9 +125,11 @@ class CameraUniforms:
     ) -> None:  # fmt: skip
         """As `write`, for a camera's projection over a picture of this size."""
         width, height = render_size or size
-        (x, y), (dx, dy) = projection.jitter, offset
-        jitter = x * (width / size[0]) + dx, y * (height / size[1]) + dy
-        numbers = (*projection.numbers, width, height, *size, *jitter, *projection.lens)
+        across, down = width / size[0], height / size[1]
+        shift = projection.principal_shift[0] * across, projection.principal_shift[1] * down
+        jitter = (projection.jitter[0] * across + offset[0] + shift[0],
+                  projection.jitter[1] * down + offset[1] + shift[1])  # fmt: skip
+        numbers = (*projection.numbers, width, height, *size, *jitter, *shift, *projection.lens)
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers

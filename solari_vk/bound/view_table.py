@@ -63,9 +63,9 @@ def _each(function: Callable[..., float], *arrays: Floats) -> Floats:
     return np.fromiter(map(function, *(array.tolist() for array in arrays)), np.float64, len(arrays[0]))
 
 
-def write_poses(records: NDArray[Any], poses: Floats, half: Floats, jitter: Floats, near: Floats) -> None:
-    """Write pinhole cameras (N,) with checked poses (N, 4, 4). half (N, 2): half the picture in focal lengths. jitter
-    (N, 2): the distance of the principal point from the middle in pixels."""
+def write_poses(records: NDArray[Any], poses: Floats, half: Floats, principal_shift: Floats, near: Floats) -> None:
+    """Write pinhole cameras (N,) with checked poses (N, 4, 4). half (N, 2): half the picture in focal lengths.
+    principal_shift (N, 2): from the principal point to the middle of the picture, in pixels."""
     axes = poses[:, :3, :3]
     axes = axes / np.stack([_each(math.hypot, *axes[:, :, column].T) for column in range(3)], -1)[:, None]
     ((a, b, c), (d, e, f), (g, h, i)), (x, y, z) = np.moveaxis(axes, 0, -1), poses[:, :3, 3].T
@@ -77,7 +77,8 @@ def write_poses(records: NDArray[Any], poses: Floats, half: Floats, jitter: Floa
     columns = (a, d, g, b, e, h, c, f, i, x, y, z), (j, n, q, k, o, r, m, p, s, *shift)
     for name, numbers in zip(("world_from_view", "view_from_world"), columns, strict=True):
         records[name] = np.stack(numbers, -1).reshape(-1, 4, 3)
-    records["tan_half_fov"], records["jitter"], records["near"] = half, jitter, near
+    records["tan_half_fov"], records["near"] = half, near
+    records["jitter"] = records["principal_shift"] = principal_shift
     records["focus_distance"] = DEFAULTS.focus_distance
     records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
 
@@ -88,12 +89,13 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
     memory = records.view(np.uint8).data
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
+        jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
         at = index * records.dtype.itemsize + begin
-        packed.pack_into(memory, at, *found.numbers, *size, *size, *found.jitter, *found.lens)
+        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *found.principal_shift, *found.lens)
 
 
 def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """`half` and `jitter` of `write_poses` from vertical fields of view (N,) in radians."""
+    """`half` and `shift` of `write_poses` from vertical fields of view (N,) in radians."""
     check_all((fov >= NARROWEST) & (fov <= WIDEST), "the vertical field of view",
               f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians")  # fmt: skip
     half_height = _each(math.tan, fov / 2)
@@ -102,7 +104,7 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
 
 
 def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """`half` and `jitter` of `write_poses` from OpenCV's matrices (N, 3, 3), as `Camera.from_opencv` reads them."""
+    """`half` and `shift` of `write_poses` from OpenCV's matrices (N, 3, 3), as `Camera.from_opencv` reads them."""
     fx, fy, cx, cy = K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]
     plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
     check_all(plain, "K", "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew")
@@ -150,13 +152,13 @@ def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: M
     check_poses(poses)
     if "K" in given:
         matrices = array(given["K"], "K", (count, 3, 3), (3, 3))
-        half, jitter = of_matrices(np.broadcast_to(matrices, (count, 3, 3)), size)
+        half, shift = of_matrices(np.broadcast_to(matrices, (count, 3, 3)), size)
     else:
         name, value = next(iter(given.items()), ("vertical_fov", DEFAULTS.vertical_fov))
         fov = np.broadcast_to(array(value, name, (count,), ()), count)
-        half, jitter = of_fov(fov * (math.pi / 180) if name == "fov" else fov, size)
+        half, shift = of_fov(fov * (math.pi / 180) if name == "fov" else fov, size)
     nears = np.broadcast_to(array(near, "near", (count,), ()), count)
     check_all((nears >= 1e-9) & (nears <= checks.LARGEST_COORDINATE), "near",
               f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m")  # fmt: skip
-    write_poses(records, poses, half, jitter, nears)
+    write_poses(records, poses, half, shift, nears)
     return []

@@ -10,7 +10,7 @@ from solari_vk.bound.projection import Projection
 from solari_vk.cli.jobs import FidelityJob, SceneOptions
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load
-from solari_vk.errors import DeviceError, SolariError, unknown_name
+from solari_vk.errors import SolariError, unknown_name
 from solari_vk.files import make_folder
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.device import Device
@@ -51,12 +51,10 @@ def run(job: FidelityJob) -> int:
                 continue
             try:
                 render(device, scenario, path, job, denoise)
-            except DeviceError:
-                raise
             except Stopped:
                 raise SolariError(f"{path}: interrupted before it was done, so it isn't written") from None
             except SolariError as error:
-                if len(found) == 1:
+                if len(found) == 1 or device.lost:
                     raise
                 missing.append(scenario.name)
                 print(f"solari-vk: {error}", file=sys.stderr)

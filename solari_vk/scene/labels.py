@@ -38,7 +38,7 @@ def find_labels(scene: Scene, classes: Classes) -> dict[Instance, str]:
         raise SolariError(f'{who}: give a class for each pattern of names, such as {{"Chair*": "chair"}}')
     found, unused = dict[Instance, str](), dict(given)
     for instance in scene.instances:
-        fitting = [pattern for pattern in given if fnmatchcase(instance.name, pattern)]
+        fitting = [pattern for pattern in given if pattern == instance.name or fnmatchcase(instance.name, pattern)]
         for pattern in fitting:
             unused.pop(pattern, None)
         if fitting:

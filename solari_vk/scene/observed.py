@@ -14,6 +14,9 @@ import numpy as np
 from solari_vk.errors import Hints, SolariError, shortened, unknown_name
 
 
+_UNSEEN = {"name", "label"}  # no picture depends on them
+
+
 class Watcher(Protocol):
     """Is notified of every object that has changed."""
 
@@ -108,7 +111,8 @@ class Checked(Observable):
             for name, value in before.items():
                 object.__setattr__(self, name, value)
             raise
-        self._notify(self)
+        if not fields.keys() <= _UNSEEN:
+            self._notify(self)
 
     @classmethod
     def _by_field(cls, given: dict[str, Any], current: Checked | None = None) -> dict[str, Any]:

@@ -9,7 +9,7 @@ layout(local_size_x = 64) in;
 
 void main() {
     uint row = gl_GlobalInvocationID.x;
-    bool is_last = path_sampling.first_row + path_sampling.row_count >= views.at[0].now.size.y * views.at.length();
+    bool is_last = path_sampling.first_row + path_sampling.row_count >= views.at[0].current.size.y * views.at.length();
     if (!is_last || row >= previous_instances.at.length()) { return; }
     previous_instances.at[row] = PreviousInstance(instances.at[row].world_from_object, instances.at[row].id);
 }

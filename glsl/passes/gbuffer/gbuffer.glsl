@@ -140,12 +140,16 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 // Whether joints or morph targets moved the vertices of a mesh since the previous frame.
 bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
 
-// Whether an instance was there in the previous frame and is where it was, in the same pose.
-bool is_static(uint instance_index) {
+// Whether an instance was there in the previous frame and is where it was, with a mesh of its in the same pose.
+bool is_static(uint instance_index, Mesh mesh) {
     PreviousInstance before = previous_instances.at[instance_index];
     Instance now = instances.at[instance_index];
-    return now.mesh != NO_INDEX && now.id == before.id && now.world_from_object == before.world_from_object
-        && !(SCENE_POSES && changes_pose(meshes.at[now.mesh]));
+    return now.id == before.id && now.world_from_object == before.world_from_object && !changes_pose(mesh);
+}
+
+bool is_static(uint instance_index) {
+    uint mesh = instances.at[instance_index].mesh;
+    return mesh != NO_INDEX && is_static(instance_index, meshes.at[mesh]);
 }
 
 // The point of a hit in object space. positions: those of the mesh, or its previous ones, from which the result is the
@@ -161,7 +165,9 @@ vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {
 // or is new.
 vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[hit.instance];
-    if (previous.id != instances.at[hit.instance].id || is_static(hit.instance)) { return world_position; }
+    if (previous.id != instances.at[hit.instance].id || is_static(hit.instance, mesh)) {
+        return world_position;
+    }
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
     precise vec3 position = previous.world_from_object * vec4(object_position, 1.0);
     return position;
@@ -179,7 +185,9 @@ vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
 // The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.
 vec2 reproject(uvec2 pixel) {
     vec2 motion = imageLoad(motion_vectors, ivec2(pixel)).xy;
-    return vec2(pixel) + 0.5 + camera.jitter + motion * vec2(camera.size) - previous_camera.jitter;
+    vec2 jitter = camera.jitter - camera.principal_shift;
+    vec2 previous_jitter = previous_camera.jitter - previous_camera.principal_shift;
+    return vec2(pixel) + 0.5 + jitter + motion * vec2(camera.size) - previous_jitter;
 }
 
 // Returns whether two surfaces are close enough to share samples.

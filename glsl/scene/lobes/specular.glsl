@@ -101,6 +101,8 @@ vec3 average_dielectric_albedo(Specular specular) {
 
 void prepare_film(inout Specular specular, ThinFilm film, float cosine) {
     specular.film = film;
+    specular.metal_film = specular.dielectric_film = vec3(0.0);
+    specular.film_cover = FilmCover(0.0, 0.0);
     if (film.weight == 0.0) { return; }
     vec2 ab = specular.albedo_terms;
     float rough = specular.perceptual_roughness, roughness = square(rough);

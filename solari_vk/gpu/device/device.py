@@ -89,12 +89,16 @@ class Device(WorkQueue):
     def close(self) -> None:
         """Wait for the device, destroy everything that is left, and close it. Safe to call twice.
 
-        A lost device is not waited for. Raises ValidationError if messages are left.
+        Memory that tensors of a `Batch` show stays until they are gone. A lost device is not waited for. Raises
+        ValidationError if messages are left.
         """
         if self.closed:
             return
+        self.collect()
         self.closed = True
-        self._finish()
+        self._end_if_unused()
+
+    def _end(self) -> None:
         self.memory.close()
         self._destroy_queue()
         self._destroy()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -30,6 +32,10 @@ class WorkQueue(LogicalDevice):
         self._shared: set[int] = set()
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._collecting = False
+        self._lent = 0
+        self._returned: deque[Callable[[], None]] = deque()  # by any thread
+        self._ending = threading.RLock()
+        self._ended = False
         self._before_next: list[Callable[[raw.CData], None]] = []
         self._with_next: dict[raw.CData, None] = {}
         self.callbacks = Callbacks()
@@ -98,7 +104,7 @@ class WorkQueue(LogicalDevice):
         self.submitted = value
         if self._with_next:
             self._with_next.clear()
-        if self._retired:
+        if self._retired or self._returned:
             self.collect()
         if self.messages:
             self.check_messages()
@@ -199,7 +205,7 @@ class WorkQueue(LogicalDevice):
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
                 pass
             self._completed = value
-        if self._retired:
+        if self._retired or self._returned:
             self.collect()
         if self.messages:
             self.check_messages()
@@ -246,6 +252,8 @@ class WorkQueue(LogicalDevice):
 
     def release(self, token: int) -> None:
         """Destroy an owned object once the work submitted so far is done. A second call has no effect."""
+        if self.closed:
+            return  # the end of the device destroys it
         self._shared.discard(token)
         destroy = self._owned.pop(token, None)
         if destroy is not None:
@@ -272,15 +280,45 @@ class WorkQueue(LogicalDevice):
 
     def collect(self) -> None:
         """Destroy the retired objects that the device no longer uses. Calls no callback."""
-        if not self._retired or self.lost or self._collecting:
+        if not (self._retired or self._returned) or self.lost or self._collecting:
             return
         completed = self.completed
         self._collecting = True  # objects retired during destruction join this loop, which avoids recursion
         try:
+            while self._returned:
+                self._lent -= 1
+                self._returned.popleft()()
             while self._retired and self._retired[0][0] <= completed:
                 self._retired.popleft()[1]()
         finally:
             self._collecting = False
+
+    def lend(self, memory: object, give_back: Callable[[], None]) -> None:
+        """Keep the device's memory until `memory`, a view of some of it, is gone, also if the device is closed before.
+
+        give_back: called then, by the thread that uses the device, unless the device was closed. Any thread may drop
+        the last reference.
+        """
+        self._lent += 1
+        weakref.finalize(memory, self._take_back, give_back).atexit = False
+
+    def _take_back(self, give_back: Callable[[], None]) -> None:
+        self._returned.append(give_back)
+        if self.closed and not self.forked:
+            self._end_if_unused()
+
+    def _end_if_unused(self) -> None:
+        """Destroy the closed device, if nobody sees its memory any more."""
+        with self._ending:
+            if self._ended or len(self._returned) < self._lent:
+                return
+            self._ended = True
+        self._finish()
+        self._end()
+
+    def _end(self) -> None:
+        """Destroy the device itself."""
+        raise NotImplementedError
 
     def _finish(self) -> None:
         """Wait for all work, for a lost device at most a second, and destroy everything that is left."""

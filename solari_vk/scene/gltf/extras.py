@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Container, Iterable
 from typing import Any
 
+from solari_vk.errors import quoted
 from solari_vk.scene.gltf.saving.content import plain
 from solari_vk.scene.gltf.values import Entry
 
@@ -20,10 +21,13 @@ def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
 
 
 def read_label(entry: Entry) -> str:
-    """The semantic class of a node's meshes: ours, or else the text `label` in the extras of files of others."""
+    """The semantic class of a node's meshes: ours, or else the text `label` in the extras of files of others. Raises
+    SolariError for one that isn't text."""
     extras = entry.data.get("extras")
-    found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, ("label",))}.get("label")
-    return found if isinstance(found, str) else ""
+    found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, ("label",))}.get("label", "")
+    if not isinstance(found, str):
+        raise entry.error(f"has extras whose label must be a text, not {quoted(found)}")
+    return found
 
 
 def write_own(item: Any, names: Container[str]) -> dict[str, Any]:

@@ -228,7 +228,9 @@ class _Loader:
         skin = None
         with self._report.costs("wrong skins are left out"):
             skin = skin_of(self._document, self._accessors, node, placed, self._report)
-        name, label = node.entry.name or mesh.name or mesh.place, read_label(node.entry)
+        name, label = node.entry.name or mesh.name or mesh.place, ""
+        with self._report.costs("wrong labels are left out"):
+            label = read_label(node.entry)
         pose = Pose(self._animations, node, mesh, skin, placed)
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
         with np.errstate(over="ignore", invalid="ignore"):

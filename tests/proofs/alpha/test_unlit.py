@@ -80,6 +80,8 @@ def check_mirror(device, render=traced):
     found = render(device, sv.Scene(card, glass, sv.Instance(quad(2.0), mirror))).mean(axis=(0, 1))
     assert (found > 0.9 * UNLIT_RADIANCE * COLOR).all()
     assert not render(device, sv.Scene(card, sv.Instance(quad(2.0), rough))).any()
+    card.material.double_sided = False
+    assert not render(device, sv.Scene(card, sv.Instance(quad(2.0), mirror))).any(), "its back is to the mirror"
 
 
 def split(device, scene):

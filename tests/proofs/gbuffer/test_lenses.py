@@ -66,11 +66,14 @@ def check_places(device, name):
 
 
 def check_motion(device, name):
-    """Motion vectors follow a camera that moves and turns, around a panorama the shorter way."""
+    """Motion vectors follow a camera that moves, turns and shifts its principal point, around a panorama the shorter
+    way."""
     scene, before = room(name), LENSES[name]()
     after = LENSES[name]()
     step, turn = np.array((0.05, 0.03, 0.08)), np.array((0.1, 0.05, 0))
     after.place(after.position + step, after.position - after.transform[:3, 2] + turn)
+    if name != "equirectangular":
+        after.principal_point = after.principal_point + (0.05, -0.03)
     with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
         renderer.render(before)
         frame = renderer.render(after)
