@@ -10,7 +10,7 @@
 struct ChangedLight {
     vec3 place;
     float power;   // by which the light changed, in lumens, roughly
-    float recent;  // 1 in the first frame of a change; falls to 0
+    float recency;  // 1 in the first frame of a change; falls to 0
 };
 layout(set = 1, scalar) uniform ChangedLightsBlock {
     uint count;
@@ -23,14 +23,14 @@ const float GLOBAL_OVER_DIRECT = 8.0;  // upper estimate of global over direct i
 
 // The share, from 0 to 1, of the irradiance at a position that may have changed: what the changed lights send there
 // without occlusion, so that the share is too large behind walls. Lights that changed less recently don't count.
-float light_change(vec3 world_position, float irradiance, float least_recent) {
+float light_change(vec3 world_position, float irradiance, float min_recency) {
     irradiance = max(irradiance, PI * MIN_VISIBLE / this_frame.exposure);
     float share = 0.0;
     for (uint i = 0u; i < changed_lights.count; i++) {
         ChangedLight light = changed_lights.at[i];
-        if (light.recent < least_recent) { continue; }
+        if (light.recency < min_recency) { continue; }
         vec3 offset = light.place - world_position;
-        share += light.recent
+        share += light.recency
             * min(GLOBAL_OVER_DIRECT * INVERSE_PI * light.power / (dot(offset, offset) * irradiance), 1.0);
     }
     return min(share, 1.0);

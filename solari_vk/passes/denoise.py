@@ -1,6 +1,6 @@
 """The denoiser; glsl/passes/denoise/.
 
-Light is demodulated and split in two lobes. `temporal` finds the mean of each lobe over earlier frames, along the
+Light is demodulated and split in two lobes. `reproject` finds the mean of each lobe over earlier frames, along the
 motion of surfaces and of reflections. `temporal_gradient` and `history_confidence` find where light changed, so that
 `accumulate`, which adds this frame's light, forgets what is no longer true. `variance` and `blur` average over pixels,
 as far as differences are explained by noise. What they give isn't fed back: histories stay unblurred, so that the mean
@@ -29,15 +29,15 @@ def history_stage(size: tuple[int, int]) -> Stage:
             **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
             "denoise_alternate": pixels,
         },
-        passes=[Pass("denoise/temporal", threads=size)],
+        passes=[Pass("denoise/reproject", threads=size)],
     )
 
 
 def stage(size: tuple[int, int]) -> Stage:
     """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off.
 
-    Filters work where the histories of the previous frame were, which only `denoise/temporal` reads. Other stages ask
-    glsl/passes/denoise/api.glsl for the result.
+    `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads.
+    Other stages ask glsl/passes/denoise/api.glsl for the result.
     Inputs: `paths_diffuse`, `paths_specular`, `guides_*_albedo`, and the history: `denoise_*`.
     Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
     """

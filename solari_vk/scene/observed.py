@@ -13,7 +13,6 @@ import numpy as np
 
 from solari_vk.errors import Hints, SolariError, shortened, unknown_name
 
-
 _UNSEEN = {"name", "label"}  # no picture depends on them
 
 

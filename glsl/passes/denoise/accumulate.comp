@@ -3,7 +3,7 @@
 #include "common/pixel.glsl"
 #include "passes/denoise/alternate_history.glsl"
 #include "passes/denoise/gradient_cell.glsl"
-#include "passes/denoise/sample.glsl"
+#include "passes/denoise/noisy_input.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -30,11 +30,11 @@ void main() {
     uint index = pixel_index(pixel, camera.size), kind = kind_of(denoise_guides.at[index]);
     vec2 confidence = denoise_neighborhoods.at[cell_at(pixel)].confidence;
     if (min(confidence.x, confidence.y) < 1.0) { shorten_alternate(index, min(confidence.x, confidence.y)); }
-    if (kind == NO_SURFACE) { return; }
+    if (kind == NOT_DENOISED) { return; }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
-    LobeHistory diffuse = add_sample(unpack_lobe_history(denoise_diffuse.at[index]), diffuse_sample(index),
+    LobeHistory diffuse = add_sample(unpack_lobe_history(denoise_diffuse.at[index]), noisy_diffuse(index),
         confidence.x);
-    vec4 specular_value = specular_sample(index, pixel, kind);
+    vec4 specular_value = noisy_specular(index, pixel, kind);
     LobeHistory specular = add_sample(unpack_lobe_history(denoise_specular.at[index]), specular_value, confidence.y);
     denoise_diffuse.at[index] = pack_lobe_history(diffuse, rng);
     denoise_specular.at[index] = pack_lobe_history(specular, rng);

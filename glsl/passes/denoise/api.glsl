@@ -2,18 +2,18 @@
 #ifndef PASSES_DENOISE_API_GLSL
 #define PASSES_DENOISE_API_GLSL
 
-#include "passes/denoise/at_sample.glsl"
+#include "passes/denoise/at_jitter.glsl"
 
 struct Denoised {
     vec3 diffuse;  // demodulated, as all light of the denoiser
     vec3 specular;
-    vec3 replaced_albedo;  // of primary surface replacement, by which the specular light is demodulated too; else 1
+    vec3 psr_albedo;  // of primary surface replacement, by which the specular light is demodulated too; else 1
     vec2 deviations;  // standard deviations of the noise that is left in both luminances
 };
 
 // Whether the denoiser works on a pixel: it is on, and there is a surface or a reflection.
 bool uses_denoiser(uint index) {
-    return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NO_SURFACE;
+    return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NOT_DENOISED;
 }
 
 // The number of frames that the mean of a lobe has: before this frame's light is added, or after it.
@@ -35,10 +35,10 @@ float standard_error(Denoised light, vec3 diffuse_albedo, vec3 specular_albedo) 
 // The light of a pixel that is denoised, after all passes of the denoiser.
 Denoised denoised(uvec2 pixel) {
     Signal diffuse, specular;
-    denoised_at_sample(ivec2(pixel), diffuse, specular);
+    denoised_at_jitter(ivec2(pixel), diffuse, specular);
     uint kind = kind_of(denoise_guides.at[pixel_index(pixel, camera.size)]);
-    vec2 deviations = max(vec2(diffuse.deviation, specular.deviation), 0.0);
-    return Denoised(diffuse.radiance, specular.radiance, replaced_albedo(ivec2(pixel), kind), deviations);
+    vec2 deviations = max(vec2(diffuse.standard_error, specular.standard_error), 0.0);
+    return Denoised(diffuse.radiance, specular.radiance, psr_albedo(ivec2(pixel), kind), deviations);
 }
 
 #endif

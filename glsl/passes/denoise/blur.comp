@@ -1,6 +1,6 @@
 // One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous
 // Wavelet Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are,
-// and by how well the uncertainty of their light explains its difference, so that the blur ends where histories are
+// and by how well the relative_error of their light explains its difference, so that the blur ends where histories are
 // long. Both pixels' uncertainties count, so that outliers are spread over their neighbors. In the diffuse lobe,
 // two pixels of a surface take the same share of each other's light, so that none is lost; in the specular lobe as far
 // as both are equally uncertain.
@@ -40,7 +40,7 @@ const FilterSum EMPTY_SUM = FilterSum(vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
 // sensitivity: derivative of the sum by the signal.
 void add(inout FilterSum sum, Signal signal, float weight, float sensitivity) {
-    float deviation = sensitivity * signal.deviation;
+    float deviation = sensitivity * signal.standard_error;
     sum.radiance += weight * signal.radiance;
     sum.accepted_weight += weight;
     sum.sensitivity += sensitivity;
@@ -58,7 +58,7 @@ vec2 luminances(uint means, Signals signals) {
 // Where all is black they may bring light.
 bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
-    vec2 deviations = vec2(signals.diffuse.deviation, signals.specular.deviation);
+    vec2 deviations = vec2(signals.diffuse.standard_error, signals.specular.standard_error);
     if (min(deviations.x, deviations.y) < 0.0) { return false; }
     vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, pixel).g, imageLoad(guides_specular_albedo, pixel).g);
     if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }
@@ -67,16 +67,17 @@ bool is_converged(ivec2 pixel, uint kind, Signals signals) {
 
 // A neighbor counts by how well noise explains its difference: by the square of `luminance_weight`. The rest of its
 // weight is the center's. A neighbor that is done takes no light, so that none is taken from it. Since a weight falls
-// when signals differ more, the sum responds less to the neighbor than the weight says, and more to the center. In the
-// first pass, weights hardly depend on the signals themselves.
+// when signals differ more, the sum responds less to the neighbor than the weight says, and more to the center: with
+// f = t / (t + d^2), the derivative of f^2 d by d is f^2 (4 f - 3), of which what is below 0 counts as 0. In the first
+// pass, weights hardly depend on the signals themselves.
 void add_neighbor(
     inout FilterSum sum, Signal center, Signal other, float difference, float weight, bool other_done
 ) {
-    float variance = center.deviation * center.deviation + other.deviation * other.deviation;
+    float variance = center.standard_error * center.standard_error + other.standard_error * other.standard_error;
     float tolerance = SIGMA_LUMINANCE * SIGMA_LUMINANCE * variance + EPSILON;
     float luminance_weight = other_done ? 0.0 : tolerance / (tolerance + difference * difference);
-    luminance_weight = center.deviation < 0.0 ? 1.0 : luminance_weight;
-    weight = other.deviation < 0.0 ? 0.0 : weight;
+    luminance_weight = center.standard_error < 0.0 ? 1.0 : luminance_weight;
+    weight = other.standard_error < 0.0 ? 0.0 : weight;
     sum.weight_sum += weight;
     weight *= luminance_weight * luminance_weight;
     add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * luminance_weight - 3.0, 0.0));
@@ -84,7 +85,7 @@ void add_neighbor(
 
 // The mean of the sum and the center.
 Signal mean(FilterSum sum, Signal center) {
-    if (center.deviation >= 0.0) {
+    if (center.standard_error >= 0.0) {
         sum.weight_sum += CENTER_WEIGHT;
         add(sum, center, sum.weight_sum - sum.accepted_weight, sum.weight_sum - sum.sensitivity);
     }
@@ -105,9 +106,9 @@ void main() {
     Guide guide = load_guide(pixel);
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
-    float max_min_alpha = state == EDGES_UNKNOWN ? MIN_ALPHA_NO_EDGES : MIN_ALPHA_UNCERTAIN;
-    float uncertainty = max(own.specular.deviation, 0.0) / max(values.y, 1e-9);
-    EdgeStopping edges = make_edge_stopping(guide, pixel, uncertainty, max_min_alpha);
+    float min_alpha_if_uncertain = state == REFLECTION_EDGES_UNKNOWN ? MIN_ALPHA_UNKNOWN_EDGES : MIN_ALPHA_UNCERTAIN;
+    float relative_error = max(own.specular.standard_error, 0.0) / max(values.y, 1e-9);
+    EdgeStopping edges = make_edge_stopping(guide, pixel, relative_error, min_alpha_if_uncertain);
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {

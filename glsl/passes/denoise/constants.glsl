@@ -9,10 +9,10 @@
 // sample of the pixel, and of where it shows the same reflection.
 const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_REFLECTION_PLANE_DISTANCE = 8.0;
 const float MIN_NORMAL_COSINE = 0.9;
-const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.material
+const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.roughness_or_albedo
 const float BACKGROUND_DEPTH = 1e6;
 const float MAX_TAP_WEIGHT_ERROR = 0.02;  // of the taps' sum from 1; more: some of them showed another surface
-const float MIN_REPLACED_ALBEDO = 0.02;  // that the light of reflections is divided by
+const float MIN_PSR_ALBEDO = 0.02;  // that the light of reflections is divided by
 
 // Reflections: Zhdan, "ReBLUR" (2021).
 // Perceptual roughness from which reflections move like their surface; and up to which like their virtual image.
@@ -33,9 +33,9 @@ const float FAST_WEIGHT = 0.2;  // weight of a frame in LobeHistory.fast_luminan
 const float FAST_VARIANCE = 0.111;
 const float MIN_GRADIENT_FRAMES = 3.0;  // shorter histories tell nothing
 const int MAX_RING = 2;  // cells from the center of the widest neighborhood
-// Standard deviations between which a temporal gradient becomes a change of light; and where all light may have
-// changed.
-const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_AFTER_CHANGE = vec2(0.5, 1.5);
+// Standard deviations between which a temporal gradient becomes a change of light; and where the lists of lights say
+// that all light may have changed.
+const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_IF_EXPECTED = vec2(0.5, 1.5);
 const float CHANGE_EXPONENT = 16.0;  // of the share of light that didn't change, for the confidence
 const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightest
 
@@ -56,11 +56,11 @@ const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples dif
 const float PLANE_TOLERANCE = 1.0;
 const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
-const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, over its squared roughness
-// The least alpha (squared roughness) that counts, for certain light and for uncertain light: it is better to blur
-// reflections of smooth surfaces than to show their noise, but little in pixels with a short history or a very long
-// one, whose deviation isn't compared with their neighbors' (EDGES_UNKNOWN).
-const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_NO_EDGES = 0.04;
+const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, over alpha
+// The least alpha (squared perceptual roughness) that counts, for certain light and for uncertain light: it is better
+// to blur reflections of smooth surfaces than to show their noise, but little in pixels with a short history or a
+// very long one, in which the edges of bright reflections aren't looked for (REFLECTION_EDGES_UNKNOWN).
+const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_UNKNOWN_EDGES = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 
 // ---- the blur: Dammertz et al. (HPG 2010) ------------------------------------------------------------

@@ -12,22 +12,22 @@
 
 struct Gradient {
     float difference_sum;  // luminance minus that of the history; noise of either sign cancels out
-    float squared_sum;     // of these differences
-    float max_sum;         // the larger of both luminances, by which A-SVGF normalizes gradients
+    float sum_of_squares;     // of these differences
+    float sum_of_max;         // the larger of both luminances, by which A-SVGF normalizes gradients
 };
 
 struct LobeGradient {
     Gradient current;     // of this frame
-    Gradient recent;      // of the fast history, LobeHistory.fast_luminance
-    float variance;       // of a frame's luminance, by the history
-    float luminance;      // of the history with this frame
+    Gradient fast;         // of the fast history, LobeHistory.fast_luminance
+    float variance_sum;   // of a frame's luminance, by the history
+    float luminance_sum;  // of the history with this frame
     float max_luminance;  // of a pixel of the cell
     float pixels;
 };
 
 struct PackedLobeGradient {
     float current_difference_sum;
-    float recent_difference_sum;
+    float fast_difference_sum;
     uvec4 others;
 };
 
@@ -37,11 +37,10 @@ struct GradientCell {
 };
 
 // What the cells around one tell of each lobe: the confidence in the history, which is the share of it that changes of
-// light leave valid (a power of 1 - lambda in A-SVGF), and the mean luminance without the brightest pixel, by which
-// variance.comp limits fireflies.
+// light leave valid (a power of 1 - lambda in A-SVGF), and the luminance by which variance.comp limits fireflies.
 struct CellNeighborhood {
     vec2 confidence;
-    vec2 luminance;
+    vec2 luminance_limit;
 };
 
 layout(set = 1, scalar) buffer DenoiseCellsBlock { GradientCell at[]; } denoise_cells;
@@ -55,10 +54,10 @@ const Gradient NO_GRADIENT = Gradient(0.0, 0.0, 0.0);
 const LobeGradient NO_PIXELS = LobeGradient(NO_GRADIENT, NO_GRADIENT, 0.0, 0.0, 0.0, 0.0);
 
 PackedLobeGradient pack_gradient(LobeGradient cell, inout uint rng) {
-    return PackedLobeGradient(cell.current.difference_sum, cell.recent.difference_sum, uvec4(
-        pack_two(cell.current.squared_sum, cell.current.max_sum, rng),
-        pack_two(cell.recent.squared_sum, cell.recent.max_sum, rng),
-        pack_two(cell.variance, cell.pixels, rng), pack_two(cell.luminance, cell.max_luminance, rng)
+    return PackedLobeGradient(cell.current.difference_sum, cell.fast.difference_sum, uvec4(
+        pack_two(cell.current.sum_of_squares, cell.current.sum_of_max, rng),
+        pack_two(cell.fast.sum_of_squares, cell.fast.sum_of_max, rng),
+        pack_two(cell.variance_sum, cell.pixels, rng), pack_two(cell.luminance_sum, cell.max_luminance, rng)
     ));
 }
 
@@ -69,7 +68,7 @@ LobeGradient unpack_gradient(PackedLobeGradient cell) {
         high[i] = unpack_positive(cell.others[i] >> 16u, 16u);
     }
     return LobeGradient(
-        Gradient(cell.current_difference_sum, low.x, high.x), Gradient(cell.recent_difference_sum, low.y, high.y),
+        Gradient(cell.current_difference_sum, low.x, high.x), Gradient(cell.fast_difference_sum, low.y, high.y),
         low.z, low.w, high.w, high.z
     );
 }

@@ -11,18 +11,18 @@
 #include "passes/guides/bindings.glsl"
 #include "scene/camera.glsl"
 
-const uint NO_SURFACE = 0u;        // nothing that has noise: no surface, or in mirrors of metal none but lights
-const uint PRIMARY_SURFACE = 1u;   // what the pixel shows itself
+const uint NOT_DENOISED = 0u;     // nothing that has noise: no surface, or in mirrors of metal none but lights
+const uint PRIMARY_SURFACE = 1u;  // what the pixel shows itself
 // Primary surface replacement: the guides are of the surface that a pixel shows in a mirror of metal or through clear
-// glass (the replaced surface).
-const uint REPLACED_SURFACE = 2u;
+// glass, in the place of its own.
+const uint PSR_SURFACE = 2u;
 
 struct Guide {
     uint kind;
-    float depth;    // meters along the view axis, to the virtual position of a replaced surface
+    float depth;    // meters along the view axis, of PSR_SURFACE to its virtual position
     vec3 position;  // relative to the camera
     vec3 normal;
-    float material;  // perceptual roughness; of a replaced surface the luminance of its albedo
+    float roughness_or_albedo;  // perceptual roughness; of PSR_SURFACE the luminance of its albedo
 };
 
 const float NORMAL_SCALE = 511.0, MATERIAL_SCALE = 63.0;
@@ -33,7 +33,7 @@ uvec2 pack_guide(Guide guide) {
     uint depth = floatBitsToUint(guide.depth) + 0x10u >> 5u;
     return uvec2(
         uint(normal.x | normal.y << 10 | normal.z << 20) | guide.kind << 30u,
-        depth << 6u | pack_unorm(guide.material, 6u)
+        depth << 6u | pack_unorm(guide.roughness_or_albedo, 6u)
     );
 }
 
@@ -81,25 +81,25 @@ vec3 guide_albedo(ivec2 pixel) {
 }
 
 // What the light of reflections is divided by, so that filters keep the texture of the surface seen in mirrors.
-vec3 replaced_albedo(ivec2 pixel, uint kind) {
-    return kind == REPLACED_SURFACE ? mix(vec3(MIN_REPLACED_ALBEDO), vec3(1.0), guide_albedo(pixel)) : vec3(1.0);
+vec3 psr_albedo(ivec2 pixel, uint kind) {
+    return kind == PSR_SURFACE ? mix(vec3(MIN_PSR_ALBEDO), vec3(1.0), guide_albedo(pixel)) : vec3(1.0);
 }
 
 // The guide of this frame, from the guide images.
 Guide make_guide(ivec2 pixel) {
     float depth_value = imageLoad(guides_depth, pixel).x;
     vec4 normal_roughness = imageLoad(guides_normal_roughness, pixel);
-    // Alpha, of passes/guides/write.comp: 1 where the guides are of the primary surface; where the replaced one has
+    // Alpha, of passes/guides/write.comp: 1 where the guides are of the primary surface; where the PSR surface has
     // noise.
     bool is_primary = imageLoad(guides_specular_albedo, pixel).a > 0.5;
     bool is_noisy = imageLoad(guides_diffuse_albedo, pixel).a > 0.5;
     Guide guide;
-    guide.kind = depth_value == 0.0 ? NO_SURFACE : is_primary ? PRIMARY_SURFACE : is_noisy ? REPLACED_SURFACE
-        : NO_SURFACE;
+    guide.kind = depth_value == 0.0 ? NOT_DENOISED : is_primary ? PRIMARY_SURFACE : is_noisy ? PSR_SURFACE
+        : NOT_DENOISED;
     guide.depth = depth_value > 0.0 ? camera.near / depth_value : BACKGROUND_DEPTH;
     guide.position = position_at(vec2(pixel) + 0.5, guide.depth, camera);
     guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));
-    guide.material = is_primary ? normal_roughness.w : luminance(guide_albedo(pixel));
+    guide.roughness_or_albedo = is_primary ? normal_roughness.w : luminance(guide_albedo(pixel));
     return guide;
 }
 

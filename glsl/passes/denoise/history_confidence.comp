@@ -12,15 +12,15 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void add_gradient(inout Gradient sum, Gradient other) {
     sum.difference_sum += other.difference_sum;
-    sum.squared_sum += other.squared_sum;
-    sum.max_sum += other.max_sum;
+    sum.sum_of_squares += other.sum_of_squares;
+    sum.sum_of_max += other.sum_of_max;
 }
 
 void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
     add_gradient(sum.current, other.current);
-    add_gradient(sum.recent, other.recent);
-    sum.variance += other.variance;
-    sum.luminance += other.luminance;
+    add_gradient(sum.fast, other.fast);
+    sum.variance_sum += other.variance_sum;
+    sum.luminance_sum += other.luminance_sum;
     sum.max_luminance = max(sum.max_luminance, other.max_luminance);
     sum.pixels += other.pixels;
 }
@@ -28,30 +28,30 @@ void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
 // The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. Squares count as variance too, since a history
 // may not know outliers.
 float confidence(Gradient sum, float variance, vec2 sigmas) {
-    float deviation = sqrt(max(sum.squared_sum, variance));
+    float deviation = sqrt(max(sum.sum_of_squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
-    float certainty = smoothstep(sigmas.x, sigmas.y, abs(sum.difference_sum) / deviation);
-    return pow(1.0 - certainty * min(abs(sum.difference_sum) / max(sum.max_sum, EPSILON), 1.0), CHANGE_EXPONENT);
+    float significance = smoothstep(sigmas.x, sigmas.y, abs(sum.difference_sum) / deviation);
+    return pow(1.0 - significance * min(abs(sum.difference_sum) / max(sum.sum_of_max, EPSILON), 1.0), CHANGE_EXPONENT);
 }
 
 float confidence(LobeGradient sum, vec2 sigmas) {
-    float recent = confidence(sum.recent, FAST_VARIANCE * sum.variance, sigmas);
-    return min(confidence(sum.current, sum.variance, sigmas), recent);
+    float fast = confidence(sum.fast, FAST_VARIANCE * sum.variance_sum, sigmas);
+    return min(confidence(sum.current, sum.variance_sum, sigmas), fast);
 }
 
 // The share of a cell's light that may have changed: by lights near it, however long ago, or by a change of all lights.
 float cell_light_change(LobeGradient cell, vec3 position) {
-    float irradiance = PI * cell.luminance / max(cell.pixels, 1.0);
+    float irradiance = PI * cell.luminance_sum / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
 }
 
-vec2 change_sigmas(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_AFTER_CHANGE, min(4.0 * change, 1.0)); }
+vec2 change_sigmas(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_IF_EXPECTED, min(4.0 * change, 1.0)); }
 
-// The mean without the brightest pixel, by which variance.comp limits fireflies. Few pixels tell nothing without it;
-// no pixel is brighter than their sum, so that none of them is limited there.
-float robust_luminance(LobeGradient sum) {
-    if (sum.pixels <= ROBUST_PIXELS) { return sum.luminance; }
-    return max(sum.luminance - sum.max_luminance, 0.0) / (sum.pixels - 1.0);
+// By which variance.comp limits fireflies: the mean without the brightest pixel. Of few pixels the sum, which no pixel
+// exceeds, so that none is limited.
+float firefly_limit_luminance(LobeGradient sum) {
+    if (sum.pixels <= ROBUST_PIXELS) { return sum.luminance_sum; }
+    return max(sum.luminance_sum - sum.max_luminance, 0.0) / (sum.pixels - 1.0);
 }
 
 void main() {
@@ -62,7 +62,7 @@ void main() {
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
     vec2 sigmas = change_sigmas(cell_light_change(unpack_gradient(own.diffuse), position));
     vec2 specular_sigmas = change_sigmas(cell_light_change(unpack_gradient(own.specular), position));
-    vec2 lobe_confidence = vec2(1.0), mean_luminance = vec2(0.0);
+    vec2 lobe_confidence = vec2(1.0), luminance_limit = vec2(0.0);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= MAX_RING; ring++) {
         for (int y = -ring; y <= ring; y++) {
@@ -78,7 +78,7 @@ void main() {
         lobe_confidence = min(
             lobe_confidence, vec2(confidence(diffuse, sigmas), confidence(specular, specular_sigmas))
         );
-        if (ring == 1) { mean_luminance = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
+        if (ring == 1) { luminance_limit = vec2(firefly_limit_luminance(diffuse), firefly_limit_luminance(specular)); }
     }
-    denoise_neighborhoods.at[pixel_index(cell, cells)] = CellNeighborhood(lobe_confidence, mean_luminance);
+    denoise_neighborhoods.at[pixel_index(cell, cells)] = CellNeighborhood(lobe_confidence, luminance_limit);
 }

@@ -11,7 +11,7 @@
 // A surface in the previous frame.
 struct PreviousSurface {
     vec2 pixel;     // in pixels without jitter; centers are at + 0.5
-    vec3 position;  // relative to the previous camera
+    vec3 position;  // relative to the previous camera; of PSR surfaces that of this frame, since depths are compared
     vec3 normal;
 };
 
@@ -38,7 +38,8 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 }
 
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
-    // of the replaced surface; of a primary surface its own, which is 0 where it is static
+    // Of the surface that the guides are of, for both lobes; guides_motion but for PSR surfaces. It is 0 where that is
+    // static.
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
     if (guide.kind != PRIMARY_SURFACE || !moved) {
@@ -59,7 +60,7 @@ bool is_consistent(Guide previous_guide, PreviousSurface previous, Guide guide, 
             < plane_distance * pixel_width(previous_guide.depth)
         : abs(previous_guide.depth - guide.depth) < MAX_DEPTH_DIFFERENCE * guide.depth;
     return near && dot(previous_guide.normal, previous.normal) > MIN_NORMAL_COSINE
-        && abs(previous_guide.material - guide.material) < MAX_MATERIAL_DIFFERENCE;
+        && abs(previous_guide.roughness_or_albedo - guide.roughness_or_albedo) < MAX_MATERIAL_DIFFERENCE;
 }
 
 Taps no_taps() {
@@ -77,7 +78,7 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
-    // Splines would cancel out what grows with the square of the distance, as this does.
+    // 1 - cosine is quadratic in the distance, so that Catmull-Rom's weights, some of them negative, would sum it to 0.
     taps.normal_divergence += abs(weight) * (1.0 - dot(normalize(previous_guide.normal), previous.normal));
 }
 

@@ -7,7 +7,7 @@
 
 struct Signal {
     vec3 radiance;
-    float deviation;  // standard deviation of the luminance; negative where the pixel has no sample
+    float standard_error;  // of the luminance; negative where the pixel has no sample
 };
 
 struct Signals {
@@ -17,10 +17,10 @@ struct Signals {
 };
 
 // The state of a pixel's signals in a buffer. What is done is left as it is by later passes, and is copied once, so
-// that it is in both buffers. EDGES_UNKNOWN: the history is too short, or so long (TEMPORAL_VARIANCE_FRAMES), that
-// variance.comp didn't compare the pixel's deviation with its neighbors', which would stop the blur at the edges of
-// bright reflections.
-const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, EDGES_UNKNOWN = 3u;
+// that it is in both buffers. REFLECTION_EDGES_UNKNOWN: the history is too short, or so long
+// (TEMPORAL_VARIANCE_FRAMES), that variance.comp didn't look for the edges of bright reflections, at which the blur is
+// to stop.
+const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, REFLECTION_EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
 
 // Eight bits a channel with the exponent of the largest. random: 30 bits, for random rounding.
@@ -39,15 +39,15 @@ vec3 unpack_color(uint bits) {
 }
 
 // random: 16 bits, for random rounding.
-uint pack_deviation(float deviation, uint random) {
-    return deviation < 0.0 ? NO_SAMPLE : floatBitsToUint(min(deviation, LARGEST_PACKED)) + random >> 16u;
+uint pack_standard_error(float standard_error, uint random) {
+    return standard_error < 0.0 ? NO_SAMPLE : floatBitsToUint(min(standard_error, LARGEST_PACKED)) + random >> 16u;
 }
 
-float unpack_deviation(uint bits) { return (bits & NO_SAMPLE) == NO_SAMPLE ? -1.0 : unpack_positive(bits, 15u); }
+float unpack_standard_error(uint bits) { return (bits & NO_SAMPLE) == NO_SAMPLE ? -1.0 : unpack_positive(bits, 15u); }
 
 uvec3 pack_signals(Signals signals, uvec3 random) {
-    uint diffuse = pack_deviation(signals.diffuse.deviation, random.z & 0xFFFFu);
-    uint specular = pack_deviation(signals.specular.deviation, random.z >> 16u);
+    uint diffuse = pack_standard_error(signals.diffuse.standard_error, random.z & 0xFFFFu);
+    uint specular = pack_standard_error(signals.specular.standard_error, random.z >> 16u);
     return uvec3(
         pack_color(signals.diffuse.radiance, random.x), pack_color(signals.specular.radiance, random.y),
         diffuse | specular << 15u | signals.state << 30u
@@ -60,8 +60,8 @@ uint state_of(uint last_word) { return last_word >> 30u; }
 
 Signals unpack_signals(uvec3 bits) {
     return Signals(
-        Signal(unpack_color(bits.x), unpack_deviation(bits.z)),
-        Signal(unpack_color(bits.y), unpack_deviation(bits.z >> 15u)), state_of(bits.z)
+        Signal(unpack_color(bits.x), unpack_standard_error(bits.z)),
+        Signal(unpack_color(bits.y), unpack_standard_error(bits.z >> 15u)), state_of(bits.z)
     );
 }
 

@@ -1,9 +1,9 @@
 // Sums for each cell of pixels how much this frame's light, and that of the latest frames, differ from the mean of all
-// earlier frames.
+// earlier frames. No path is retraced as in A-SVGF: the sums over pixels tell differences from noise.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/gradient_cell.glsl"
-#include "passes/denoise/sample.glsl"
+#include "passes/denoise/noisy_input.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -11,21 +11,21 @@ const uint PASS_SALT = 0x1F83D9ABu;
 
 void add_gradient(inout Gradient sum, float value, float mean) {
     sum.difference_sum += value - mean;
-    sum.squared_sum += square(value - mean);
-    sum.max_sum += max(value, mean);
+    sum.sum_of_squares += square(value - mean);
+    sum.sum_of_max += max(value, mean);
 }
 
 void add_pixel(inout LobeGradient cell, LobeHistory history, vec3 radiance) {
     if (!is_finite_color(radiance)) { return; }
     float value = luminance(radiance), mean = luminance(history.radiance);
     float updated_mean = mix(mean, value, 1.0 / (history.frames + 1.0));
-    cell.luminance += updated_mean;
+    cell.luminance_sum += updated_mean;
     cell.max_luminance = max(cell.max_luminance, updated_mean);
     cell.pixels += 1.0;
     if (history.frames < MIN_GRADIENT_FRAMES) { return; }
-    cell.variance += max(history.second_moment - mean * mean, 0.0);
+    cell.variance_sum += max(history.second_moment - mean * mean, 0.0);
     add_gradient(cell.current, value, mean);
-    add_gradient(cell.recent, mix(history.fast_luminance, value, FAST_WEIGHT), mean);
+    add_gradient(cell.fast, mix(history.fast_luminance, value, FAST_WEIGHT), mean);
 }
 
 void main() {
@@ -36,9 +36,9 @@ void main() {
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
             uint index = pixel_index(uvec2(x, y), camera.size), kind = kind_of(denoise_guides.at[index]);
-            if (kind == NO_SURFACE) { continue; }
-            add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
-            vec4 specular_value = specular_sample(index, ivec2(x, y), kind);
+            if (kind == NOT_DENOISED) { continue; }
+            add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), noisy_diffuse(index).rgb);
+            vec4 specular_value = noisy_specular(index, ivec2(x, y), kind);
             add_pixel(specular, unpack_lobe_history(denoise_specular.at[index]), specular_value.rgb);
         }
     }

@@ -12,16 +12,16 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0xBB67AE85u;
 
 struct Moments {
-    float weight;
-    float mean;
-    float second_moment;
+    float weight_sum;
+    float luminance_sum;
+    float squared_luminance_sum;
 };
 
 void add_moments(inout Moments sum, LobeHistory lobe, float weight) {
     if (lobe.frames == 0.0) { weight = 0.0; }
-    sum.weight += weight;
-    sum.mean += weight * luminance(lobe.radiance);
-    sum.second_moment += weight * lobe.second_moment;
+    sum.weight_sum += weight;
+    sum.luminance_sum += weight * luminance(lobe.radiance);
+    sum.squared_luminance_sum += weight * lobe.second_moment;
 }
 
 // The luminances of the reflections around a pixel.
@@ -41,21 +41,21 @@ void extend(inout Range range, LobeHistory lobe) {
 // Suppresses fireflies: in few frames, a pixel far brighter than its neighbors and its block of cells is limited,
 // unless these are black or no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The
 // history isn't limited, so that this light is in the picture when more frames confirm it.
-Signal estimate_signal(LobeHistory lobe, Moments sum, float block_luminance) {
+Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
-    float local_mean = sum.mean / sum.weight, value = luminance(lobe.radiance);
-    float neighbor_weight = sum.weight - CENTER_MOMENTS_WEIGHT;
-    float neighbor_mean = max(sum.mean - CENTER_MOMENTS_WEIGHT * value, 0.0)
+    float local_mean = sum.luminance_sum / sum.weight_sum, value = luminance(lobe.radiance);
+    float neighbor_weight = sum.weight_sum - CENTER_MOMENTS_WEIGHT;
+    float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(TEMPORAL_VARIANCE_FRAMES, float(denoise_settings.max_history));
-    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_BLOCK * lobe.frames * block_luminance);
+    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_BLOCK * lobe.frames * luminance_limit);
     if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
-        local_mean += CENTER_MOMENTS_WEIGHT * (limit - value) / sum.weight;
+        local_mean += CENTER_MOMENTS_WEIGHT * (limit - value) / sum.weight_sum;
         value = limit;
     }
-    float spatial_variance = max(sum.second_moment / sum.weight - local_mean * local_mean, 0.0);
+    float spatial_variance = max(sum.squared_luminance_sum / sum.weight_sum - local_mean * local_mean, 0.0);
     // the mean square of samples minus local_mean
     float temporal_variance = max(lobe.second_moment + local_mean * (local_mean - 2.0 * value), 0.0);
     float sample_variance = (SPATIAL_VARIANCE_FRAMES * spatial_variance + lobe.frames * temporal_variance)
@@ -68,7 +68,7 @@ void main() {
     if (denoise_settings.denoise == 0u || !is_inside(pixel, size)) { return; }
     uint index = pixel_index(pixel, camera.size);
     Guide guide = load_guide(pixel);
-    if (guide.kind == NO_SURFACE) {
+    if (guide.kind == NOT_DENOISED) {
         denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, DONE_IN_BOTH << 30u, 0u);
         return;
     }
@@ -80,9 +80,9 @@ void main() {
     bool reflection_edges_known = !has_long_history && own_specular.frames >= MIN_VARIANCE_FRAMES;
     EdgeStopping edges;
     if (!has_long_history) {
-        float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
+        float relative_error = inversesqrt(max(own_specular.frames, 1.0));
         edges = make_edge_stopping(
-            guide, pixel, uncertainty, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_NO_EDGES
+            guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_UNKNOWN_EDGES
         );
     }
     for (int i = has_long_history ? 4 : 0; i < (has_long_history ? 5 : 9); i++) {
@@ -97,17 +97,18 @@ void main() {
         if (weights.x > MIN_NEIGHBOR_WEIGHT && i != 4) { extend(range, other_specular); }
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
-    vec2 block_luminance = denoise_neighborhoods.at[cell_at(pixel)].luminance;
-    uint state = reflection_edges_known ? FILTERING : EDGES_UNKNOWN;
+    vec2 luminance_limit = denoise_neighborhoods.at[cell_at(pixel)].luminance_limit;
+    uint state = reflection_edges_known ? FILTERING : REFLECTION_EDGES_UNKNOWN;
     Signals signals = Signals(
-        estimate_signal(own_diffuse, diffuse, block_luminance.x),
-        estimate_signal(own_specular, specular, block_luminance.y), state
+        estimate_signal(own_diffuse, diffuse, luminance_limit.x),
+        estimate_signal(own_specular, specular, luminance_limit.y), state
     );
-    // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With a
-    // deviation no larger than the dark side's light, the blur doesn't spread the bright side's over it.
+    // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With an
+    // error no larger than the dark side's luminance, the blur takes the bright side's difference for one of light.
     if (reflection_edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
-        signals.specular.deviation = min(signals.specular.deviation, range.min_upper_bound);
+        signals.specular.standard_error = min(signals.specular.standard_error, range.min_upper_bound);
     }
-    vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
+    vec2 means = vec2(diffuse.luminance_sum, specular.luminance_sum)
+        / max(vec2(diffuse.weight_sum, specular.weight_sum), 1e-9);
     denoise_ping.at[index] = uvec4(pack_signals(signals, random.xyz), pack_two(means.x, means.y, random.w));
 }

@@ -26,7 +26,7 @@ void main() {
     error.at[index] = 0.0;
     if (uses_denoiser(index)) {
         Denoised light = denoised(pixel);
-        albedo.specular *= light.replaced_albedo;
+        albedo.specular *= light.psr_albedo;
         diffuse = light.diffuse * albedo.diffuse;
         specular = light.specular * albedo.specular;
         error.at[index] = standard_error(light, albedo.diffuse, albedo.specular);

@@ -6,7 +6,7 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 
-// The plane of a mirror. It reflects points by Householder's reflection, x - 2 n (n . (x - point)).
+// The plane of a surface. A mirror reflects points by Householder's reflection, x - 2 n (n . (x - point)).
 struct SurfacePlane {
     vec3 point;
     vec3 normal;
@@ -21,17 +21,17 @@ mat4x3 append_mirror(mat4x3 chain, SurfacePlane mirror) {
     return mat4x3(turn[0], turn[1], turn[2], mat3(chain) * moved + chain[3]);
 }
 
-// The plane in the previous frame of a mirror that belongs to an instance. Its normal moves by the cofactor matrix.
-SurfacePlane previous_plane(uint instance_index, SurfacePlane mirror) {
+// The plane of an instance's surface in the previous frame. Its normal moves by the cofactor matrix.
+SurfacePlane previous_plane(uint instance_index, SurfacePlane plane) {
     Instance instance = instances.at[instance_index];
     PreviousInstance previous = previous_instances.at[instance_index];
-    if (previous.id != instance.id || previous.world_from_object == instance.world_from_object) { return mirror; }
+    if (previous.id != instance.id || previous.world_from_object == instance.world_from_object) { return plane; }
     mat4x3 m = previous.world_from_object;
     mat3 turn = mat3(instance.world_from_object);
-    vec3 object_point = inverse(turn) * (mirror.point - instance.world_from_object[3]);
-    vec3 object_normal = mirror.normal * turn;
+    vec3 object_point = inverse(turn) * (plane.point - instance.world_from_object[3]);
+    vec3 object_normal = plane.normal * turn;
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
-    return SurfacePlane(m * vec4(object_point, 1.0), safe_normalize(cofactors * object_normal, mirror.normal));
+    return SurfacePlane(m * vec4(object_point, 1.0), safe_normalize(cofactors * object_normal, plane.normal));
 }
 
 // The position of a hit point in the previous frame.

@@ -25,7 +25,8 @@ def denoising(device, scene, light, lobe="diffuse", **settings):
     """A renderer whose paths found this light, a GLSL expression."""
     pixel = "ivec2 pixel = ivec2(index % camera.size.x, index / camera.size.x);" if lobe == "diffuse" else ""
     body, settings = GIVEN.format(pixel=pixel, light=light), {"denoise": True, "jitter": False, **settings}
-    with rendering(device, scene, "passes/denoise/sample.glsl", f"{lobe}_sample", body, PASSES, **settings) as renderer:
+    source = "passes/denoise/noisy_input.glsl"
+    with rendering(device, scene, source, f"noisy_{lobe}", body, PASSES, **settings) as renderer:
         yield renderer
 
 
@@ -172,7 +173,7 @@ def check_turns(device):
 
 # ---- each check holds, and can fail -----------------------------------------------------------------
 
-TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
+TEMPORAL, PAST, BLUR = "passes/denoise/reproject.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
 BUGS = {
     "even light": (check_even_light, Bug(
         BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_done);")),

@@ -73,7 +73,7 @@ def check_motion(device, name):
     step, turn = np.array((0.05, 0.03, 0.08)), np.array((0.1, 0.05, 0))
     after.place(after.position + step, after.position - after.transform[:3, 2] + turn)
     if name != "equirectangular":
-        after.principal_point = after.principal_point + (0.05, -0.03)
+        after.principal_point = np.add(after.principal_point, (0.05, -0.03))
     with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
         renderer.render(before)
         frame = renderer.render(after)

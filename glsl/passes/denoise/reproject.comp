@@ -1,4 +1,4 @@
-// Finds the history of each pixel's light. It is taken from the pixels around where the surface was, or for smooth
+// Reprojects the history of each pixel's light. It is taken from the pixels around where the surface was, or for smooth
 // surfaces where its reflection was, as far as they showed the same surface.
 // Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
 #version 460
@@ -44,7 +44,7 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     if (guide.kind != PRIMARY_SURFACE) { return surface_history; }
     vec3 view_direction = normalize(guide.position);
     vec3 previous_view_direction = normalize(previous.position);
-    float alpha = guide.material * guide.material;
+    float alpha = guide.roughness_or_albedo * guide.roughness_or_albedo;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
     float normal_divergence = surface_taps.normal_divergence / surface_taps.weight;
     surface_history.frames /= 1.0 + square(normal_divergence / (LOBE_NORMAL_TOLERANCE * max(alpha, MIN_LOBE_ALPHA)));
@@ -53,9 +53,10 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
 
     // Light moved by surface motion stays valid for angles within the lobe.
     surface_history.frames /= 1.0 + square(view_change / (VIEW_TOLERANCE * alpha + MIRROR_VIEW_TOLERANCE));
-    float share = 1.0 - smoothstep(VIRTUAL_MOTION_ROUGHNESS, SURFACE_MOTION_ROUGHNESS, guide.material);
+    float share = 1.0 - smoothstep(VIRTUAL_MOTION_ROUGHNESS, SURFACE_MOTION_ROUGHNESS, guide.roughness_or_albedo);
     if (share == 0.0 || surface_history.inverse_hit_distance == 0.0) { return surface_history; }
     float cosine = max(-dot(view_direction, guide.normal), 0.1), twice_curvature = 2.0 * curvature(pixel, guide);
+    // The mirror equation: where a curved mirror shows the virtual image.
     float inverse_distance = surface_history.inverse_hit_distance + twice_curvature / cosine;
     if (!(inverse_distance > 0.0)) { return surface_history; }
     vec3 virtual_offset = view_direction / inverse_distance;
@@ -72,20 +73,20 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
 
 // The light of a pixel whose surface doesn't move, from where it was kept.
 void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
-    if (guide.kind != NO_SURFACE && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
+    if (guide.kind != NOT_DENOISED && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
         denoise_specular.at[index] = previous_denoise_specular.at[index];
         return;
     }
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
     AlternateHistory alternate = denoise_alternate.at[index];
-    bool matches_alternate = guide.kind != NO_SURFACE
+    bool matches_alternate = guide.kind != NOT_DENOISED
         && is_consistent(
             unpack_guide(surface_of(alternate), pixel, camera), previous, guide, MAX_ALTERNATE_PLANE_DISTANCE
         );
     if (matches_alternate) { unpack_alternate(alternate, diffuse, specular); }
     uvec2 before = previous_denoise_guides.at[index];
-    if (kind_of(before) != NO_SURFACE) {
+    if (kind_of(before) != NOT_DENOISED) {
         LobeHistory diffuse_before = unpack_lobe_history(previous_denoise_diffuse.at[index]);
         LobeHistory specular_before = unpack_lobe_history(previous_denoise_specular.at[index]);
         denoise_alternate.at[index] = pack_alternate(before, diffuse_before, specular_before, rng);
@@ -101,8 +102,8 @@ void main() {
     if (!is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size);
     Guide guide = make_guide(pixel);
-    if (denoise_settings.denoise == 0u) { guide.kind = NO_SURFACE; }
-    bool has_surface = guide.kind != NO_SURFACE;
+    if (denoise_settings.denoise == 0u) { guide.kind = NOT_DENOISED; }
+    bool has_surface = guide.kind != NOT_DENOISED;
     denoise_guides.at[index] = has_surface ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
