@@ -79,7 +79,7 @@ def calm_down(viewer, modes):
 @pytest.mark.parametrize(
     ("frames", "modes"),
     [
-        (150, ["reference"]),
+        (60, ["reference"]),
         (10, ["split", "realtime"]),
         pytest.param(250, ["split", "realtime"], marks=pytest.mark.slow),
     ],

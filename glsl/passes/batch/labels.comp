@@ -36,19 +36,6 @@ void store_empty_geometry(uint index) {
     aov_geometric_normal.at[index] = vec3(0.0);
 }
 
-// As passes/gbuffer/pixel.glsl computes them.
-vec2 hit_motion_vector(Hit hit, Mesh mesh) {
-    vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
-    precise vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
-    return motion_vector(now, previous_world_position(hit, mesh, object_position, now));
-}
-
-vec2 empty_motion_vector(CameraRay ray) {
-    vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
-    vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    return is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
-}
-
 void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
     uint index;
@@ -61,7 +48,7 @@ void main() {
     if (hit.instance == NO_INDEX || !is_seen(vec2(pixel) + 0.5)) {
         if (has_materials) { store_empty_aovs(index); } else { store_empty_geometry(index); }
         aov_primitive.at[index] = NO_INDEX;
-        if (has_motion) { aov_motion_vectors.at[index] = empty_motion_vector(ray); }
+        if (has_motion) { aov_motion_vectors.at[index] = background_motion_vector(ray); }
         return;
     }
     Instance instance = instances.at[hit.instance];

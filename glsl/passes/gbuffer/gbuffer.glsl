@@ -182,6 +182,21 @@ vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
     return motion;
 }
 
+vec2 hit_motion_vector(Hit hit, Mesh mesh) {
+    vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
+    // Both positions are computed from the object-space position in the same way, also by compilers that fuse
+    // operations (`precise`), so that rounding gives no motion to parts of a posed mesh that stay.
+    precise vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
+    return motion_vector(now, previous_world_position(hit, mesh, object_position, now));
+}
+
+// The background is infinitely far, so only the camera's rotation moves it. In parallel projections it has one color.
+vec2 background_motion_vector(CameraRay ray) {
+    vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
+    vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
+    return is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
+}
+
 // The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.
 vec2 reproject(uvec2 pixel) {
     vec2 motion = imageLoad(motion_vectors, ivec2(pixel)).xy;

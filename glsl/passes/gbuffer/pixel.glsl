@@ -30,11 +30,6 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     SurfaceInteraction surface =
         resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     vec3 emissive = shown_emission(surface);
-    vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
-    // Both positions are computed from the object-space position in the same way, also by compilers that fuse
-    // operations (`precise`), so that rounding gives no motion to parts of a posed mesh that stay.
-    precise vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
-    vec3 before = previous_world_position(hit, mesh, object_position, now);
     // Passes reconstruct positions from depth along the pixel's ray, so the depth is that of the ray's intersection
     // with the triangle's plane. The point that was found may lie beside the ray, by rounding or because raster snaps
     // vertices; its own depth would move the reconstructed position off the plane.
@@ -51,16 +46,12 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
         lobes,
         uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
         camera.near / view_depth,
-        motion_vector(now, before)
+        hit_motion_vector(hit, mesh)
     );
 }
 
-// The background is infinitely far, so only the camera's rotation moves it. In parallel projections it has one color.
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
-    vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
-    vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    vec2 motion = is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
-    return GBufferPixel(uvec4(0u), NO_PACKED_LOBES, uvec2(0u, NO_INDEX), 0.0, motion);
+    return GBufferPixel(uvec4(0u), NO_PACKED_LOBES, uvec2(0u, NO_INDEX), 0.0, background_motion_vector(ray));
 }
 
 void store_pixel(ivec2 at, GBufferPixel pixel) {

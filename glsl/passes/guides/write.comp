@@ -39,7 +39,8 @@ bool is_clear_wall(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
     float reflected = dielectric_fresnel(material.glass.ior, cosine);
     if (SCENE_IRIDESCENCE && base.film.weight > 0.0) {
-        vec3 filmed = film_fresnel(base.film, reflectance_f0(base.reflectance), cosine);
+        float weight = SCENE_LAYERS ? base.specular_weight : 1.0;
+        vec3 filmed = weight * film_fresnel(base.film, reflectance_f0(base.reflectance), cosine);
         reflected = mix(reflected, max_component(filmed), base.film.weight);
     }
     float let_through = (1.0 - reflected) * max_component(base.color);

@@ -88,7 +88,7 @@ def split(device, scene):
     return rendered(device, scene, lighting="split", restir=False, world_cache=False, jitter=False)
 
 
-@pytest.mark.parametrize("render", [traced, rendered, pytest.param(split, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("render", [traced, *(pytest.param(way, marks=pytest.mark.slow) for way in (rendered, split))])
 def test_a_mirror(render, device):
     check_mirror(device, render)
 

@@ -1,5 +1,5 @@
-"""Iridescence: the reflectance of thin films against two oracles, energy, reciprocity, samples, albedos, packing and
-textures; realtime frames of films against the path tracer."""
+"""Iridescence: the reflectance of thin films against two oracles, energy, reciprocity, samples, albedos and
+textures. test_material_fields.py compares realtime frames, and so the packing of films, with the path tracer."""
 
 from __future__ import annotations
 

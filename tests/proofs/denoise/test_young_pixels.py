@@ -65,6 +65,7 @@ def test_settled_pixels_take_one_path(device):
     assert young < 0.5
 
 
+@pytest.mark.slow
 def test_rays_are_counted_for_all_paths(device):
     counts = []
     for samples in (1, 2):

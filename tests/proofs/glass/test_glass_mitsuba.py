@@ -64,7 +64,9 @@ def check_block(picture, name, *bugs):
     assert_equal(compare(made.mean, made.variance, mean, variance), BAR, name)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", ["solid", *(pytest.param(name, marks=pytest.mark.slow) for name in CASES if name != "solid")]
+)
 def test_a_block_is_mitsubas(picture, name):
     check_block(picture, name)
 

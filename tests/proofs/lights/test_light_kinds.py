@@ -130,6 +130,7 @@ def test_the_path_tracer_renders_two_new_kinds(device, scene, strategy):
     assert_lit(trace(device, scene, 64, SIZE, max_bounces=1, light_strategy=strategy, lambert=True))
 
 
+@pytest.mark.slow
 def test_restir_di_renders_two_new_kinds(device, scene):
     with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
         frames = [direct_light(renderer.render(scene.camera)) for _ in range(32)]

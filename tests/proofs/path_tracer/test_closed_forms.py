@@ -37,8 +37,9 @@ GLOSSY = (0.35, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("case", [
-    GLOSSY, (*GLOSSY, "fresnel_product"), (0.6, 0.5, (0.2, 0.6, 1.0)),
-    *(pytest.param(case, marks=pytest.mark.slow) for case in ((*GLOSSY, "sum"), (0.35, 1.0, 0.5), (1.0, 0.0, 0.5)))
+    GLOSSY, *(pytest.param(case, marks=pytest.mark.slow) for case in (
+        (*GLOSSY, "fresnel_product"), (0.6, 0.5, (0.2, 0.6, 1.0)), (*GLOSSY, "sum"), (0.35, 1.0, 0.5), (1.0, 0.0, 0.5)
+    ))
 ], ids=str)  # fmt: skip
 def test_lamp_over_our_materials(device, case):
     """Compares a single bounce off a glossy floor with quadrature of the NumPy BRDF."""

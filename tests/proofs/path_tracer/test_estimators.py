@@ -93,6 +93,7 @@ def test_samples_of_a_seed_are_more_even_than_independent_ones(device):
     assert ratio < 0.7
 
 
+@pytest.mark.slow
 def test_merged_lamps_are_as_good_as_separate_ones(device):
     """Lamps in one mesh give the same light with the same error: clusters of its triangles are chosen as lamps are."""
     places = itertools.product((-1.8, -0.6, 0.6, 1.8), (0.4,), (-1, 0.3, 1.6))

@@ -17,7 +17,7 @@ from support.statistics import assert_equal, compare
 @pytest.mark.parametrize(
     ("samples", "bar"), [(512, 0.008), pytest.param(6144, 0.003, marks=pytest.mark.slow)], ids=["quick", "exact"]
 )
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param("lambert", marks=pytest.mark.slow), "glossy"])
 def test_cornell_box_is_mitsubas(picture, name, samples, bar):
     """Each 16x16 tile differs by no more than statistical error; the mean's 95 % interval is within the bar."""
     scene, lambert = CASES[name]()
