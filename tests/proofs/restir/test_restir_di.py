@@ -210,7 +210,7 @@ def test_many_lights(device):
     scene = many_lights()
     truth = trace_centers(device, scene, 4096)
     tiles_as_shipped = {"light_tile_count": 128, "light_tile_samples": 1024}
-    observations = observe(device, scene, 400, di_candidates=32, **tiles_as_shipped, **LITTLE_REUSE)
+    observations = observe(device, scene, 900, di_candidates=32, **tiles_as_shipped, **LITTLE_REUSE)
     assert_within(observations, truth, 0.01)
 
 
