@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import os
 import re
 import shutil
@@ -313,7 +314,7 @@ def judge(request, tmp_path):
         finally:
             process.close()
 
-    render.file = file
+    render.file, render.name = file, request.param
     return render
 
 
@@ -360,6 +361,30 @@ def test_lights_have_our_units(judge, light, illuminance):
     scene.add(light)
     seen = judge(scene, sv.Camera.look_at((0, 1, 1), (0, 0, 0), vertical_fov=0.02), samples=16).mean(axis=(0, 1))
     assert seen == pytest.approx(0.5 * illuminance / np.pi * light.color, rel=0.01)
+
+
+def test_lamps_with_one_side_shine_on_the_front(judge):
+    """A panel of radiance 1, seen from above, where it shines, and from below, in no other light."""
+    writer = GltfWriter()
+    quad(writer, [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], (0, 0, 0), emissiveFactor=[1, 1, 1])
+    scene = sv.load(writer.save(judge.file))
+    for height in (1, -1):
+        seen = judge(scene, sv.Camera.look_at((0, height, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2))
+        assert seen == pytest.approx(max(height, 0), rel=1e-3)
+
+
+def test_dielectrics_reflect_by_fresnel_or_schlick(judge):
+    """A smooth black floor in uniform light at 55 degrees, where both differ most: see differences.py."""
+    expected = {"cycles": 0.0697, "mitsuba": 0.0697, "luxcore": 0.0535}
+    writer = GltfWriter()
+    base = {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0, "roughnessFactor": 0}
+    black = writer.add("materials", pbrMetallicRoughness=base)
+    corners, uvs = [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]], [[0, 1], [1, 1], [1, 0], [0, 0]]
+    writer.node(mesh=writer.mesh({"POSITION": corners, "TEXCOORD_0": uvs}, [0, 1, 2, 0, 2, 3], material=black))
+    scene = sv.load(writer.save(judge.file))
+    scene.environment = sv.Environment(1.0)
+    camera = sv.Camera.look_at((0, math.cos(math.radians(55)), math.sin(math.radians(55))), (0, 0, 0), vertical_fov=0.02)
+    assert judge(scene, camera, 64).mean() == pytest.approx(expected[judge.name], rel=0.02)
 
 
 def test_mitsuba_takes_every_kind_of_material(judge):
