@@ -103,8 +103,8 @@ DIFFERENCES = (
         "13 % darker under light 5 to 10 degrees above the surface",
         _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture))),
     *(Difference(
-        judge, "Fresnel", "a dielectric reflects by Fresnel's equations; ours by Schlick's approximation, as in glTF: 7 "
-        "% less of uniform light at an index of 1.5, a quarter less at 55 degrees, 6 % more at 85",
+        judge, "Fresnel", "a dielectric reflects by Fresnel's equations; ours by Schlick's approximation, as in glTF: "
+        "7 % less of uniform light at an index of 1.5, a quarter less at 55 degrees, 6 % more at 85",
         _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture)))
       for judge in ("cycles", "mitsuba")),
     Difference("cycles", "specular", "Blender's importer makes the weight of reflections one at normal incidence: rims "

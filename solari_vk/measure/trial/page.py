@@ -103,7 +103,7 @@ class Page:
             times = [found.results[renderer].reached if renderer in found.results else None for renderer in present]
             known = [distance.relative_mse for distance in apart if distance is not None]
             ours = apart[0]
-            nearest += ours is not None and ours.relative_mse == min(known)
+            nearest += ours is not None and len(known) > 1 and ours.relative_mse == min(known)
             rows.append([name, *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
                          "" if ours is None else _cells(ours)[2],
                          *("" if time is None else f"{time.processor_seconds:.2f}" for time in times)])  # fmt: skip
