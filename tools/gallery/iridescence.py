@@ -1,7 +1,7 @@
 """Iridescence: thin films, whose colors are those of light that interferes with itself.
 
 From the left: a soap bubble, whose film is 150 nm thick at the top and 750 nm at the bottom, oil on black paint, and
-anodized metal whose oxide grows from the left to the right.
+anodized metal, whose oxide is thinner at the top.
 """
 
 from __future__ import annotations
@@ -11,24 +11,22 @@ from pathlib import Path
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, matte, place
+from solari_vk.scene.lights.environment import directions
 
 
 def scene(assets: Path | None) -> sv.Scene:
-    """Three balls under large soft lamps."""
-    made = sv.Scene(sv.Camera.look_at((0, 1.5, 4.4), (0, 0.62, 0), vertical_fov=0.65))
-    made.add(shapes.quad((0, 0, 0), (0, 0, 6), (6, 0, 0)), matte(0.1), name="floor")
-    made.add(shapes.quad((0, 3, -4), (6, 0, 0), (0, 3, 0)), matte(0.06), name="wall")
+    """Three balls before darkness, in bright light from above and behind the camera."""
+    made = sv.Scene(sv.Camera.look_at((0, 0, 5), (0, 0, 0), vertical_fov=0.62))
+    x, y, z = np.moveaxis(directions(32, 64), -1, 0)
+    light = 0.008 + 6 * np.maximum(0.8 * z + 0.5 * y - 0.15 * x, 0) ** 2
+    made.add(sv.Environment(np.stack([light, light, light], axis=-1)))
     downwards = np.linspace(0, 255, 256).astype(np.uint8)[:, None, None].repeat(3, axis=2)
-    bubble = {"transmission": 1.0, "base_color": 1.0, "ior": 1.0, "iridescence_ior": 1.33,
-              "iridescence_thickness": (150, 750), "iridescence_thickness_texture": downwards}  # fmt: skip
-    oil = {"base_color": 0.01, "iridescence_ior": 1.45, "iridescence_thickness": (0, 420)}
-    metal = {"base_color": (0.6, 0.58, 0.55), "metallic": 1.0, "roughness": 0.15, "iridescence_ior": 2.2,
-             "iridescence_thickness": (40, 260), "iridescence_thickness_texture": downwards.transpose(1, 0, 2)}  # fmt: skip
-    ball = shapes.sphere(0.6, 96)
-    for x, fields in ((-1.4, bubble), (0.0, oil), (1.4, metal)):
-        made.add(ball, sv.Material(**{"roughness": 0.0, **fields}, iridescence=1.0), place(at=(x, 0.62, 0)))
-    for at, half, radiance in (((-3.5, 3.0, 1.5), 1.4, 5.0), ((3.5, 3.0, 2.0), 1.4, 5.0), ((0, 4.5, -1.0), 1.5, 4.0)):
-        made.add(shapes.facing_quad(at, half, (0, 0.6, 0)), lamp(radiance), name="lamp")
+    films = {"iridescence": 1.0, "iridescence_thickness_texture": downwards}
+    bubble = {"transmission": 1.0, "base_color": 1.0, "ior": 1.0, "roughness": 0.0}
+    oil = {"base_color": 0.01, "roughness": 0.05}
+    metal = {"base_color": (0.2, 0.2, 0.2), "metallic": 1.0, "roughness": 0.2}
+    ball = sv.shapes.sphere(0.62, 96)
+    for at, fields, ior, thickness in ((-1.4, bubble, 1.33, (150, 750)), (0.0, oil, 1.8, (150, 600)),
+                                       (1.4, metal, 2.2, (40, 300))):  # fmt: skip
+        made.add(ball, sv.Material(**fields, **films, iridescence_ior=ior, iridescence_thickness=thickness), (at, 0, 0))
     return made

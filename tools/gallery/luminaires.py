@@ -14,11 +14,11 @@ import solari_vk as sv
 
 
 def scene(assets: Path | None) -> sv.Scene:
-    """Three luminaires at a ceiling, 30 cm before a wall."""
-    clay = sv.Material(base_color=(0.7, 0.68, 0.64), specular=0)
-    made = sv.Scene(sv.Camera.look_at((0, 1.6, 4.6), (0, 1.3, 0), vertical_fov=0.65))
+    """Three luminaires, 40 cm before a wall."""
+    clay = sv.Material(base_color=(0.5, 0.5, 0.5), specular=0)
+    made = sv.Scene(sv.Camera.look_at((0, 1.6, 4.6), (0, 1.3, 0), vertical_fov=0.62, ev100=2.5))
     made.add(sv.shapes.quad((0, 0, 2), (0, 0, 3), (4, 0, 0)), clay, name="floor")
-    made.add(sv.shapes.quad((0, 1.4, -1), (4, 0, 0), (0, 1.4, 0)), clay, name="wall")
+    made.add(sv.shapes.quad((0, 1.5, -1), (4, 0, 0), (0, 1.5, 0)), clay, name="wall")
     vertical, around = np.arange(0, 91, 2.5), np.arange(0, 361, 10)
 
     def beam(center: float, width: float, candelas: float) -> np.ndarray:
@@ -31,7 +31,7 @@ def scene(assets: Path | None) -> sv.Scene:
         sv.LightProfile(vertical, [0], [beam(48, 14, 170) + beam(0, 30, 40)]),
         sv.LightProfile(vertical, around, leaning),
     )
-    for x, profile, kelvin in zip((-1.4, 0, 1.4), profiles, (2700, 4000, 3000), strict=True):
-        made.add(sv.PointLight((x, 2.5, -0.7), ies=profile, direction=(0, -1, 0), horizontal=(0, 0, -1), kelvin=kelvin))
+    for x, profile, kelvin in zip((-1.4, 0, 1.4), profiles, (3500, 5500, 4000), strict=True):
+        made.add(sv.PointLight((x, 2.6, -0.6), ies=profile, direction=(0, -1, 0), horizontal=(0, 0, -1), kelvin=kelvin))
     made.add(sv.shapes.sphere(0.3), clay, (0.7, 0.3, -0.4))
     return made

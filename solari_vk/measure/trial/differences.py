@@ -56,10 +56,6 @@ def _is_spot(light: Any) -> bool:
     return isinstance(light, SpotLight)
 
 
-def _is_animated(scene: Scene) -> bool:
-    return any(instance.posed for instance in scene)
-
-
 TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of translation.py
     ("attenuation", "left out: the solid is clear there",
      _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
@@ -147,8 +143,6 @@ DIFFERENCES = (
     Difference("all", "back sides", "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
                "others see it through blended and cut out ones",
                _with(lambda m: m.alpha_mode != "opaque" and not m.double_sided)),
-    Difference("all", "poses", "skins and morph targets are in the pose of the file, which importers may see "
-               "differently", _is_animated),
 )  # fmt: skip
 
 
