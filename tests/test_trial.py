@@ -26,7 +26,7 @@ from solari_vk.cli.trial import TrialJob, _subjects
 from solari_vk.errors import SolariError
 from solari_vk.measure.trial import compare as trial_compare
 from solari_vk.measure.trial import process, subject, translation
-from solari_vk.measure.trial.compare import Comparison, Result, distance
+from solari_vk.measure.trial.compare import Comparison, Goal, Result, distance
 from solari_vk.measure.trial.differences import DIFFERENCES, that_apply
 from solari_vk.measure.trial.page import Page, error_map
 from solari_vk.measure.trial.process import KINDS, OURS, Kind, Process, Render
@@ -100,7 +100,7 @@ def fakes(tmp_path, monkeypatch):
             (tmp_path / f"{kind}.py").write_text(text)
         scene = sv.load(floor(tmp_path / "floor.glb"))
         given = [Subject("floor", tmp_path / "floor.glb", scene, scene.camera), ("bad", SolariError("bad.glb: no"))]
-        run(iter(given), ("cycles", "mitsuba"), Plan(**({"samples": 256, "error": None, "limit": 20.0} | plan)),
+        run(iter(given), ("cycles", "mitsuba"), Plan(**({"samples": 256, "goals": (), "limit": 20.0} | plan)),
             Conditions(SIZE), pythons_of((), sys.executable), tmp_path / "page", tmp_path / "page.md",
             tmp_path / "child.py")  # fmt: skip
         return json.loads((tmp_path / "page/trial.json").read_text())
@@ -113,7 +113,7 @@ def fakes(tmp_path, monkeypatch):
 
 @pytest.mark.filterwarnings("ignore:.*twice as wide")
 def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
-    found = fakes(error=0.01)["scenes"]["floor"]
+    found = fakes(goals=[Goal(0.01)])["scenes"]["floor"]
     pairs = {tuple(row["pair"]): row for row in found["distances"]}
     assert list(pairs) == [(OURS, "cycles"), (OURS, "mitsuba"), ("cycles", "mitsuba")]
     for (first, second), a, b in zip(pairs, (1.0, 1.0, 1.1), (1.1, 0.9, 0.9), strict=True):
@@ -155,7 +155,7 @@ def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
     ],
 )
 def test_failures_of_a_renderer_are_lines_of_the_page(fakes, tmp_path, loading, rendering, limit, said):
-    found = fakes(loading, rendering, limit=limit, error=0.01 if "<" in rendering else None)["scenes"]["floor"]
+    found = fakes(loading, rendering, limit=limit, goals=[Goal(0.01)] if "<" in rendering else ())["scenes"]["floor"]
     assert found["failures"]["cycles"].startswith(said)
     assert f"Cycles: {html.escape(said)}" in (tmp_path / "page/index.html").read_text()
     assert found["renderers"].keys() == {OURS, "mitsuba"} | ({"cycles"} if "<" in rendering else set())
@@ -181,7 +181,7 @@ def test_wrong_options_are_errors(tmp_path):
         with pytest.raises(SolariError, match=said):
             pythons_of((text,), "b")
     with pytest.raises(SolariError, match="there is no renderer 'arnold'"):
-        run(iter(()), ("arnold",), Plan(1, None, 1), Conditions(SIZE), {}, tmp_path)
+        run(iter(()), ("arnold",), Plan(1, (), 1), Conditions(SIZE), {}, tmp_path)
     for name in ("builtin:cornell_box", "9" * 5000):
         with pytest.raises(SolariError, match=f"^{name[:3]}.*: there is no such file"):
             TrialJob(files=(Path(name),), output=tmp_path).check()
@@ -446,7 +446,7 @@ def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device):
         pytest.skip("no other renderer is installed")
     file = diffuse_box(tmp_path / "box.glb")
     scene = sv.load(file)
-    run(iter([Subject("box", file, scene, scene.cameras[0])]), judges, Plan(512, None, 600), Conditions((96, 96)),
+    run(iter([Subject("box", file, scene, scene.cameras[0])]), judges, Plan(512, (), 600), Conditions((96, 96)),
         pythons_of((), PYTHON), tmp_path / "page")  # fmt: skip
     found = json.loads((tmp_path / "page/trial.json").read_text())["scenes"]["box"]
     assert not found["failures"]

@@ -79,7 +79,7 @@ class Page:
         """The cells below RENDERERS and below DISTANCES of a scene."""
         renderers = []
         for renderer, result in found.results.items():
-            facts, reached = result.facts(), result.reached
+            facts, reached = result.facts(), result.time
             spent = [f"{facts[key]:.2f}" for key in ("loading", "seconds", "processor_seconds")]
             time = "" if reached is None else (f"{reached.seconds:.2f} s, {reached.processor_seconds:.2f} s of "
                                                f"processors, {reached.samples} samples")  # fmt: skip
@@ -100,7 +100,7 @@ class Page:
         for name, found, _ in self._scenes:
             far = {frozenset(pair): distance for pair, distance in found.distances.items()}
             apart = [far.get(frozenset((renderer, first))) for renderer in (OURS, *others)]
-            times = [found.results[renderer].reached if renderer in found.results else None for renderer in present]
+            times = [found.results[renderer].time if renderer in found.results else None for renderer in present]
             known = [distance.relative_mse for distance in apart if distance is not None]
             ours = apart[0]
             nearest += ours is not None and len(known) > 1 and ours.relative_mse == min(known)

@@ -38,7 +38,8 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
     _set_up(scene, job)
     file = folder / "cycles.exr"
 
-    def render(samples: int, seed: int) -> Any:
+    def render(samples: int, seed: int, denoise: bool = False) -> Any:
+        scene.cycles.use_denoising = denoise
         scene.cycles.samples, scene.cycles.seed, scene.render.filepath = samples, seed, str(file)
         bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(str(file))
