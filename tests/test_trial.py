@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import os
 import re
+import runpy
 import shutil
 import sys
 from pathlib import Path
+from unittest.mock import MagicMock
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -22,12 +26,15 @@ from solari_vk.cli.trial import TrialJob, _subjects
 from solari_vk.errors import SolariError
 from solari_vk.measure.trial import compare as trial_compare
 from solari_vk.measure.trial import process, subject, translation
-from solari_vk.measure.trial.compare import Comparison, Result, distance
+from solari_vk.measure.trial.compare import Comparison, Goal, Result, distance
 from solari_vk.measure.trial.differences import DIFFERENCES, that_apply
 from solari_vk.measure.trial.page import Page, error_map
 from solari_vk.measure.trial.process import KINDS, OURS, Kind, Process, Render
 from solari_vk.measure.trial.run import Plan, pythons_of, run
 from solari_vk.measure.trial.subject import Conditions, Subject
+from solari_vk.scene.animation.clip import Animation
+from solari_vk.scene.animation.keyframes import Channel
+from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.lights.environment import directions
 from solari_vk.scene.matrices import rotation
 
@@ -93,7 +100,7 @@ def fakes(tmp_path, monkeypatch):
             (tmp_path / f"{kind}.py").write_text(text)
         scene = sv.load(floor(tmp_path / "floor.glb"))
         given = [Subject("floor", tmp_path / "floor.glb", scene, scene.camera), ("bad", SolariError("bad.glb: no"))]
-        run(iter(given), ("cycles", "mitsuba"), Plan(**({"samples": 256, "error": None, "limit": 20.0} | plan)),
+        run(iter(given), ("cycles", "mitsuba"), Plan(**({"samples": 256, "goals": (), "limit": 20.0} | plan)),
             Conditions(SIZE), pythons_of((), sys.executable), tmp_path / "page", tmp_path / "page.md",
             tmp_path / "child.py")  # fmt: skip
         return json.loads((tmp_path / "page/trial.json").read_text())
@@ -106,7 +113,7 @@ def fakes(tmp_path, monkeypatch):
 
 @pytest.mark.filterwarnings("ignore:.*twice as wide")
 def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
-    found = fakes(error=0.01)["scenes"]["floor"]
+    found = fakes(goals=[Goal(0.01)])["scenes"]["floor"]
     pairs = {tuple(row["pair"]): row for row in found["distances"]}
     assert list(pairs) == [(OURS, "cycles"), (OURS, "mitsuba"), ("cycles", "mitsuba")]
     for (first, second), a, b in zip(pairs, (1.0, 1.0, 1.1), (1.1, 0.9, 0.9), strict=True):
@@ -127,6 +134,11 @@ def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
     assert written.mean() == pytest.approx(1.1, rel=5e-3)
     lines = (tmp_path / "page.md").read_text().splitlines()
     assert any(line.startswith("| floor | solari_vk / Cycles | ") for line in lines)
+    assert "In 1 of 2 scenes solari_vk is the nearest to Cycles. Distances are relMSE." in " ".join(lines)
+    [row] = [line[:-2].split(" | ")[1:] for line in lines if line.startswith("| floor | 0") and "±" in line]
+    apart = [pairs[pair]["relative_mse"] for pair in ((OURS, "cycles"), ("cycles", "mitsuba"))]
+    assert [float(cell) for cell in row[:2]] == pytest.approx(apart, rel=0.1)
+    assert [float(cell) >= 0 for cell in row[3:]] == [True] * 3  # the seconds to equal error
     assert max(map(len, lines)) <= 160
 
 
@@ -143,7 +155,7 @@ def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
     ],
 )
 def test_failures_of_a_renderer_are_lines_of_the_page(fakes, tmp_path, loading, rendering, limit, said):
-    found = fakes(loading, rendering, limit=limit, error=0.01 if "<" in rendering else None)["scenes"]["floor"]
+    found = fakes(loading, rendering, limit=limit, goals=[Goal(0.01)] if "<" in rendering else ())["scenes"]["floor"]
     assert found["failures"]["cycles"].startswith(said)
     assert f"Cycles: {html.escape(said)}" in (tmp_path / "page/index.html").read_text()
     assert found["renderers"].keys() == {OURS, "mitsuba"} | ({"cycles"} if "<" in rendering else set())
@@ -169,7 +181,7 @@ def test_wrong_options_are_errors(tmp_path):
         with pytest.raises(SolariError, match=said):
             pythons_of((text,), "b")
     with pytest.raises(SolariError, match="there is no renderer 'arnold'"):
-        run(iter(()), ("arnold",), Plan(1, None, 1), Conditions(SIZE), {}, tmp_path)
+        run(iter(()), ("arnold",), Plan(1, (), 1), Conditions(SIZE), {}, tmp_path)
     for name in ("builtin:cornell_box", "9" * 5000):
         with pytest.raises(SolariError, match=f"^{name[:3]}.*: there is no such file"):
             TrialJob(files=(Path(name),), output=tmp_path).check()
@@ -288,6 +300,30 @@ def test_differences_name_those_that_apply():
     assert all(difference.judge in {*KINDS, "all"} for difference in DIFFERENCES)
 
 
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_cycles_is_given_files_without_clips(tmp_path, monkeypatch, suffix):
+    """Of which Blender would show the first frame of the first one."""
+    for name in ("bpy", "mathutils"):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    still = runpy.run_path(str(process.CHILD.with_name("in_cycles.py")))["still"]
+    scene = sv.Scene(sv.Instance(sv.shapes.box(), name="box"))
+    rig = Rig([-1], [np.eye(4)], [[0, 0, 0]], [[0, 0, 0, 1]], [[1, 1, 1]])
+    (tmp_path / "a b").mkdir()
+    path = tmp_path / "a b" / f"scene.{suffix}"
+    scene.save(path)
+    assert still(path, tmp_path) == path
+    rig.attach(scene.instances[0], 0)
+    scene.animations.add(Animation(rig, [Channel(0, "translation", [0, 1], [[0, 0, 0], [0, 2, 0]])], name="lift"))
+    scene.save(path)
+    made = still(path, tmp_path)
+    if suffix == "glb":
+        assert (len(sv.load(path).animations), len(sv.load(made).animations)) == (1, 0)
+    else:
+        content = json.loads(made.read_text())
+        assert "animations" not in content
+        assert Path(unquote(content["buffers"][0]["uri"])) == path.with_suffix(".bin").resolve()
+
+
 def test_the_guide_has_all_differences():
     guide = (Path(__file__).parents[1] / "docs/guides/trial.md").read_text()
     rows = {tuple(cell.strip() for cell in line.strip("|").split("|")) for line in guide.splitlines() if "|" in line}
@@ -313,7 +349,7 @@ def judge(request, tmp_path):
         finally:
             process.close()
 
-    render.file = file
+    render.file, render.name = file, request.param
     return render
 
 
@@ -362,6 +398,29 @@ def test_lights_have_our_units(judge, light, illuminance):
     assert seen == pytest.approx(0.5 * illuminance / np.pi * light.color, rel=0.01)
 
 
+def test_lamps_with_one_side_shine_on_the_front(judge):
+    """A panel of radiance 1, seen from above, where it shines, and from below, in no other light."""
+    writer = GltfWriter()
+    quad(writer, [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], (0, 0, 0), emissiveFactor=[1, 1, 1])
+    scene = sv.load(writer.save(judge.file))
+    for height in (1, -1):
+        seen = judge(scene, sv.Camera.look_at((0, height, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2))
+        assert seen == pytest.approx(max(height, 0), rel=1e-3)
+
+
+def test_dielectrics_reflect_by_fresnel_or_schlick(judge):
+    """A smooth black floor in uniform light at 55 degrees, where both differ most: see differences.py."""
+    writer, angle = GltfWriter(), math.radians(55)
+    base = {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0, "roughnessFactor": 0}
+    black = writer.add("materials", pbrMetallicRoughness=base)
+    corners, uvs = [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]], [[0, 1], [1, 1], [1, 0], [0, 0]]
+    writer.node(mesh=writer.mesh({"POSITION": corners, "TEXCOORD_0": uvs}, [0, 1, 2, 0, 2, 3], material=black))
+    scene = sv.load(writer.save(judge.file))
+    scene.environment = sv.Environment(1.0)
+    seen = judge(scene, sv.Camera.look_at((0, math.cos(angle), math.sin(angle)), (0, 0, 0), vertical_fov=0.02), 64)
+    assert seen.mean() == pytest.approx(0.0535 if judge.name == "luxcore" else 0.0697, rel=0.02)
+
+
 def test_mitsuba_takes_every_kind_of_material(judge):
     """Cycles takes them from the file."""
     pixels = np.full((2, 2, 4), 128, np.uint8)
@@ -387,7 +446,7 @@ def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device):
         pytest.skip("no other renderer is installed")
     file = diffuse_box(tmp_path / "box.glb")
     scene = sv.load(file)
-    run(iter([Subject("box", file, scene, scene.cameras[0])]), judges, Plan(512, None, 600), Conditions((96, 96)),
+    run(iter([Subject("box", file, scene, scene.cameras[0])]), judges, Plan(512, (), 600), Conditions((96, 96)),
         pythons_of((), PYTHON), tmp_path / "page")  # fmt: skip
     found = json.loads((tmp_path / "page/trial.json").read_text())["scenes"]["box"]
     assert not found["failures"]

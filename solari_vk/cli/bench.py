@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from solari_vk.cli.jobs import DeviceOptions
-from solari_vk.cli.options import flag, option, positive, size
+from solari_vk.cli.options import factor, flag, option, positive, size, words
 from solari_vk.settings import FIELDS
 
 _FILES, _SCENES = "glTF files to load", "glTF files to measure beside the built-in scenes"
@@ -95,6 +95,21 @@ class Batch(Measurement):
     views: tuple[int, ...] = option("of a batch (1, 16 and 64; repeatable)", "N", type=positive, action="append",
                                     default=(1, 16, 64))
     size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cpu(Measurement):
+    MODULE = "cpu"
+    against: tuple[str, ...] = option("the other renderers: cycles, mitsuba, luxcore (the first two)", "A,B",
+                                      type=words, default=("cycles", "mitsuba"))
+    python: tuple[str, ...] = option(
+        "the Python that has a renderer (repeatable; SOLARI_VK_TRIAL_PYTHON, or the one that runs this)", "NAME=PATH",
+        action="append", default=())
+    scenes: tuple[str, ...] = option("built-in scenes (six)", "A,B", type=words, default=())
+    size: tuple[int, int] = option("width and height of pictures (128x128)", "WxH", type=size, default=(128, 128))
+    samples: int = option("samples per pixel of the converged pictures (8192)", "N", type=positive, default=8192)
+    time_limit: float = option("seconds for loading and for each picture of a renderer, which is stopped then (900)",
+                               "S", type=factor, default=900.0)
 
 
 def run(job: Measurement) -> None:

@@ -48,6 +48,7 @@ COMMANDS = (
             _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
             _part("settings", "errors and times with other settings, raw and denoised", bench.JudgedSettings),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
+            _part("cpu", "processor time to an error on software devices, beside other renderers", bench.Cpu),
             _part("batch", "views a second of batches, beside the same views one by one", bench.Batch),
         ),
     ),

@@ -53,13 +53,14 @@ class TrialJob(DeviceOptions):
 def run(job: TrialJob) -> int:
     """Measure and write the page; returns the exit code."""
     from solari_vk.files import check_writable
+    from solari_vk.measure.trial.compare import Goal
     from solari_vk.measure.trial.run import Plan, pythons_of
     from solari_vk.measure.trial.run import run as measure
     from solari_vk.measure.trial.subject import Conditions
 
     if job.markdown is not None:
         check_writable(job.markdown)
-    plan = Plan(job.samples, job.error, job.time_limit)
+    plan = Plan(job.samples, [] if job.error is None else [Goal(job.error)], job.time_limit)
     conditions = Conditions(job.size, job.max_bounces, job.device, job.rays)
     pythons = pythons_of(job.python, os.environ.get("SOLARI_VK_TRIAL_PYTHON", sys.executable))
     measure(_subjects(job), job.against, plan, conditions, pythons, job.output, job.markdown)

@@ -27,7 +27,7 @@ from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel
 from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.builtin import SCENES, builtin
-from solari_vk.scene.material import Material, Texture
+from solari_vk.scene.material import TEXTURES, Material, Texture
 
 VALIDATOR = "SOLARI_VK_GLTF_VALIDATOR"
 ANIMATED = ["Fox/Fox.glb", "SimpleSkin/SimpleSkin.gltf", "MorphStressTest/MorphStressTest.gltf"]
@@ -329,6 +329,37 @@ def test_what_gltf_cannot_say_is_named_once(tmp_path, item, message):
     sv.load(tmp_path / "scene.glb")
 
 
+LENGTHS = np.arange(len(BOX.normals))[:, None]
+UNFIT = dataclasses.replace(BOX, name="unfit", normals=LENGTHS * BOX.normals,
+                            tangents=LENGTHS * BOX.normals[:, [1, 2, 0, 0]])  # fmt: skip
+
+
+def test_normals_have_a_length_of_1(tmp_path):
+    """The first normal has the length 0: the faces of a box share no vertices, so it becomes that of its face."""
+    found = saved(sv.Scene(sv.Instance(UNFIT)), tmp_path / "scene.glb").instances[0].mesh
+    np.testing.assert_allclose(found.normals, BOX.normals, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["clearcoat_normal_texture", "anisotropy_texture"])
+def test_textures_that_need_tangents_get_them(tmp_path, name):
+    """As glTF demands them where there is no normal texture: along u, with vertices split where u turns around."""
+    half = sv.Mesh([[-1, 0, 0], [0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2], [1, 3, 2]], normals=[[0, 0, 1]] * 4,
+                   uvs=[[1, 0], [0, 0], [0, 1], [1, 0]], colors=np.eye(4), name="half")  # fmt: skip
+    skin = dataclasses.replace(tube(targets=2)[0], tangents=None)
+    pose = {"joint_matrices": bent(tube()[1], 0.5)[:, :3], "morph_weights": [0.2, 0.7]}
+    textured = sv.Material(**{name: IMAGES[1]})
+    scene = sv.Scene(*(sv.Instance(mesh, textured) for mesh in (half, dataclasses.replace(half, normals=None))),
+                     sv.Instance(skin, textured, **pose), name="scene")  # fmt: skip
+    found = saved(scene, tmp_path / "scene.glb")
+    check_same(scene, found)
+    for mesh, least in zip((item.mesh for item in found.instances), (0.999, 0.999, 0.9), strict=True):
+        faces, uvs = (part[mesh.triangles].astype(np.float64) for part in (mesh.positions, mesh.uvs))
+        along = np.linalg.solve(uvs[:, 1:] - uvs[:, :1], faces[:, 1:] - faces[:, :1])[:, :1]
+        tangents = mesh.tangents[mesh.triangles][..., :3]
+        assert (along / np.linalg.norm(along, axis=2, keepdims=True) * tangents).sum(axis=2).min() > least
+    assert saved(sv.Scene(sv.Instance(half)), tmp_path / "scene.glb").instances[0].mesh.tangents is None
+
+
 def test_a_sky_becomes_a_map_and_a_sun(tmp_path):
     scene = sv.Scene()
     scene.environment = sv.Sky((1, 1, 0))
@@ -438,6 +469,13 @@ def test_files_pass_the_validator_of_khronos(validate, machine, tmp_path):
     ]
     scenes["meshes"] = sv.Scene(*(sv.Instance(mesh, one, random_transform(random, 1.0)) for mesh in meshes(random)
                                   for one in rich for _ in range(6)))  # fmt: skip
+    layered = sv.Material(**dict.fromkeys((*layers, "roughness"), 0.5), **{
+        name: Texture(IMAGES[1], uv_set=number % 2) for number, name in enumerate(TEXTURES) if name != "normal_texture"
+    })  # fmt: skip
+    with_uvs = [mesh for mesh in [*meshes(random), UNFIT] if mesh.uvs is not None]
+    scenes["layers"] = sv.Scene(*(sv.Instance(mesh, layered) for mesh in with_uvs))
+    beam = sv.LightProfile([0, 30, 90], [0, 90], [[100, 80, 0], [100, 60, 0]])
+    scenes["luminaires"] = sv.Scene(*(sv.PointLight((x, 2, 0), ies=beam, color=2 - x, radius=x) for x in (0, 1)))
     scenes["sky"] = sv.Scene(sv.Environment(random.random((4, 8, 3))), sv.DirectionalLight((0, -1, 0), color=3))
     for name, scene in scenes.items():
         scene.save(tmp_path / f"{name}.{'gltf' if name == 'cornell_box' else 'glb'}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -13,10 +13,18 @@ from typing import Any
 import numpy as np
 
 from solari_vk.measure.statistics import flip, squared_scale, true_relative_mse
-from solari_vk.measure.trial.process import OURS, Failure, Picture, Process, Render
+from solari_vk.measure.trial.process import KINDS, OURS, Failure, Picture, Process, Render
 
 SEEDS_OF_PICTURES = 1, 2  # of the two halves; others are for the times
 REPETITIONS = 3
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A relMSE, of pictures as they are rendered or denoised."""
+
+    error: float
+    denoised: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,12 @@ class Result:
 
     halves: list[Render]
     loading: float
-    reached: Reached | None = None
+    reached: dict[Goal, Reached] = field(default_factory=dict)
+
+    @property
+    def time(self) -> Reached | None:
+        """The time to the only goal of a trial, None if it wasn't reached."""
+        return next(iter(self.reached.values()), None)
 
     @property
     def picture(self) -> Picture:
@@ -66,7 +79,7 @@ class Result:
     def facts(self) -> dict[str, Any]:
         """Numbers for the page."""
         spent = {name: sum(getattr(half, name) for half in self.halves) for name in ("seconds", "processor_seconds")}
-        reached = None if self.reached is None else asdict(self.reached)
+        reached = None if self.time is None else asdict(self.time)
         return {"mean": self.picture.mean(axis=(0, 1)).tolist(), "noise": self.noise, "loading": self.loading,
                 **spent, "reached": reached}  # fmt: skip
 
@@ -112,9 +125,9 @@ class Comparison:
 
 
 def compare(
-    start: Mapping[str, Callable[[], Process]], samples: int, error: float | None, progress: Callable[[str], None]
+    start: Mapping[str, Callable[[], Process]], samples: int, goals: Sequence[Goal], progress: Callable[[str], None]
 ) -> Comparison:
-    """Start renderers, render a picture of each, and measure the times to a relMSE of `error`, if there is one."""
+    """Start renderers, render a picture of each, and measure the times to the goals."""
     found = Comparison()
     processes: dict[str, Process] = {}
 
@@ -142,8 +155,8 @@ def compare(
         for name, pair in halves.items():
             if len(pair) == len(SEEDS_OF_PICTURES):
                 found.results[name] = Result(pair, processes[name].loading)
-        if error is not None:
-            _measure_times(found, processes, samples, error, attempt, progress)
+        for goal in goals:
+            _measure_times(found, processes, samples, goal, attempt, progress)
     finally:
         for process in processes.values():
             process.close()
@@ -151,27 +164,33 @@ def compare(
 
 
 def _measure_times(
-    found: Comparison, processes: dict[str, Process], samples: int, error: float,
+    found: Comparison, processes: dict[str, Process], samples: int, goal: Goal,
     attempt: Callable[[str, Callable[[], Any]], Any], progress: Callable[[str], None],
 ) -> None:  # fmt: skip
     """Double the samples of each renderer until its error is small enough; renderers take turns."""
-    count, seed = 1, SEEDS_OF_PICTURES[-1]
+    seed = SEEDS_OF_PICTURES[-1]
+    # A smaller error takes no fewer samples.
+    count = min((max((reached.samples for other, reached in found.results[name].reached.items()
+                      if other.denoised == goal.denoised and other.error >= goal.error), default=1)
+                 for name in processes), default=1)  # fmt: skip
     while count <= samples:
-        waiting = [name for name in processes if found.results[name].reached is None]
+        waiting = [name for name in processes if goal not in found.results[name].reached
+                   and (KINDS[name].denoises or not goal.denoised)]  # fmt: skip
         if not waiting:
             return
-        progress(f"{', '.join(waiting)}: time to a relMSE of {error:g}, {count} samples")
+        denoised = " denoised" * goal.denoised
+        progress(f"{', '.join(waiting)}: time to a relMSE of {goal.error:g}{denoised}, {count} samples")
         renders: dict[str, list[Render]] = {name: [] for name in waiting}
         for _ in range(REPETITIONS):
             seed += 1
             for name in [name for name in waiting if name in processes]:
-                done = attempt(name, lambda: processes[name].render(count, seed))  # noqa: B023
+                done = attempt(name, lambda: processes[name].render(count, seed, goal.denoised))  # noqa: B023
                 renders[name] += [] if done is None else [done]
         for name, done in renders.items():
             if name in processes:
                 reached = median(found.results[name].error(render.picture) for render in done)
-                if reached <= error:
+                if reached <= goal.error:
                     seconds, processor = (median(getattr(render, what) for render in done)
                                           for what in ("seconds", "processor_seconds"))  # fmt: skip
-                    found.results[name].reached = Reached(count, reached, seconds, processor)
+                    found.results[name].reached[goal] = Reached(count, reached, seconds, processor)
         count *= 2

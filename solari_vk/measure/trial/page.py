@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.files import make_folder, write_whole
-from solari_vk.measure.page import head, markdown_list, markdown_table
+from solari_vk.measure.page import head, markdown_list, markdown_table, wrapped
 from solari_vk.measure.statistics import squared_scale
 from solari_vk.measure.trial.compare import Comparison, Distance
 from solari_vk.measure.trial.differences import Difference
@@ -36,6 +36,8 @@ INTRO = (
     "pictures with different seeds. Loading, compiling and building structures are not in it: `loading` has them, and "
     "a first sample.",
 )
+SUMMARY = "Distances are relMSE. The last columns are seconds of all processors to equal error."
+EXPLAINED = "[The guide](../guides/trial.md#differences-that-are-explained) has the reasons."
 RENDERERS, DISTANCES = ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s",
                         "to equal error"), ("scene", "pair", "relMSE", "FLIP", "R G B ratio")  # fmt: skip
 
@@ -77,7 +79,7 @@ class Page:
         """The cells below RENDERERS and below DISTANCES of a scene."""
         renderers = []
         for renderer, result in found.results.items():
-            facts, reached = result.facts(), result.reached
+            facts, reached = result.facts(), result.time
             spent = [f"{facts[key]:.2f}" for key in ("loading", "seconds", "processor_seconds")]
             time = "" if reached is None else (f"{reached.seconds:.2f} s, {reached.processor_seconds:.2f} s of "
                                                f"processors, {reached.samples} samples")  # fmt: skip
@@ -87,12 +89,38 @@ class Page:
                      for (a, b), far in found.distances.items()]  # fmt: skip
         return renderers, distances
 
+    def summary(self) -> tuple[str, list[str], list[list[str]]]:
+        """How often ours is nearest to the first of the other renderers, and columns and rows of all scenes: distances
+        to that one, and the processors' seconds to equal error. ("", [], []) without ours or another renderer."""
+        present = [name for name in KINDS if any(name in found.results for _, found, _ in self._scenes)]
+        if OURS not in present or len(present) < 2:
+            return "", [], []
+        first, *others = present[1:]
+        nearest, rows = 0, []
+        for name, found, _ in self._scenes:
+            far = {frozenset(pair): distance for pair, distance in found.distances.items()}
+            apart = [far.get(frozenset((renderer, first))) for renderer in (OURS, *others)]
+            times = [found.results[renderer].time if renderer in found.results else None for renderer in present]
+            known = [distance.relative_mse for distance in apart if distance is not None]
+            ours = apart[0]
+            nearest += ours is not None and len(known) > 1 and ours.relative_mse == min(known)
+            rows.append([name, *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
+                         "" if ours is None else _cells(ours)[2],
+                         *("" if time is None else f"{time.processor_seconds:.2f}" for time in times)])  # fmt: skip
+        pairs = [f"{KINDS[renderer].title} / {KINDS[first].title}" for renderer in (OURS, *others)]
+        columns = ["scene", *pairs, f"R G B, {pairs[0]}", *(f"{KINDS[renderer].title}, s" for renderer in present)]
+        said = f"In {nearest} of {len(rows)} scenes solari_vk is the nearest to {KINDS[first].title}." if others else ""
+        return said, columns, rows
+
     def html(self) -> str:
         """The page."""
         facts = [f"{name}: {value}" for name, value in self._facts.items()]
         absent = [f"{KINDS[name].title} is left out: {why}" for name, why in self._absent.items()]
         parts = [f"<!doctype html><meta charset='utf-8'><title>Trial</title><style>{STYLE}</style><h1>Trial</h1>",
                  *(f"<p>{html.escape(text)}</p>" for text in INTRO), _list(facts), _list(absent, "failed")]  # fmt: skip
+        said, columns, summed = self.summary()
+        if summed:
+            parts += [f"<p>{html.escape(f'{said} {SUMMARY}')}</p>", _table(columns, summed)]
         for name, found, known in self._scenes:
             renderers, distances = self.rows(name, found)
             parts += [f"<h2>{html.escape(name)}</h2>", _list(_failures(found), "failed"), self._pictures(name, found),
@@ -121,11 +149,14 @@ class Page:
         tables = [self.rows(name, found) for name, found, _ in self._scenes]
         lines = head("Trial against other renderers", INTRO, self._facts)
         lines += ["", *markdown_list([f"{KINDS[name].title} is left out: {why}" for name, why in self._absent.items()])]
+        said, columns, summed = self.summary()
+        if summed:
+            lines += ["", "## All scenes", "", *wrapped(f"{said} {SUMMARY}"), "", *markdown_table(columns, summed)]
         lines += ["", "## Distances", "", *markdown_table(DISTANCES, [row for _, rows in tables for row in rows])]
         lines += ["", "## Renderers", "", *markdown_table(RENDERERS, [row for rows, _ in tables for row in rows])]
-        for name, found, known in self._scenes:
-            notes = [*_failures(found), *_explained(known)]
-            lines += ["", f"## {name}", "", *markdown_list(notes or ["nothing noted"])]
+        lines += ["", "## Differences that are explained", "", *wrapped(EXPLAINED), "", *markdown_list([
+            f"{name}: {'; '.join([*_failures(found), *_named(known)]) or 'none'}" for name, found, known in self._scenes
+        ])]  # fmt: skip
         return "\n".join(lines) + "\n"
 
 
@@ -158,6 +189,14 @@ def _failures(found: Comparison) -> list[str]:
 
 def _explained(known: Sequence[Difference]) -> list[str]:
     return [f"explained, {KINDS[d.judge].title if d.judge in KINDS else d.judge}: {d.what}: {d.why}" for d in known]
+
+
+def _named(known: Sequence[Difference]) -> list[str]:
+    """The differences that are explained, by renderer."""
+    found: dict[str, list[str]] = {}
+    for difference in known:
+        found.setdefault(difference.judge, []).append(difference.what)
+    return [f"{KINDS[name].title if name in KINDS else name}: {', '.join(what)}" for name, what in found.items()]
 
 
 def _list(items: Sequence[str], kind: str = "") -> str:

@@ -37,6 +37,7 @@ class Kind:
     title: str
     module: str
     package: str
+    denoises: bool = False  # whether it has a denoiser for processors
 
     def missing(self, python: str) -> str:
         """Why the renderer can't be used with a Python, with the command to install it; "" if it can."""
@@ -50,8 +51,8 @@ class Kind:
 
 OURS = "solari_vk"
 KINDS = {
-    OURS: Kind("solari_vk", "in_solari", "solari_vk"),
-    "cycles": Kind("Cycles", "in_cycles", "bpy"),
+    OURS: Kind("solari_vk", "in_solari", "solari_vk", denoises=True),
+    "cycles": Kind("Cycles", "in_cycles", "bpy", denoises=True),
     "mitsuba": Kind("Mitsuba 3", "in_mitsuba", "mitsuba"),
     "luxcore": Kind("LuxCore", "in_luxcore", "pyluxcore"),
 }
@@ -77,7 +78,7 @@ class Process:
         self._folder, self._limit, self._name = folder, limit, name
         self._log = folder / f"{name}.log"
         environment = dict(os.environ)
-        if name == OURS:
+        if kinds[name].package == OURS:
             environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(PACKAGES), environment.get("PYTHONPATH"))))
         with open(self._log, "wb") as log:
             self._child = subprocess.Popen(
@@ -99,12 +100,13 @@ class Process:
             self._answers.put(line)
         self._answers.put("")
 
-    def render(self, samples: int, seed: int) -> Render:
+    def render(self, samples: int, seed: int, denoise: bool = False) -> Render:
         """A picture of so many samples a pixel. Raises Failure, after which the process is of no use."""
         output = self._folder / f"{self._name}.npy"
         assert self._child.stdin is not None
         with suppress(OSError):  # it has ended: `_answer` says how
-            self._child.stdin.write(json.dumps({"samples": samples, "seed": seed, "output": str(output)}) + "\n")
+            asked = {"samples": samples, "seed": seed, "denoise": denoise, "output": str(output)}
+            self._child.stdin.write(json.dumps(asked) + "\n")
             self._child.stdin.flush()
         found = self._answer(f"at {samples} sample{'s' * (samples != 1)}")
         picture = np.load(output).astype(np.float64)

@@ -15,7 +15,7 @@ from solari_vk.errors import SolariError, unknown_name
 from solari_vk.files import make_folder, make_temporary_folder, write_whole
 from solari_vk.measure.page import host_load, run_facts
 from solari_vk.measure.trial import subject as subjects
-from solari_vk.measure.trial.compare import Comparison, compare
+from solari_vk.measure.trial.compare import Comparison, Goal, compare
 from solari_vk.measure.trial.differences import that_apply
 from solari_vk.measure.trial.page import Page
 from solari_vk.measure.trial.process import CHILD, KINDS, OURS, Process
@@ -25,11 +25,11 @@ from solari_vk.output.tone_mapping import auto_exposure
 
 @dataclass(frozen=True)
 class Plan:
-    """How to render: the samples of pictures, the relMSE to which times are measured or None, and seconds that loading
-    and each picture may take."""
+    """How to render: the samples of pictures, the errors to which times are measured, and seconds that loading and each
+    picture may take."""
 
     samples: int
-    error: float | None
+    goals: Sequence[Goal]
     limit: float
 
 
@@ -46,6 +46,17 @@ def pythons_of(texts: Sequence[str], default: str) -> dict[str, str]:
     return found
 
 
+def present(judges: Sequence[str], pythons: Mapping[str, str]) -> tuple[list[str], dict[str, str]]:
+    """Ours and the others that can be used, and why the rest can't. Raises SolariError for unknown renderers."""
+    for name in judges:
+        if name not in KINDS or name == OURS:
+            raise unknown_name("--against: there is no renderer", name, [name for name in KINDS if name != OURS])
+    absent = {name: why for name in judges if (why := KINDS[name].missing(pythons[name]))}
+    for name, why in absent.items():
+        print(f"{KINDS[name].title} is left out: {why}", flush=True)
+    return [OURS, *(name for name in judges if name not in absent)], absent
+
+
 def run(
     given: Iterator[Subject | tuple[str, SolariError]], judges: Sequence[str], plan: Plan, conditions: Conditions,
     pythons: Mapping[str, str], folder: Path, markdown: Path | None = None, child: Path = CHILD,
@@ -54,17 +65,11 @@ def run(
 
     Raises SolariError for unknown renderers, and if the page can't be written.
     """
-    for name in judges:
-        if name not in KINDS or name == OURS:
-            raise unknown_name("--against: there is no renderer", name, [name for name in KINDS if name != OURS])
-    absent = {name: why for name in judges if (why := KINDS[name].missing(pythons[name]))}
-    used = [OURS, *(name for name in judges if name not in absent)]
-    for name, why in absent.items():
-        print(f"{KINDS[name].title} is left out: {why}", flush=True)
+    used, absent = present(judges, pythons)
     width, height = conditions.size
     facts = run_facts() | {
         "size": f"{width}x{height}, {plan.samples} samples, {conditions.max_bounces} bounces",
-        "error": "times not measured" if plan.error is None else f"relMSE {plan.error:g}",
+        "error": ", ".join(f"relMSE {goal.error:g}" for goal in plan.goals) or "times not measured",
         "load of the host before": host_load(),
     }  # fmt: skip
     page = Page(folder, facts, absent)
@@ -93,7 +98,7 @@ def measure(
         except SolariError as error:
             return Comparison(failures={OURS: str(error)})
         start = {name: partial(Process, name, work, plan.limit, pythons[name], child=child) for name in renderers}
-        found = compare(start, plan.samples, plan.error, progress)
+        found = compare(start, plan.samples, plan.goals, progress)
         for log in work.glob("*.log"):
             shutil.copy(log, folder)
     finally:

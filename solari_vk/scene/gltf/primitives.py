@@ -16,8 +16,9 @@ from solari_vk.scene.gltf.materials import LoadedMaterial
 from solari_vk.scene.gltf.points_and_lines import LINE_RADIUS, POINT_RADIUS, with_surface
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
-from solari_vk.scene.matrices import orthogonal, unit
-from solari_vk.scene.meshes.tangents import generate_tangents
+from solari_vk.scene.matrices import unit
+from solari_vk.scene.meshes.smoothing import area_vectors, fitted_normals
+from solari_vk.scene.meshes.tangents import fitted_tangents, generate_tangents
 from solari_vk.scene.model import Mesh
 
 _DRAWN = (
@@ -102,7 +103,7 @@ class Primitives:
         used, triangles = _compact(triangles, len(positions))
         if len(used) < len(positions):
             vertices = {attribute: values[used] for attribute, values in vertices.items()}
-        cross = _area_vectors(vertices["POSITION"], triangles)
+        cross = area_vectors(vertices["POSITION"], triangles)
         if not (cross.any() or (moved and len(triangles))):
             self._report.add("primitives without any triangle of some area are left out", primitive.place)
             return None
@@ -198,18 +199,10 @@ class Primitives:
     def _unit_normals(
         self, normals: NDArray[np.float32], triangles: NDArray[np.uint32], cross: NDArray[np.float64], place: Entry
     ) -> NDArray[np.float32]:
-        fitted = unit(normals)
-        missing = ~fitted.any(axis=1)
-        if missing.any():
+        fitted, missing = fitted_normals(normals, triangles, cross)
+        if missing:
             self._report.add("normals of zero length are replaced by those of the triangles around", place.place)
-            faces = unit(
-                np.stack([
-                    np.bincount(triangles.reshape(-1), np.repeat(cross[:, axis], 3), len(normals)) for axis in range(3)
-                ], axis=1)
-            )  # fmt: skip
-            faces[~faces.any(axis=1)] = (0, 1, 0)
-            fitted[missing] = faces[missing]
-        return fitted.astype(np.float32)
+        return fitted
 
     def _with_tangents(
         self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], material: LoadedMaterial
@@ -219,7 +212,7 @@ class Primitives:
         second = normal_map is not None and material.uv_sets.index(normal_map.uv_set) == 1
         uvs = "SECOND_TEXCOORD" if second and "SECOND_TEXCOORD" in vertices else "TEXCOORD"
         if "TANGENT" in vertices and normals is not None:
-            vertices["TANGENT"] = _fit_tangents(vertices["TANGENT"], normals)
+            vertices["TANGENT"] = fitted_tangents(vertices["TANGENT"], normals)
         if normal_map is not None and "TANGENT" not in vertices and uvs in vertices:
             if normals is None:  # flat shading: every corner has the normal of its triangle
                 vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
@@ -250,19 +243,3 @@ def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], N
     flags = np.zeros(count, bool)
     flags[triangles] = True
     return np.flatnonzero(flags), (np.cumsum(flags, dtype=np.uint32) - np.uint32(1))[triangles]
-
-
-def _area_vectors(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Normals of the triangles, whose lengths are twice the areas."""
-    a, b, c = (positions[triangles[:, i]].astype(np.float64) for i in range(3))
-    return np.cross(b - a, c - a)
-
-
-def _fit_tangents(tangents: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unit tangents with w = -1 or 1. Any direction orthogonal to the normal replaces a missing tangent."""
-    fitted = np.empty(tangents.shape, np.float32)
-    fitted[:, :3] = unit(tangents[:, :3])
-    fitted[:, 3] = np.where(tangents[:, 3] < 0, -1, 1)
-    missing = ~fitted[:, :3].any(axis=1)
-    fitted[missing, :3] = orthogonal(normals[missing])
-    return fitted

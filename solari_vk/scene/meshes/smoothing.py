@@ -1,4 +1,4 @@
-"""Normals for meshes that have none: smooth, but for edges where the surface bends sharply."""
+"""Normals for meshes that have none, or of zero length."""
 
 from __future__ import annotations
 
@@ -45,3 +45,27 @@ def smooth_normals(
     normals[~normals.any(axis=1)] = (0, 1, 0)
     split = triangles.reshape(-1).astype(np.int64)[first]
     return split, normals.astype(np.float32), corner.reshape(-1, 3).astype(np.uint32)
+
+
+def area_vectors(positions: NDArray[Any], triangles: NDArray[Any]) -> NDArray[np.float64]:
+    """Normals (M, 3) of triangles (M, 3), whose lengths are twice the areas."""
+    a, b, c = (positions[triangles[:, i]].astype(np.float64) for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def fitted_normals(
+    normals: NDArray[Any], triangles: NDArray[Any], areas: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], bool]:
+    """Unit normals (N, 3), and whether some had no length: these become those of the triangles around.
+
+    areas (M, 3): `area_vectors` of the triangles.
+    """
+    fitted = unit(normals)
+    missing = ~fitted.any(axis=1)
+    if missing.any():
+        corners = triangles.reshape(-1)
+        sums = [np.bincount(corners, np.repeat(areas[:, axis], 3), len(normals)) for axis in range(3)]
+        faces = unit(np.stack(sums, axis=1))
+        faces[~faces.any(axis=1)] = (0, 1, 0)
+        fitted[missing] = faces[missing]
+    return fitted.astype(np.float32), bool(missing.any())

@@ -73,6 +73,16 @@ def generate_tangents(
     return TangentSpace(source, result, inverse.reshape(-1, 3).astype(np.uint32))
 
 
+def fitted_tangents(tangents: NDArray[Any], normals: NDArray[Any]) -> NDArray[np.float32]:
+    """Unit tangents with w = -1 or 1. Any direction orthogonal to the normal replaces a missing tangent."""
+    fitted = np.empty(tangents.shape, np.float32)
+    fitted[:, :3] = unit(tangents[:, :3])
+    fitted[:, 3] = np.where(tangents[:, 3] < 0, -1, 1)
+    missing = ~fitted[:, :3].any(axis=1)
+    fitted[missing, :3] = orthogonal(normals[missing])
+    return fitted
+
+
 def weld(rows: NDArray[Any]) -> Integers:
     """An index (N,) for each row of floats (N, K); exactly equal rows have the same index."""
     bits = np.ascontiguousarray(np.asarray(rows, np.float32) + np.float32(0)).view(np.uint32)  # + 0: -0 equals 0

@@ -1,9 +1,10 @@
 """The process of one renderer with one scene: `python child.py MODULE FOLDER`.
 
 MODULE, a file beside this one, has `load(job, folder)`, which returns a function of a number of samples and a seed that
-renders a picture (height, width, 3) of radiance. FOLDER holds job.json and the files that it names. Each line of the
-standard input asks for a picture, each line of the standard output answers, all as JSON; what renderers print goes to
-the standard error. `seconds` and `processor_seconds` are of all threads of this process.
+renders a picture (height, width, 3) of radiance; with denoise=True, if the renderer has a denoiser, denoised. FOLDER
+holds job.json and the files that it names. Each line of the standard input asks for a picture, each line of the
+standard output answers, all as JSON; what renderers print goes to the standard error. `seconds` and `processor_seconds`
+are of all threads of this process.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def main(module: str, folder: Path) -> int:
         answers.flush()
         return "error" not in found
 
-    renders: list[Callable[[int, int], Any]] = []
+    renders: list[Callable[..., Any]] = []
 
     def load() -> dict[str, Any]:
         job = json.loads((folder / "job.json").read_text(encoding="utf-8"))
@@ -50,7 +51,8 @@ def main(module: str, folder: Path) -> int:
 
     def render(asked: dict[str, Any]) -> dict[str, Any]:
         before = time.perf_counter(), time.process_time()
-        picture = np.asarray(renders[0](asked["samples"], asked["seed"]), np.float32)
+        options = {"denoise": True} if asked["denoise"] else {}
+        picture = np.asarray(renders[0](asked["samples"], asked["seed"], **options), np.float32)
         spent = {"seconds": time.perf_counter() - before[0], "processor_seconds": time.process_time() - before[1]}
         np.save(asked["output"], picture)
         return spent

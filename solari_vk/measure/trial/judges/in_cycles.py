@@ -6,10 +6,13 @@ points up: (x, y, z) of glTF is (x, -z, y) there.
 
 from __future__ import annotations
 
+import json
 import math
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 import bpy
 import numpy as np
@@ -21,12 +24,13 @@ UPRIGHT = Matrix.Rotation(math.pi / 2, 4, "X")
 def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
     """A function that renders the scene; see child.py."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.import_scene.gltf(filepath=job["file"])
+    bpy.ops.import_scene.gltf(filepath=str(still(Path(job["file"]), folder)))
     scene = bpy.context.scene
     for thing in list(scene.objects):
         thing.animation_data_clear()
         if thing.type in ("LIGHT", "CAMERA"):
             bpy.data.objects.remove(thing)
+    _shine_on_the_front()
     _add_camera(scene, job["camera"])
     for light in job["lights"]:
         _add_light(scene, light)
@@ -34,7 +38,8 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
     _set_up(scene, job)
     file = folder / "cycles.exr"
 
-    def render(samples: int, seed: int) -> Any:
+    def render(samples: int, seed: int, denoise: bool = False) -> Any:
+        scene.cycles.use_denoising = denoise
         scene.cycles.samples, scene.cycles.seed, scene.render.filepath = samples, seed, str(file)
         bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(str(file))
@@ -46,6 +51,42 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         return pixels.reshape(height, width, -1)[::-1, :, :3]
 
     return render
+
+
+def still(file: Path, folder: Path) -> Path:
+    """A glTF file, or a copy in the folder without its clips, of which Blender would show the first frame."""
+    data = file.read_bytes()
+    end = 20 + struct.unpack_from("<I", data, 12)[0] if data[:4] == b"glTF" else None
+    content = json.loads(data if end is None else data[20:end])
+    if not content.pop("animations", None):
+        return file
+    for entry in (*content.get("buffers", ()), *content.get("images", ())):
+        if not entry.get("uri", "data:").startswith("data:"):
+            entry["uri"] = quote(str(file.parent.resolve() / unquote(entry["uri"])))
+    text = json.dumps(content).encode()
+    copy = folder / f"still{file.suffix}"
+    if end is None:
+        copy.write_bytes(text)
+        return copy
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(data) - end, len(text), 0x4E4F534A)
+    copy.write_bytes(head + text + data[end:])
+    return copy
+
+
+def _shine_on_the_front() -> None:
+    """Single-sided surfaces emit on their front alone, as elsewhere; Blender's emit on both sides."""
+    for material in bpy.data.materials:
+        nodes = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
+        for strength in [node.inputs["Emission Strength"] for node in nodes if node.type == "BSDF_PRINCIPLED"]:
+            if strength.default_value == 0:
+                continue
+            geometry, front = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeMath")
+            front.operation, front.inputs[1].default_value = "MULTIPLY_ADD", -strength.default_value
+            front.inputs[2].default_value = strength.default_value
+            material.node_tree.links.new(geometry.outputs["Backfacing"], front.inputs[0])
+            material.node_tree.links.new(front.outputs[0], strength)
+            material.cycles.emission_sampling = "FRONT"
 
 
 def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:

@@ -18,10 +18,9 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], NDArray[Any]
     device = sv.Device(job["device"], rays=job["rays"])
     tracer = sv.PathTracer(device, scene, tuple(job["size"]), max_bounces=job["max_bounces"])
 
-    def render(samples: int, seed: int) -> NDArray[Any]:
+    def render(samples: int, seed: int, denoise: bool = False) -> NDArray[Any]:
         tracer.seed = seed  # which begins a new picture, unless the seed is the same
         tracer.reset()
-        tracer.render(camera, samples=samples)
-        return tracer["radiance"]
+        return tracer.render(camera, samples=samples, denoise=denoise)["radiance"]
 
     return render

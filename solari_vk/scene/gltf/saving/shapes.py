@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ from solari_vk.scene.gltf.saving.content import Content
 from solari_vk.scene.gltf.saving.surfaces import Surfaces
 from solari_vk.scene.gltf.variants import EXTENSION as VARIANTS
 from solari_vk.scene.material import TEXTURES, Material
-from solari_vk.scene.matrices import unit
+from solari_vk.scene.meshes.smoothing import area_vectors, fitted_normals
+from solari_vk.scene.meshes.splitting import with_tangents
+from solari_vk.scene.meshes.tangents import fitted_tangents
 from solari_vk.scene.objects import Mesh
 
 _MOST_OF_TWO_BYTES = 2**16 - 1  # vertices; the largest number restarts a primitive
@@ -28,12 +31,14 @@ class Shapes:
         self._meshes: dict[Any, int] = {}
         self._attributes: dict[tuple[Mesh, str], int] = {}
         self._resting: dict[Mesh, bool] = {}
+        self._tangential: dict[tuple[Mesh, int], Mesh] = {}
 
     def mesh(self, mesh: Mesh, material: Material, variants: Variants = ()) -> int:
         """The number of a mesh with a material. variants: numbers of variants, and the materials there."""
         key = mesh, material, variants
         if key not in self._meshes:
             users = (material, *(other for _, other in variants))
+            mesh = self._with_tangents(mesh, users)
             textures = [texture for one in users for name in TEXTURES if (texture := getattr(one, name)) is not None]
             primitive: dict[str, Any] = {
                 "attributes": self._all(mesh, {texture.uv_set for texture in textures}),
@@ -47,6 +52,19 @@ class Shapes:
                 primitive["targets"] = targets
             self._meshes[key] = self._content.add("meshes", name=mesh.name, primitives=[primitive])
         return self._meshes[key]
+
+    def _with_tangents(self, mesh: Mesh, materials: Sequence[Material]) -> Mesh:
+        """The mesh, with tangents if textures need them and the file would have nothing to make them of: glTF demands
+        them of coats' normal maps and anisotropy without a normal map."""
+        needing = (m.clearcoat_normal_texture or m.anisotropy_texture
+                   for m in materials if not m.unlit and m.normal_texture is None)  # fmt: skip
+        texture = next((texture for texture in needing if texture is not None), None)
+        if texture is None:
+            return mesh
+        key = mesh, texture.uv_set
+        if key not in self._tangential:
+            self._tangential[key] = with_tangents(mesh, texture.uv_set)
+        return self._tangential[key]
 
     def has_resting(self, mesh: Mesh) -> bool:
         """Whether some vertices have no joint, of a mesh with joints: they stay, by one more joint."""
@@ -68,12 +86,12 @@ class Shapes:
     def _all(self, mesh: Mesh, uv_sets: set[int]) -> dict[str, int]:
         found = {"POSITION": self._once(mesh, "POSITION", mesh.positions, use="positions")}
         if mesh.normals is not None:
-            found["NORMAL"] = self._once(mesh, "NORMAL", unit(mesh.normals))
-        if mesh.tangents is not None and mesh.normals is None:
-            self._content.lose("tangents of meshes without normals aren't written", mesh.describe())
+            normals, _ = fitted_normals(mesh.normals, mesh.triangles, area_vectors(mesh.positions, mesh.triangles))
+            found["NORMAL"] = self._once(mesh, "NORMAL", normals)
+            if mesh.tangents is not None:
+                found["TANGENT"] = self._once(mesh, "TANGENT", fitted_tangents(mesh.tangents, normals))
         elif mesh.tangents is not None:
-            tangents = np.append(unit(mesh.tangents[:, :3]), np.where(mesh.tangents[:, 3:] < 0, -1, 1), axis=1)
-            found["TANGENT"] = self._once(mesh, "TANGENT", tangents)
+            self._content.lose("tangents of meshes without normals aren't written", mesh.describe())
         if mesh.colors is not None:
             found["COLOR_0"] = self._once(mesh, "COLOR_0", mesh.colors)
         uvs = mesh.uvs
