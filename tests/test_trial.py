@@ -134,7 +134,7 @@ def test_the_page_has_pictures_distances_and_times(fakes, tmp_path):
     assert written.mean() == pytest.approx(1.1, rel=5e-3)
     lines = (tmp_path / "page.md").read_text().splitlines()
     assert any(line.startswith("| floor | solari_vk / Cycles | ") for line in lines)
-    assert "In 1 of 2 scenes solari_vk is the nearest to Cycles. Distances are relMSE." in " ".join(lines)
+    assert "In 1 of 2 scenes solari_vk is the nearest to Cycles, but not in bad." in " ".join(lines)
     [row] = [line[:-2].split(" | ")[1:] for line in lines if line.startswith("| floor | 0") and "±" in line]
     apart = [pairs[pair]["relative_mse"] for pair in ((OURS, "cycles"), ("cycles", "mitsuba"))]
     assert [float(cell) for cell in row[:2]] == pytest.approx(apart, rel=0.1)
@@ -298,6 +298,18 @@ def test_differences_name_those_that_apply():
     plain.instances[0].material = textured  # not a metal everywhere
     assert ("cycles", "layering") in {(d.judge, d.what) for d in that_apply(plain)}
     assert all(difference.judge in {*KINDS, "all"} for difference in DIFFERENCES)
+
+
+@pytest.mark.parametrize(("parts", "named"), [((1, 1), False), ((-1, -1), False), ((1, -1), True), ((1, 0), False)])
+def test_parts_that_face_inwards_are_named(parts, named):
+    """Of boxes that face outwards (1), inwards (-1), and inwards without one face (0)."""
+    box = sv.shapes.box()
+    ways = {1: box.triangles, -1: box.triangles[:, ::-1], 0: box.triangles[2:, ::-1]}
+    triangles = [ways[way] + number * len(box.positions) for number, way in enumerate(parts)]
+    mesh = sv.Mesh(np.concatenate([box.positions, box.positions + 3]), np.concatenate(triangles))
+    for double_sided in (False, True):
+        found = that_apply(sv.Scene(sv.Instance(mesh, sv.Material(specular=0, double_sided=double_sided))))
+        assert ("back sides" in {d.what for d in found}) == (named and not double_sided)
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from solari_vk.measure.trial.translation import USED
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
 from solari_vk.scene.material import TEXTURES, Material
-from solari_vk.scene.model import Scene
+from solari_vk.scene.meshes.tangents import components, neighbors, weld
+from solari_vk.scene.model import Mesh, Scene
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,17 @@ def _is_layered(material: Material) -> bool:
     """Whether it becomes Mitsuba's `principled`."""
     glass = material.transmission == 1 and material.transmission_texture is None and material.metallic == 0
     return not glass and not material.unlit and (material.specular > 0 or material.metallic > 0)
+
+
+def _has_parts_inside_out(mesh: Mesh) -> bool:
+    """Whether some closed parts of a mesh face inwards where others face outwards."""
+    corners = weld(mesh.positions)[mesh.triangles.astype(np.int64)]
+    is_open = (neighbors(corners, np.ones(len(corners), bool)) < 0).reshape(-1, 3).any(axis=1)
+    ends = corners[:, 1:].T.reshape(-1)
+    part = components(int(corners.max()) + 1, np.tile(corners[:, 0], 2), ends)[corners[:, 0]]
+    volumes = np.bincount(part, np.linalg.det(mesh.positions[mesh.triangles].astype(np.float64)))
+    closed = volumes[np.bincount(part, is_open) == 0]
+    return bool(closed.min(initial=0) < 0 < closed.max(initial=0))
 
 
 def _is_spot(light: Any) -> bool:
@@ -141,8 +155,9 @@ DIFFERENCES = (
         "seen at grazing angles are brighter or darker, also where the surface is matte",
         _with(lambda m: m.normal_texture)),
     Difference("all", "back sides", "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
-               "others see it through blended and cut out ones",
-               _with(lambda m: m.alpha_mode != "opaque" and not m.double_sided)),
+               "others do: through blended and cut out surfaces, and of parts of meshes that face inwards",
+               lambda scene: any(not item.material.double_sided and (
+                   item.material.alpha_mode != "opaque" or _has_parts_inside_out(item.mesh)) for item in scene)),
 )  # fmt: skip
 
 

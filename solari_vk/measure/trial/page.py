@@ -96,21 +96,24 @@ class Page:
         if OURS not in present or len(present) < 2:
             return "", [], []
         first, *others = present[1:]
-        nearest, rows = 0, []
+        farther, rows = [], []
         for name, found, _ in self._scenes:
             far = {frozenset(pair): distance for pair, distance in found.distances.items()}
             apart = [far.get(frozenset((renderer, first))) for renderer in (OURS, *others)]
             times = [found.results[renderer].time if renderer in found.results else None for renderer in present]
             known = [distance.relative_mse for distance in apart if distance is not None]
             ours = apart[0]
-            nearest += ours is not None and len(known) > 1 and ours.relative_mse == min(known)
+            farther += [name] if ours is None or len(known) < 2 or ours.relative_mse > min(known) else []
             rows.append([name, *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
                          "" if ours is None else _cells(ours)[2],
                          *("" if time is None else f"{time.processor_seconds:.2f}" for time in times)])  # fmt: skip
         pairs = [f"{KINDS[renderer].title} / {KINDS[first].title}" for renderer in (OURS, *others)]
         columns = ["scene", *pairs, f"R G B, {pairs[0]}", *(f"{KINDS[renderer].title}, s" for renderer in present)]
-        said = f"In {nearest} of {len(rows)} scenes solari_vk is the nearest to {KINDS[first].title}." if others else ""
-        return said, columns, rows
+        if not others:
+            return "", columns, rows
+        but = f", but not in {', '.join(farther)}" if farther else ""
+        where = f"In {len(rows) - len(farther)} of {len(rows)} scenes"
+        return f"{where} solari_vk is the nearest to {KINDS[first].title}{but}.", columns, rows
 
     def html(self) -> str:
         """The page."""

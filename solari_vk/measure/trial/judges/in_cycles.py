@@ -77,7 +77,7 @@ def still(file: Path, folder: Path) -> Path:
 def _shine_on_the_front() -> None:
     """Single-sided surfaces emit on their front alone, as elsewhere; Blender's emit on both sides."""
     for material in bpy.data.materials:
-        nodes = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
+        nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
         for strength in [node.inputs["Emission Strength"] for node in nodes if node.type == "BSDF_PRINCIPLED"]:
             if strength.default_value == 0:
                 continue
