@@ -6,6 +6,7 @@ Hodan et al., "BOP: Benchmark for 6D Object Pose Estimation" (2018), and the for
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +20,7 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
 from solari_vk.output.kitti import png_16
 from solari_vk.output.picture import png_bytes
+from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import Camera, Instance, Mesh
 
 MM = 1000.0
@@ -39,32 +41,35 @@ class BopWriter:
     """Writes a scene of a BOP data set, picture by picture.
 
     folder: of the data set; its models go to `models`, the scene to SPLIT/000000. instances: the objects, by their
-    numbers in `instance_id`. Instances with one mesh and one scale are one object. A model's origin is the middle of
-    its box. Raises SolariError for instances whose joints or morph targets move, which aren't rigid.
+    numbers in `instance_id`; labels: their classes, by default their own. Instances with one mesh and one scale are one
+    object. A model's origin is the middle of its box. Raises SolariError for instances whose joints or morph targets
+    move, which aren't rigid.
     """
 
     def __init__(
-        self, folder: Path, instances: Mapping[int, Instance], *, split: str = "train_pbr", scene_id: int = 0
-    ) -> None:
-        self._root = folder
-        self._scene = folder / split / f"{scene_id:06}"
+        self, folder: str | os.PathLike[str], instances: Mapping[int, Instance], *,
+        labels: Mapping[int, str] | None = None, split: str = "train_pbr", scene_id: int = 0,
+    ) -> None:  # fmt: skip
+        self._labels = labels or {}
+        self._root = Path(folder)
+        self._scene = self._root / split / f"{scene_id:06}"
         self._instances = dict(instances)
         self._models: dict[tuple[Any, ...], _Model] = {}
-        self._of = {number: self._model(instance) for number, instance in sorted(self._instances.items())}
+        self._of = {number: self._model(number) for number in sorted(self._instances)}
         self._cameras, self._poses, self._infos = dict[str, Any](), dict[str, Any](), dict[str, Any]()
         for name in ("rgb", "depth", "mask", "mask_visib"):
             make_folder(self._scene / name)
-        make_folder(folder / "models")
+        make_folder(self._root / "models")
 
-    def _model(self, instance: Instance) -> _Model:
+    def _model(self, number: int) -> _Model:
+        instance = self._instances[number]
         if instance.posed:
             raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
                               "objects: take its label away")  # fmt: skip
         stretch = instance.rotation.T @ instance.transform[:3, :3]
         key = (id(instance.mesh), *np.round(stretch.ravel(), DIGITS).tolist())
-        return self._models.setdefault(
-            key, _Model(len(self._models) + 1, instance.mesh, stretch, instance.name, instance.label)
-        )
+        label = self._labels.get(number, instance.label)
+        return self._models.setdefault(key, _Model(len(self._models) + 1, instance.mesh, stretch, instance.name, label))
 
     def add(
         self, number: int, camera: Camera, picture: bytes, depth: NDArray[Any], silhouettes: Mapping[int, Silhouette]
@@ -91,7 +96,7 @@ class BopWriter:
         poses, infos = list[Any](), list[Any]()
         for row in sorted(set(silhouettes) & set(self._instances)):
             instance, silhouette, model = self._instances[row], silhouettes[row], self._of[row]
-            if self._model(instance) is not model:
+            if self._model(row) is not model:
                 raise SolariError(f"BOP: {instance.describe()} has another size than in other pictures, and an object "
                                   "has one: leave its scale as it is")  # fmt: skip
             ((_, box),) = boxes_3d([instance], camera, size).items()
@@ -166,7 +171,7 @@ def _normals(model: _Model) -> NDArray[np.float64]:
         found = np.zeros(mesh.positions.shape)
         np.add.at(found, mesh.triangles, np.cross(b - a, c - a)[:, None])
     found = found @ np.linalg.inv(model.stretch)
-    return np.asarray(found) / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-30)
+    return unit(found)
 
 
 def _ply(points: NDArray[np.float64], model: _Model) -> str:

@@ -58,8 +58,9 @@ class Annotations:
     no annotation. labels: of instances by number, such as `frame.labels`. Raises SolariError if there is none."""
 
     def __init__(self, labels: Mapping[int, str]) -> None:
-        self._labels = {number: label for number, label in labels.items() if label}
-        self.classes = sorted(set(self._labels.values()))
+        self.labels = {number: label for number, label in labels.items() if label}
+        """The labels of the annotated instances, by number."""
+        self.classes = sorted(set(self.labels.values()))
         if not self.classes:
             raise SolariError("annotations: no instance has a label: assign instance.label, or give a file of classes "
                               "by --labels (label_instances)")  # fmt: skip
@@ -67,8 +68,8 @@ class Annotations:
     def _found(self, ids: Ids) -> Iterable[tuple[int, int, tuple[int, int, int, int]]]:
         """Number, class and box of each annotated instance in a picture."""
         for number, box in boxes(ids).items():
-            if number in self._labels:
-                yield number, self.classes.index(self._labels[number]), box
+            if number in self.labels:
+                yield number, self.classes.index(self.labels[number]), box
 
     def coco(self, pictures: Iterable[tuple[str, Ids]]) -> dict[str, Any]:
         """Images, annotations and categories in COCO's format, for a JSON file. pictures: names of files, and ids

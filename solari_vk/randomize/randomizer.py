@@ -7,7 +7,7 @@ import os
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -34,9 +34,9 @@ class Randomizer:
     Generator of the picture.
     """
 
-    path: str
+    path: str = field(compare=False)
     text: str
-    seed: int
+    seed: int = 0
     files: tuple[tuple[str, str], ...] = ()
     """The recipe's pictures, with the SHA-256 of each."""
 

@@ -34,15 +34,15 @@ def check_recipe(recipe: Any, who: str) -> None:
     if not isinstance(recipe, Mapping):
         raise SolariError(f"{who}: must have keys such as {', '.join(SECTIONS[1:])}, not {quoted(recipe)}")
     _check_keys(recipe, SECTIONS, who)
-    for name, kind in (("cameras", Camera), ("environment", Environment)):
-        _check_values(recipe.get(name, {}), f"{who}: {name}", _known(name, kind))
+    _check_values(recipe.get("cameras", {}), f"{who}: cameras", _known("cameras", Camera))
+    _check_values(recipe.get("environment", {}), f"{who}: environment", _known("environment", Environment))
     for name in PATTERNS:
         place = f"{who}: {name}"
         if not isinstance(recipe.get(name, {}), Mapping):
             raise SolariError(f'{place}: must have patterns of names, such as "Chair*", not {quoted(recipe[name])}')
         for pattern, values in recipe.get(name, {}).items():
-            kind = {"instances": Instance, "materials": Material}.get(name)
-            _check_values(values, f"{place}: {pattern}", None if kind is None else _known(name, kind))
+            known = {"instances": _known(name, Instance), "materials": _known(name, Material)}.get(name)
+            _check_values(values, f"{place}: {pattern}", known)
     given = recipe.get("distractors", {})
     place = f"{who}: distractors"
     _check_values({name: value for name, value in _mapping(given, place).items() if name != "material"}, place,

@@ -24,11 +24,15 @@ class Snapshot:
 
     def restore(self) -> None:
         """Give all fields the values that they had, and take away what was added."""
-        for now, before in zip((self._scene.instances, self._scene.lights), self._members, strict=True):
-            if list(now) != before:
-                now.clear()
-                for item in before:
-                    now.add(item)  # type: ignore[arg-type]
+        instances, lights = self._members
+        if list(self._scene.instances) != instances:
+            self._scene.instances.clear()
+            for instance in instances:
+                self._scene.instances.add(instance)
+        if list(self._scene.lights) != lights:
+            self._scene.lights.clear()
+            for light in lights:
+                self._scene.lights.add(light)
         for item, fields in self._fields:
             changed = {name: value for name, value in fields.items() if getattr(item, name) is not value}
             if changed:
