@@ -64,6 +64,7 @@ _HOMES = {
     "frame": ("SceneFrame",),
     "light_meter": ("illuminance",),
     "tracer": ("RayTracer",),
+    "cluster.views": ("Views",),
     "viewer.app": ("Viewer",),
 }
 _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": "scene.shapes"}
@@ -75,10 +76,11 @@ __all__ = [
     "Instance", "Keypoint", "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "Randomizer",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
-    "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load", "load_colmap", "load_gltf",
-    "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity",
-    "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
+    "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster", "encode_picture",
+    "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load", "load_colmap",
+    "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image",
+    "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights",
+    "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -91,6 +93,7 @@ if TYPE_CHECKING:
     from solari_vk.bands import render_large
     from solari_vk.batch import Batch
     from solari_vk.bound.binder import SceneBinder
+    from solari_vk.cluster.views import Views
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices

@@ -8,6 +8,7 @@ import pytest
 import solari_vk as sv
 from solari_vk.errors import SolariError
 from solari_vk.randomize.draws import check, draw
+from solari_vk.scene.matrices import transform_points
 
 RECIPE = """
 cameras: {vertical_fov: [0.5, 0.9], roll: [-10, 10], ev: 0.5, principal_point: [[0.4, 0.4], [0.6, 0.6]]}
@@ -82,15 +83,20 @@ def test_a_number_means_one_scene(make):
         assert state(alone) != states[2]
 
 
+def middle(instance):
+    low, high = instance.mesh.positions.min(axis=0), instance.mesh.positions.max(axis=0)
+    return transform_points(instance.transform, (low + high) / 2.0)
+
+
 def test_what_a_recipe_does(make):
     randomizer, scene = make(), box()
-    base, place = scene.instances["short block"].position.copy(), scene.lights["key"].position.copy()
+    base, place = middle(scene.instances["short block"]), scene.lights["key"].position.copy()
     randomizer.prepare(scene)
     colors, shown, textures, hidden = [], [], set(), 0
     for number in range(40):
         with randomizer.applied(scene, number):
-            moved = scene.instances["short block"].position - base
-            assert np.abs(moved[[0, 2]]).max() <= 0.1
+            moved = middle(scene.instances["short block"]) - base
+            assert np.abs(moved[[0, 2]]).max() <= 0.1 + 1e-6
             assert moved[1] == pytest.approx(0)
             colors.append(scene.materials[1].base_color.copy())
             assert 0.1 <= scene.materials[1].roughness <= 1
@@ -129,6 +135,11 @@ def test_a_further_key_leaves_the_others_values(make):
         with randomizer.applied(scene, 5):
             found.append(scene.materials["red"].roughness)
     assert found[0] == found[1]
+    with more.applied(scene, 5):
+        assert scene.materials["red"].metallic != found[0]  # keys and objects have values of their own
+    both = make("instances: {'*block': {turn: [0, 360]}}", "both.yaml")
+    with both.applied(scene, 5):
+        assert not np.allclose(scene.instances["short block"].rotation, scene.instances["tall block"].rotation)
 
 
 @pytest.mark.parametrize(("text", "words"), [

@@ -15,7 +15,7 @@ from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.randomize.draws import check, draw, largest, stream
 from solari_vk.scene import shapes
 from solari_vk.scene.images.radiance_files import read_radiance
-from solari_vk.scene.matrices import rotation
+from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture
 from solari_vk.scene.observed import Checked
 
@@ -191,9 +191,16 @@ def _move(item: Any, offset: Any) -> None:
 
 
 def _turn(item: Any, degrees: float) -> None:
-    """About the vertical axis through the item's place."""
+    """About the vertical axis through the middle of an instance's box: files may have it far from its origin."""
     about = rotation((0, 1, 0), math.radians(degrees))
-    item.rotation = about @ item.rotation
+    if not isinstance(item, Instance):
+        item.rotation = about @ item.rotation
+        return
+    points = item.posed_mesh().positions.astype(np.float64)
+    middle = transform_points(item.transform, (points.min(axis=0) + points.max(axis=0)) / 2)
+    move = np.eye(4)
+    move[:3, :3], move[:3, 3] = about, middle - about @ middle
+    item.transform = move @ item.transform
 
 
 def _roll(camera: Any, degrees: float) -> None:

@@ -153,6 +153,28 @@ def test_shards_hold_all(views):
         assert sample["objects.json"] == json.loads((views / f"{number:05}.objects.json").read_text())
 
 
+def test_views_are_a_data_set_of_pytorch(views, recipe):
+    """Samples are the files; depth along the cameras' rays leads to the positions that the renderer gives."""
+    loaded = sv.Views(views)
+    assert (len(loaded), loaded.size) == (5, (40, 32))
+    assert loaded.names == ("rgb", "position", "instance_id", "depth")
+    sample = loaded[1]
+    assert np.array_equal(np.rint(sample["rgb"] * 255), np.asarray(Image.open(views / "00001.png")))
+    there = np.isfinite(sample["depth"])
+    v, u = np.nonzero(there)
+    points = loaded.cameras[1].unproject(np.stack([u, v], -1), sample["depth"][there], loaded.size)
+    np.testing.assert_allclose(points, sample["position"][there], atol=1e-3)
+    assert loaded.objects(1) == json.loads((views / "00001.objects.json").read_text())
+    assert [sorted(one) for one in sv.Views(views, ["rgb"])] == [["rgb"]] * 5
+    for wrong, words in ((lambda: sv.Views(views, ["dept"]), "views have no 'dept'; did you mean 'depth'"),
+                         (lambda: sv.Views(recipe), "there is no such file")):  # fmt: skip
+        with pytest.raises(sv.SolariError, match=words):
+            wrong()
+    data = pytest.importorskip("torch.utils.data")
+    batches = list(data.DataLoader(sv.Views(views, ["rgb", "depth"]), batch_size=2))
+    assert [tuple(batch["rgb"].shape) for batch in batches] == [(2, 32, 40, 3), (2, 32, 40, 3), (1, 32, 40, 3)]
+
+
 def test_ids_are_read_once(recipe, views, monkeypatch):
     counted = []
     load = np.load
