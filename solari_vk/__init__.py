@@ -36,6 +36,7 @@ _HOMES = {
     "scene.gltf": ("load_gltf",),
     "scene.group": ("Group",),
     "scene.load": ("load",),
+    "scene.camera_rig": ("CameraRig",),
     "scene.colmap": ("ColmapImage", "load_colmap", "save_colmap"),
     "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
@@ -71,16 +72,16 @@ _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "Channel", "ColmapImage",
-    "Deformation", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow", "Frame", "Group", "HitGroup",
-    "Instance", "Keypoint", "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "Randomizer",
-    "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
-    "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster", "encode_picture",
-    "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load", "load_colmap",
-    "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image",
-    "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights",
-    "tonemap",
+    "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "CameraRig", "Channel",
+    "ColmapImage", "Deformation", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow", "Frame", "Group",
+    "HitGroup", "Instance", "Keypoint", "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
+    "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame",
+    "Settings", "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError",
+    "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster",
+    "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices",
+    "load", "load_colmap", "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap",
+    "save_image", "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes",
+    "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -114,6 +115,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.animation.keyframes import Channel
     from solari_vk.scene.animation.rig import Rig
     from solari_vk.scene.builtin import builtin
+    from solari_vk.scene.camera_rig import CameraRig
     from solari_vk.scene.colmap import ColmapImage, load_colmap, save_colmap
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
