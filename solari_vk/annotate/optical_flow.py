@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +38,7 @@ class Flow(NamedTuple):
 
 
 def optical_flow(
-    tracer: RayTracer, cameras: tuple[Camera, Camera], size: tuple[int, int], *,
+    tracer: RayTracer, cameras: Sequence[Camera], size: tuple[int, int], *,
     pose: Callable[[float], Any] | None = None, times: tuple[float, float] = (0.0, 1.0),
 ) -> tuple[Flow, Flow]:  # fmt: skip
     """The flow from a first picture to a second one, and the flow back.
