@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 
 import solari_vk as sv
 from solari_vk.errors import SolariError
@@ -220,6 +221,40 @@ def test_python_recipes(make):
         with pytest.raises(SolariError, match=words), make(text, "random.py").applied(scene, 0):
             pass
         assert state(scene) == before
+
+
+JUNK = (None, 3, -1, 1e300, True, "x", "a.png", [], [1], [1, 2], [[0, 0], [1, 1]], [[0, 0, 0], [1, 1, 1]], {}, {1: 2},
+        {"choose": [None]}, {"choose": ["x", [1, 2, 3]]}, {"log": [1, 2]}, float("inf"), [[None]], {"choose": {}})  # fmt: skip
+
+
+def mutants(value, path=()):
+    """Every recipe that differs from this one in one value or key."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            for mutant in mutants(inner, (*path, key)):
+                yield {**value, key: mutant}
+        yield {**value, 7: 1}
+    for junk in JUNK:
+        yield junk
+
+
+def test_any_recipe_works_or_names_its_file(make):
+    """None leads to another error, or leaves the scene changed."""
+    scene, refused = box(), 0
+    make().prepare(scene)
+    before = state(scene)
+    recipes = list(mutants(yaml.safe_load(RECIPE)))
+    for number in np.random.default_rng(1).permutation(len(recipes))[:250].tolist():
+        try:
+            randomizer = make(yaml.safe_dump(recipes[number]))
+            with randomizer.applied(scene, number):
+                pass
+            randomizer.camera(sv.Camera(), number)
+        except SolariError as error:
+            refused += 1
+            assert "random.yaml" in str(error) or "no such file" in str(error)
+        assert state(scene) == before, recipes[number]
+    assert 50 < refused < 240
 
 
 def test_draws():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture
 from solari_vk.scene.observed import Checked
 
+MOST_DISTRACTORS = 1000
 DISTRACTORS = ("count", "shapes", "size", "within", "material")
 SHAPES = ("box", "sphere", "cylinder", "cone", "capsule", "torus")
 RELATIVE: dict[str, tuple[str, ...]] = {
@@ -49,9 +51,15 @@ def check_recipe(recipe: Any, who: str) -> None:
                   DISTRACTORS)  # fmt: skip
     _check_values(given.get("material", {}), f"{place}: material", _known("materials", Material))
     wanted = given.get("shapes", [])
-    for shape in [wanted] if isinstance(wanted, str) else wanted if isinstance(wanted, list) else wanted["choose"]:
+    wanted = wanted.get("choose", [None]) if isinstance(wanted, Mapping) else wanted
+    for shape in wanted if isinstance(wanted, list) else [wanted]:
         if shape not in SHAPES:
             raise unknown_name(f"{place}: shapes: there is no shape", shape, SHAPES)
+    count = draw(given.get("count", 1), stream(0, 0, ""))
+    if not isinstance(count, int | float) or not largest(given.get("count", 1)) <= MOST_DISTRACTORS:
+        raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(given['count'])}")
+    if "within" in given and np.shape(given["within"]) != (2, 3):
+        raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(given['within'])}")
     if not isinstance(recipe.get("seed", 0), int) or recipe.get("seed", 0) < 0:
         raise SolariError(f"{who}: seed: must be a whole number from 0 on, not {quoted(recipe['seed'])}")
 
@@ -155,11 +163,18 @@ class Recipe:
         for name, value in fields.items():
             if isinstance(value, str) and (name == "image" or name.endswith("_texture")):
                 fields[name] = (_radiance if name == "image" else _texture)(self._folder / value)
-        try:
+        with self._blame(place):
             item.update(**fields)
-            for name in drawn.keys() & _RELATIVELY.keys():
-                _RELATIVELY[name](item, drawn[name])
-        except (SolariError, TypeError, ValueError) as error:
+            for name in drawn:
+                if name in _RELATIVELY:
+                    _RELATIVELY[name](item, drawn[name])
+
+    @contextmanager
+    def _blame(self, place: str) -> Iterator[None]:
+        """Name the recipe in errors of values that objects refuse."""
+        try:
+            yield
+        except (SolariError, TypeError, ValueError, OverflowError) as error:
             raise SolariError(f"{self._who}: {place}: {error}") from None
 
     def _place_distractors(self, scene: Scene, number: int) -> None:
@@ -173,11 +188,12 @@ class Recipe:
                 continue
             random = stream(self._seed, number, place)
             turn = random.normal(size=4)
-            item.update(
-                mesh=_shape(self._draw(given["shapes"], number, f"{place}/shape")), visible=True,
-                position=random.uniform(low, high), rotation=(turn / np.linalg.norm(turn)).tolist(),
-                scale=self._draw(given["size"], number, f"{place}/size"), material=Material(name=item.name),
-            )  # fmt: skip
+            with self._blame(place):
+                item.update(
+                    mesh=_shape(self._draw(given["shapes"], number, f"{place}/shape")), visible=True,
+                    position=random.uniform(low, high), rotation=(turn / np.linalg.norm(turn)).tolist(),
+                    scale=self._draw(given["size"], number, f"{place}/size"), material=Material(name=item.name),
+                )  # fmt: skip
             self._apply(item.material, given["material"], number, f"{place}/material")
 
 
