@@ -62,29 +62,25 @@ def trace_silhouettes(
     shape = height + 2 * top, width + 2 * left
     rows, columns = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
     pixels = np.stack([columns - left, rows - top], axis=-1).astype(np.float64)
-    whole, ids = dict[int, Mask](), np.full(len(pixels), -1)
+    met, ids = [np.zeros(0, np.int64)], np.full(len(pixels), -1)
     for rays, hits in peel(tracer, *pixel_rays(camera, pixels, size)):
-        for number in np.unique(hits.instance).tolist():
-            whole.setdefault(number, np.zeros(len(pixels), np.bool_))[rays[hits.instance == number]] = True
+        met.append(hits.instance.astype(np.int64) * len(pixels) + rays)
         ids[rays] = np.where(ids[rays] < 0, hits.instance, ids[rays])
-    runs = [_runs(mask.reshape(shape), number, left, top) for number, mask in sorted(whole.items())]
-    visible = ids.reshape(shape)[top : top + height, left : left + width]
-    return np.concatenate([np.zeros((0, 4), np.int32), *runs]), visible
-
-
-def _runs(canvas: Mask, number: int, left: int, top: int) -> Runs:
-    """The runs of one silhouette. left, top: where the picture begins on the canvas."""
-    ends = np.diff(np.pad(canvas, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, begin = np.nonzero(ends == 1)
-    length = np.nonzero(ends == -1)[1] - begin
-    return np.stack([np.full_like(row, number), begin - left, row - top, length], axis=1).astype(np.int32)
+    # One number for each instance and pixel, in order: a run ends where the next one doesn't follow, or a row ends.
+    places = np.unique(np.concatenate(met))
+    begins = np.flatnonzero((np.diff(places, prepend=-2) != 1) | (places % shape[1] == 0))
+    number, pixel = np.divmod(places[begins], len(pixels))
+    row, column = np.divmod(pixel, shape[1])
+    lengths = np.diff(begins, append=len(places))
+    runs = np.stack([number, column - left, row - top, lengths], axis=1).astype(np.int32)
+    return runs, ids.reshape(shape)[top : top + height, left : left + width]
 
 
 def read_runs(runs: Runs, visible: dict[int, Mask]) -> dict[int, Silhouette]:
     """Silhouettes by instance's number from runs (N, 4). visible: the masks (height, width) of what pictures show."""
-    found = {}
+    found, ordered = {}, runs[np.argsort(runs[:, 0], kind="stable")]
     for number, seen in visible.items():
-        mine = runs[runs[:, 0] == number]
+        mine = ordered[slice(*np.searchsorted(ordered[:, 0], (number, number + 1)))]
         mask = seen.copy()
         for _, x, y, length in mine.tolist():
             if 0 <= y < len(mask):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +33,7 @@ def peel(
     count = len(origins)
     start, end = (np.array(np.broadcast_to(value, count), np.float32) for value in (t_min, t_max))
     active = np.flatnonzero(np.isfinite(directions).all(axis=-1))
-    step = 0
+    step, double_sided = 0, np.zeros(0, np.bool_)
     while len(active):
         hits = tracer.trace(
             origins[active], directions[active], t_min=start[active], t_max=end[active], seed=step & 0xFFFFFFFF
@@ -42,7 +41,9 @@ def peel(
         there = hits.instance >= 0
         active, hits = active[there], hits[there]
         start[active] = np.maximum(hits.t * STEP, np.nextafter(hits.t, np.float32(np.inf)))
-        seen = hits.front_face | _double_sided(tracer, hits.instance)
+        if step == 0:
+            double_sided = _double_sided(tracer)
+        seen = hits.front_face | double_sided[hits.instance]
         yield active[seen], hits[seen]
         if first:
             active = active[~seen]
@@ -60,11 +61,12 @@ def first_surfaces(
     return np.concatenate(rays), np.concatenate(hits).view(Hits)
 
 
-def _double_sided(tracer: RayTracer, numbers: NDArray[Any]) -> NDArray[np.bool_]:
+def _double_sided(tracer: RayTracer) -> NDArray[np.bool_]:
+    """Whether the material of each instance is, by its number."""
     known = {number: instance.material.double_sided for number, instance in tracer.instances.items()}
     table = np.zeros(max(known, default=0) + 1, np.bool_)
     table[list(known)] = list(known.values())
-    return np.asarray(table[numbers])
+    return table
 
 
 def is_blocked(
