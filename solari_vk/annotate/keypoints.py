@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from os import PathLike
 from pathlib import Path
@@ -70,6 +70,11 @@ def keypoints(
 
 
 def _found(instances: list[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
+    return {instance: named for instance, named in find_keypoints(instances, points).items() if instance.visible}
+
+
+def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
+    """The named points of each instance that a pattern fits; arguments and errors are those of `keypoints`."""
     who = "keypoints"
     if isinstance(points, str | PathLike):
         who = f"keypoints {Path(points)}"
@@ -84,7 +89,10 @@ def _found(instances: list[Instance], points: Any) -> dict[Instance, Mapping[str
             raise unknown_name(f"{who}: no instance is named", pattern, [instance.name for instance in instances])
         for instance in fitting:
             found.setdefault(instance, named)
-    return {instance: named for instance, named in found.items() if instance.visible}
+    for instance, named in found.items():
+        for name, point in named.items():
+            _local(point, instance.mesh.positions, f"{who}: {name!r} of {instance.describe()}")
+    return found
 
 
 def _local(point: Any, positions: NDArray[Any], who: str) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from solari_vk.annotate.boxes import boxes_3d
 from solari_vk.annotate.silhouettes import Silhouette, read_runs
 from solari_vk.cluster import Style, View
 from solari_vk.cluster.dataset import NAME
-from solari_vk.cluster.tasks import SILHOUETTES
+from solari_vk.cluster.tasks import KEYPOINTS, SILHOUETTES
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output.annotations import Annotations, boxes
@@ -52,11 +52,14 @@ class Annotating:
         else:
             deque(pictures, 0)
 
-    def _pictures(self, kinds: Sequence[str], views: Sequence[View]) -> Iterator[tuple[str, NDArray[Any]]]:
-        """The name and the ids of each picture, whose other annotations are written on the way: each is read once."""
+    def _pictures(
+        self, kinds: Sequence[str], views: Sequence[View]
+    ) -> Iterator[tuple[str, NDArray[Any], dict[int, NDArray[Any]]]]:
+        """The name, the ids and the keypoints of each picture, whose other annotations are written on the way: each
+        file is read once."""
         bop = BopWriter(self._folder / BOP, self._instances, labels=self._labels) if "bop" in kinds else None
         for number, view in enumerate(views):
-            ids = self._layer(view, "instance_id")
+            ids, points = self._layer(view, "instance_id"), self._points(view)
             if "yolo" in kinds:
                 write_whole(self._folder / f"{Path(view.name).stem}.txt", self._annotations.yolo(ids))
             if bop is not None or "objects" in kinds:
@@ -65,19 +68,28 @@ class Annotating:
                     shown = {row: mask for row, mask in masks.items() if self._instances[row].visible}
                     silhouettes = read_runs(self._layer(view, SILHOUETTES), shown)
                     if "objects" in kinds:
-                        rows = self._objects(view.camera, silhouettes)
+                        rows = self._objects(view.camera, silhouettes, points)
                         write_whole(self._folder / f"{Path(view.name).stem}.{OBJECTS}.json", json.dumps(rows))
                     if bop is not None:
                         picture = (self._folder / view.name).read_bytes()
                         bop.add(number, view.camera, picture, self._layer(view, "depth"), silhouettes)
-            yield view.name, ids
+            yield view.name, ids, points
         if bop is not None:
             bop.finish()
 
     def _layer(self, view: View, name: str) -> NDArray[Any]:
         return np.asarray(np.load(self._folder / f"{Path(view.name).stem}.{name}.npy"))
 
-    def _objects(self, camera: Camera, silhouettes: Mapping[int, Silhouette]) -> list[dict[str, Any]]:
+    def _points(self, view: View) -> dict[int, NDArray[Any]]:
+        """u, v and state of the keypoints of each instance that has any."""
+        if KEYPOINTS not in self._style.layers:
+            return {}
+        rows = self._layer(view, KEYPOINTS)
+        return {int(number): rows[rows[:, 0] == number, 1:] for number in np.unique(rows[:, 0])}
+
+    def _objects(
+        self, camera: Camera, silhouettes: Mapping[int, Silhouette], points: Mapping[int, NDArray[Any]]
+    ) -> list[dict[str, Any]]:
         """The instances that are in a picture, or would be if nothing were before them."""
         rows = []
         for number, silhouette in silhouettes.items():
@@ -91,6 +103,10 @@ class Annotating:
                     "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
                     "whole_box": silhouette.box, "visible_fraction": silhouette.fraction,
                 })  # fmt: skip
+                if number in points:
+                    places = [row if np.isfinite(row).all() else [None, None, 0] for row in points[number].tolist()]
+                    names = self._annotations.keypoints[self._labels[number]]
+                    rows[-1]["keypoints"] = dict(zip(names, places, strict=True))
         return rows
 
 

@@ -8,6 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import solari_vk as sv
+from solari_vk.annotate.keypoints import find_keypoints
 from solari_vk.cli.annotations import ANNOTATIONS, Annotating, write_shards
 from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.progress import check_time_limit
@@ -16,9 +17,9 @@ from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.cluster import RenderTask, Style, View, blocks
 from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
 from solari_vk.cluster.journal import open_journal
-from solari_vk.cluster.tasks import SILHOUETTES
+from solari_vk.cluster.tasks import KEYPOINTS, SILHOUETTES, TRACED
 from solari_vk.errors import SolariError
-from solari_vk.files import make_folder, write_whole
+from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
@@ -49,7 +50,11 @@ def run(job: DatasetJob) -> int:
     instances = dict(enumerate(subject.scene.instances))
     given = {} if job.labels is None else find_labels(subject.scene, job.labels)
     labels = {number: given.get(instance, instance.label) for number, instance in instances.items()}
-    annotations = Annotations(labels) if job.annotations else None
+    points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
+    named = find_keypoints(subject.scene.instances[:], points)
+    style = dataclasses.replace(style, points=json.dumps(points))
+    keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
+    annotations = Annotations(labels, keypoints) if job.annotations else None
     with open_pool(job) as pool:
         ev100 = subject.cameras[0].ev100
         if subject.auto_exposure:
@@ -85,6 +90,10 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
     if "bop" in job.annotations and job.format != "png":
         raise SolariError("--annotations bop: its pictures are .png files: give --format png")
+    if job.keypoints is not None:
+        if not {"coco", "objects"} & set(job.annotations):
+            raise SolariError("--keypoints: are part of --annotations coco or objects: give one of them")
+        needed.append(KEYPOINTS)
     return dataclasses.replace(job, aov=tuple(dict.fromkeys((*job.aov, *needed))))
 
 
@@ -93,7 +102,7 @@ def _style(job: DatasetJob) -> Style:
     if job.view != "picture":
         raise SolariError(f"--view {job.view}: a data set has pictures of light: see --aov")
     if job.mode == "reference":
-        check_aovs(job.aov, job.mode, (*sv.PathTracer.OUTPUTS[1:], SILHOUETTES))
+        check_aovs(job.aov, job.mode, (*sv.PathTracer.OUTPUTS[1:], *TRACED))
         if job.denoise:
             oidn.check_installed()
         return Style(job.size, job.seed, job.aov, job.tonemap, samples=job.samples, max_bounces=job.max_bounces,
@@ -101,7 +110,7 @@ def _style(job: DatasetJob) -> Style:
     if job.denoise:
         raise SolariError("--denoise: is an option of --mode reference: give --settings denoise=on")
     settings = job.make_settings()
-    check_parts([name for name in job.aov if name != SILHOUETTES], job.size, settings)
+    check_parts([name for name in job.aov if name not in TRACED], job.size, settings)
     return Style(job.size, job.seed, job.aov, job.tonemap, settings=settings, frames=job.average, warm_up=job.warm_up)
 
 

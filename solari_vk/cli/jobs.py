@@ -224,6 +224,10 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "each picture), objects (boxes in space, poses and the share that is seen: NUMBER.objects.json), bop (a folder "
         "in the format of that benchmark)", "coco,yolo,objects,bop", type=words, default=(),
     )
+    keypoints: Path | None = option(
+        "named points of instances for the annotations coco and objects: a JSON file such as "
+        '{"Chair*": {"seat": [0, 0.4, 0]}}', "FILE", type=Path
+    )
     randomize: Path | None = option(
         "what is random in each view: a .yaml file of ranges, or a .py file with a function randomize(scene, random, "
         "number)", "FILE", type=Path

@@ -7,6 +7,7 @@ with the frames before it, which are rendered and not written. So its bits don't
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.annotate.keypoints import keypoints
 from solari_vk.annotate.silhouettes import trace_silhouettes
 from solari_vk.cluster.device_session import DeviceSession
 from solari_vk.errors import SolariError
@@ -30,7 +32,8 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 
 BLOCK = 24  # pictures of the realtime renderer
-SILHOUETTES = "silhouettes"  # a layer that isn't a picture: the runs of annotate/silhouettes.py
+# Layers that aren't pictures: the runs of annotate/silhouettes.py; rows of an instance's number, u, v and state.
+TRACED = SILHOUETTES, KEYPOINTS = "silhouettes", "keypoints"
 METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
 
 
@@ -52,8 +55,8 @@ class Style:
 
     With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
     picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
-    layers: names of further results of the renderer, and SILHOUETTES. clip: the number of an animation of the scene.
-    randomizer: changes the scene for each view, by its number.
+    layers: names of further results of the renderer, and TRACED. clip: the number of an animation of the scene.
+    randomizer: changes the scene for each view, by its number. points: those of KEYPOINTS, as JSON.
     """
 
     size: tuple[int, int]
@@ -68,11 +71,12 @@ class Style:
     max_bounces: int = 16
     denoise: bool = False
     randomizer: Randomizer | None = None
+    points: str = "{}"
 
     @property
     def rendered(self) -> tuple[str, ...]:
         """The layers that the renderer has."""
-        return tuple(name for name in self.layers if name != SILHOUETTES)
+        return tuple(name for name in self.layers if name not in TRACED)
 
     def randomized(self, scene: Scene, number: int) -> AbstractContextManager[None]:
         """A context in which the scene is as view `number` has it."""
@@ -177,6 +181,12 @@ class RenderTask:
             around = 0.0 if view.camera.has_lens else 1.0
             runs, _ = trace_silhouettes(session.ray_tracer(), view.camera, self.style.size, around=around)
             write_npy(folder / f"{Path(view.name).stem}.{SILHOUETTES}.npy", runs)
+        if KEYPOINTS in self.style.layers:
+            tracer = session.ray_tracer()
+            found = keypoints(tracer, view.camera, self.style.size, json.loads(self.style.points))
+            rows = [(number, *point.pixel, point.state) for number, instance in sorted(tracer.instances.items())
+                    for point in found.get(instance, {}).values()]  # fmt: skip
+            write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))
         layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.rendered}
         save_image(
             folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,

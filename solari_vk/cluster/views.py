@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.cluster.dataset import NAME, cameras_for
+from solari_vk.cluster.tasks import TRACED
 from solari_vk.errors import Hints, SolariError, unknown_name
 from solari_vk.files import read_json
 from solari_vk.scene.images.image_files import read_pixels
@@ -42,7 +43,7 @@ class Views(Hints):
             raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
         if suffix not in PICTURES:
             raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
-        self.names = tuple(name for name in self._known if name != "silhouettes") if names is None else tuple(names)
+        self.names = tuple(name for name in self._known if name not in TRACED) if names is None else tuple(names)
         """What samples have."""
         for name in self.names:
             if name not in self._known:

@@ -175,6 +175,52 @@ def test_views_are_a_data_set_of_pytorch(views, recipe):
     assert [tuple(batch["rgb"].shape) for batch in batches] == [(2, 32, 40, 3), (2, 32, 40, 3), (1, 32, 40, 3)]
 
 
+def test_keypoints(recipe, tmp_path):
+    """As COCO has them, read by its package: those of the views' own scenes, found by a ray tracer of their own."""
+    coco_tools = pytest.importorskip("pycocotools.coco")
+    named = {"first": 0, "last": 7, "far": [9, 9, 9]}
+    (tmp_path / "points.json").write_text(json.dumps({"*block": named}))
+    folder = run(recipe, tmp_path / "views", "--annotations", "coco,objects", "--keypoints", tmp_path / "points.json")
+    coco = coco_tools.COCO(folder / "annotations.json")
+    (block,) = coco.loadCats(coco.getCatIds(["block"]))
+    assert block["keypoints"] == list(named)
+    scene, camera_of, states = sv.builtin("cornell_box"), sv.Views(folder).cameras, set()
+    randomizer = sv.Randomizer.load(recipe / "random.yaml", 0)
+    randomizer.prepare(scene)
+    with sv.Device() as device, sv.RayTracer(device, scene) as tracer:
+        for number, image in enumerate(coco.loadImgs(coco.getImgIds())):
+            with randomizer.applied(scene, number):
+                expected = sv.keypoints(tracer, camera_of[number], (40, 32), {"*block": named})
+            rows = {row["name"]: row for row in json.loads((folder / f"{number:05}.objects.json").read_text())}
+            found = {one["instance_id"]: one for one in coco.loadAnns(coco.getAnnIds(image["id"]))}
+            for instance, points in expected.items():
+                row = rows.get(instance.name)
+                if row is None:
+                    continue
+                for name, point in points.items():
+                    assert row["keypoints"][name][2] == point.state
+                    if point.state:
+                        np.testing.assert_allclose(row["keypoints"][name][:2], point.pixel, atol=0.01)
+                    states.add(point.state)
+                if row["id"] in found:
+                    one = found[row["id"]]
+                    assert one["keypoints"][2::3] == [point.state for point in points.values()]
+                    assert one["num_keypoints"] == sum(point.state > 0 for point in points.values())
+    assert states == {0, 1, 2}
+
+
+def test_wrong_keypoints(recipe, tmp_path, capsys, any_device):
+    for text, more, words in (
+        ('{"*block": {"a": 0}}', ("--annotations", "yolo"), "--keypoints: are part of --annotations coco or objects"),
+        ('{"chair": {"a": 0}}', ("--annotations", "coco"), "keypoints: no instance is named 'chair'"),
+        ('{"tall block": {"a": 0}}', ("--annotations", "coco"), "instances of the class 'block' have other keypoints"),
+        ('{"*block": {"a": 99}}', ("--annotations", "coco"), "'a' of Instance 'short block': is three numbers, or a"),
+    ):
+        (tmp_path / "points.json").write_text(text)
+        run(recipe, tmp_path / "views", *more, "--keypoints", tmp_path / "points.json", code=2)
+        assert words in capsys.readouterr().err
+
+
 def test_ids_are_read_once(recipe, views, monkeypatch):
     counted = []
     load = np.load
