@@ -10,6 +10,7 @@ import pytest
 from support.rays import World
 
 import solari_vk as sv
+from solari_vk.annotate.silhouettes import read_runs
 from solari_vk.errors import SolariError
 from solari_vk.scene.matrices import transform_points
 
@@ -85,6 +86,27 @@ def test_half_hidden_and_half_outside(device):
     assert inside[near].fraction == 1
     with pytest.raises(SolariError, match="around is from 0 to 8"):
         sv.silhouettes(tracer, sv.Camera(projection="fisheye"), (20, 20), around=1)
+
+
+def test_pixels_that_another_renderer_sees_count():
+    """Runs in and around the picture, and a pixel of the picture that is in none of them."""
+    seen = np.zeros((3, 4), bool)
+    seen[2, 3] = seen[1, 1] = True
+    runs = np.array([[5, -2, 1, 4], [4, 0, 0, 2], [5, 0, 0, 1]], np.int32)
+    found = read_runs(runs, {5: seen, 6: np.zeros((3, 4), bool)})
+    assert found[5].mask.tolist() == [[1, 0, 0, 0], [1, 1, 0, 0], [0, 0, 0, 1]]
+    assert (found[5].pixel_count, found[5].fraction, found[5].box) == (6, 2 / 6, (-2, 0, 6, 3))
+    assert (found[6].pixel_count, found[6].fraction, found[6].box) == (0, 0, (0, 0, 0, 0))
+
+
+def test_wrong_arguments(tracer, camera):
+    for call, words in (
+        (lambda: sv.silhouettes(camera, camera, SIZE), "silhouettes: a RayTracer is needed, not <Camera"),
+        (lambda: sv.keypoints(tracer, 3, SIZE, {}), "keypoints: a Camera is needed, not 3"),
+        (lambda: sv.optical_flow(tracer, (camera, camera), (0.5, 3)), "size is .width, height. in pixels"),
+    ):
+        with pytest.raises(SolariError, match=words):
+            call()
 
 
 def test_back_faces_hide_nothing(device):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.annotate.surfaces import is_blocked
+from solari_vk.annotate.surfaces import check_view, is_blocked
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.files import read_json
 from solari_vk.scene.matrices import transform_points
@@ -48,6 +48,7 @@ def keypoints(
     for joints below skin; always a thousandth of the distance. Raises SolariError for a pattern that fits no name, and
     for a point that is neither.
     """
+    check_view("keypoints", tracer, camera, size)
     positions, names = list[NDArray[np.float64]](), list[tuple[Instance, str]]()
     tracer.trace(np.zeros((0, 3)), np.zeros((0, 3)))  # takes up the scene's edits
     for instance, named in _found(list(tracer.instances.values()), points).items():

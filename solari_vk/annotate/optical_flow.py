@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.annotate.surfaces import first_surfaces, is_blocked, pixel_rays
+from solari_vk.annotate.surfaces import check_view, first_surfaces, is_blocked, pixel_rays
 from solari_vk.errors import SolariError
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
@@ -51,6 +51,8 @@ def optical_flow(
     """
     if len(cameras) != 2 or not all(isinstance(camera, Camera) for camera in cameras):
         raise SolariError("optical_flow: cameras are two Camera objects, one for each picture")
+
+    check_view("optical_flow", tracer, cameras[0], size)
 
     def show(index: int) -> None:
         if pose is not None:

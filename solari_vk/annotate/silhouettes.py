@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.annotate.surfaces import peel, pixel_rays
+from solari_vk.annotate.surfaces import check_view, peel, pixel_rays
 from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.tracer import RayTracer
@@ -55,6 +55,7 @@ def trace_silhouettes(
 ) -> tuple[Runs, NDArray[np.int64]]:
     """The whole silhouettes as runs of pixels (N, 4): instance, first column, row, length; and the instance that each
     pixel shows, (height, width), -1 for none. Arguments and errors are those of `silhouettes`."""
+    check_view("silhouettes", tracer, camera, size)
     if not 0 <= around <= 8 or (around and camera.has_lens):
         raise SolariError(f"silhouettes: around is from 0 to 8, and 0 for a lens that isn't a pinhole, not "
                           f"{quoted(around)}")  # fmt: skip
@@ -81,14 +82,15 @@ def read_runs(runs: Runs, visible: dict[int, Mask]) -> dict[int, Silhouette]:
     found, ordered = {}, runs[np.argsort(runs[:, 0], kind="stable")]
     for number, seen in visible.items():
         mine = ordered[slice(*np.searchsorted(ordered[:, 0], (number, number + 1)))]
-        mask = seen.copy()
+        mask = np.zeros_like(seen)
         for _, x, y, length in mine.tolist():
             if 0 <= y < len(mask):
                 mask[y, max(x, 0) : max(x + length, 0)] = True
-        if not len(mine):
-            found[number] = Silhouette(mask, seen, 0, (0, 0, 0, 0))
-            continue
-        (x, y), (end, last) = mine[:, 1:3].min(axis=0).tolist(), ((mine[:, 1] + mine[:, 3]).max(), mine[:, 2].max())
-        box = x, y, int(end) - x, int(last) - y + 1
-        found[number] = Silhouette(mask, seen, int(mine[:, 3].sum()), box)
+        row, column = np.nonzero(seen & ~mask)  # at edges another renderer may see a pixel more
+        mine = np.concatenate([mine, np.stack([0 * row, column, row, 0 * row + 1], axis=1)])
+        box = 0, 0, 0, 0
+        if len(mine):
+            low, ends = mine[:, 1:3].min(axis=0), (mine[:, 1:3] + mine[:, 3:] * (1, 0) + (0, 1)).max(axis=0)
+            box = (*low.tolist(), *(ends - low).tolist())
+        found[number] = Silhouette(mask | seen, seen, int(mine[:, 3].sum()), box)
     return found

@@ -7,11 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.model import Camera
 from solari_vk.tracer import Hits, RayTracer
 
 STEP = np.float32(1 + 2**-20)  # from one surface to the next: two that are closer, relative to the distance, are one
 Floats = NDArray[np.float64]
+
+
+def check_view(who: str, tracer: RayTracer, camera: Camera, size: tuple[int, int]) -> None:
+    """Raise SolariError for what is no tracer, no camera or no size."""
+    for given, kind in ((tracer, RayTracer), (camera, Camera)):
+        if not isinstance(given, kind):
+            raise SolariError(f"{who}: a {kind.__name__} is needed, not {quoted(given)}")
+    camera.rays((0, 0), size)
 
 
 def pixel_rays(camera: Camera, pixels: Floats, size: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
