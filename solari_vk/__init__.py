@@ -36,6 +36,7 @@ _HOMES = {
     "scene.gltf": ("load_gltf",),
     "scene.group": ("Group",),
     "scene.load": ("load",),
+    "scene.camera_rig": ("CameraRig",),
     "scene.colmap": ("ColmapImage", "load_colmap", "save_colmap"),
     "scene.opening": ("open",),
     "scene.builtin": ("builtin",),
@@ -43,49 +44,69 @@ _HOMES = {
     "scene.lights.temperature": ("kelvin",),
     "scene.labels": ("label_instances",),
     "scene.studio": ("studio_lights",),
+    "annotate.bop": ("BopWriter",),
+    "annotate.boxes": ("Box3D", "boxes_3d"),
+    "annotate.keypoints": ("Keypoint", "keypoints"),
+    "annotate.optical_flow": ("Flow", "optical_flow"),
+    "annotate.silhouettes": ("Silhouette", "silhouettes"),
     "bands": ("render_large",),
     "output.annotations": ("Annotations", "instance_table"),
     "batch": ("Batch",),
+    "output.kitti": ("save_kitti_disparity", "save_kitti_flow"),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
+    "output.shards": ("save_shards",),
     "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
     "reference": ("PathTracer",),
+    "randomize.randomizer": ("Randomizer",),
     "rendered": ("RenderedFrame",),
     "renderer": ("Renderer",),
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
     "light_meter": ("illuminance",),
     "tracer": ("RayTracer",),
+    "cluster.views": ("Views",),
     "viewer.app": ("Viewer",),
 }
 _MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Animation", "Annotations", "Batch", "CallbackError", "Camera", "Channel", "ColmapImage", "Deformation",
-    "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "Group", "HitGroup", "Instance",
-    "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame",
-    "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage",
-    "Texture", "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin",
-    "check_output", "cluster", "encode_picture", "illuminance", "instance_table", "kelvin", "label_instances",
-    "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open", "render_large", "rt", "save_colmap",
-    "save_image", "save_video", "shapes", "studio_lights", "tonemap",
+    "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "CameraRig", "Channel",
+    "ColmapImage", "Deformation", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow", "Frame", "Group",
+    "HitGroup", "Instance", "Keypoint", "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
+    "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame",
+    "Settings", "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError",
+    "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster",
+    "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices",
+    "load", "load_colmap", "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap",
+    "save_image", "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes",
+    "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from solari_vk import cluster, notebook, rt
+    from solari_vk.annotate.bop import BopWriter
+    from solari_vk.annotate.boxes import Box3D, boxes_3d
+    from solari_vk.annotate.keypoints import Keypoint, keypoints
+    from solari_vk.annotate.optical_flow import Flow, optical_flow
+    from solari_vk.annotate.silhouettes import Silhouette, silhouettes
     from solari_vk.bands import render_large
     from solari_vk.batch import Batch
     from solari_vk.bound.binder import SceneBinder
+    from solari_vk.cluster.views import Views
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
     from solari_vk.light_meter import illuminance
     from solari_vk.output.annotations import Annotations, instance_table
+    from solari_vk.output.kitti import save_kitti_disparity, save_kitti_flow
     from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image
+    from solari_vk.output.shards import save_shards
     from solari_vk.output.tone_mapping import auto_exposure, encode_picture, tonemap
+    from solari_vk.randomize.randomizer import Randomizer
     from solari_vk.reference import PathTracer
     from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer
@@ -94,6 +115,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.animation.keyframes import Channel
     from solari_vk.scene.animation.rig import Rig
     from solari_vk.scene.builtin import builtin
+    from solari_vk.scene.camera_rig import CameraRig
     from solari_vk.scene.colmap import ColmapImage, load_colmap, save_colmap
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf

@@ -27,6 +27,7 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
+    "annotate", "randomize",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -53,6 +54,8 @@ MAY_IMPORT = {
     "rt": {"errors", *GPU},
     "frame": {"errors", *GPU, *WINGS},
     "tracer": {"errors", "frame", *GPU, *WINGS},
+    "annotate": {"errors", "files", "output", "tracer", "scene"},
+    "randomize": {"errors", "files", "scene"},
     "first_hits": {"passes", "gpu.device", "gpu.frame", *WINGS},
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from solari_vk.cli.subject import Subject
     from solari_vk.cluster import OneDevice, RenderTask, WorkerPool
     from solari_vk.cluster.journal import Journal
+    from solari_vk.randomize.randomizer import Randomizer
     from solari_vk.scene.model import Camera, Scene
 
 
@@ -53,11 +54,14 @@ def words_on(pool: WorkerPool | OneDevice) -> str:
     return f"{pool.worker_count} workers, each with {pool.identity.device}"
 
 
-def metered(pool: WorkerPool | OneDevice, subject: Subject, cameras: Sequence[Camera], size: tuple[int, int]) -> float:
-    """The exposure that suits pictures of some cameras."""
+def metered(
+    pool: WorkerPool | OneDevice, subject: Subject, cameras: Sequence[Camera], size: tuple[int, int],
+    randomizer: Randomizer | None = None, numbers: Sequence[int] = (),
+) -> float:  # fmt: skip
+    """The exposure that suits pictures of some cameras. randomizer, numbers: as of Meter."""
     from solari_vk.cluster import Meter
 
-    answers = pool.map(subject.scene, [Meter(tuple(cameras), size)])
+    answers = pool.map(subject.scene, [Meter(tuple(cameras), size, randomizer, tuple(numbers))])
     return float(next(done[1] for done in answers if done is not None))
 
 

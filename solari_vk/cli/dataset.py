@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 import solari_vk as sv
+from solari_vk.annotate.keypoints import find_keypoints
+from solari_vk.cli.annotations import ANNOTATIONS, Annotating, write_shards
 from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.realtime import check_parts
@@ -18,10 +17,12 @@ from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.cluster import RenderTask, Style, View, blocks
 from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
 from solari_vk.cluster.journal import open_journal
+from solari_vk.cluster.tasks import KEYPOINTS, SILHOUETTES, TRACED
 from solari_vk.errors import SolariError
-from solari_vk.files import make_folder, write_whole
+from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
+from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.scene.labels import find_labels
 
 if TYPE_CHECKING:
@@ -30,64 +31,70 @@ if TYPE_CHECKING:
 
 METERED = 8  # views whose mean exposure is that of all
 JOURNAL = "views.jsonl"
-INSTANCES, COCO, CLASSES = "instances.json", "annotations.json", "classes.txt"
-ANNOTATIONS = ("coco", "yolo")
+INSTANCES = "instances.json"
 
 
 def run(job: DatasetJob) -> int:
     """Render the views that aren't in the folder yet; returns the exit code, 1 if some are missing."""
     check_time_limit(job.time_limit)
-    style = _style(_with_ids(job))
+    randomizer = None if job.randomize is None else Randomizer.load(job.randomize, job.seed)
+    style = dataclasses.replace(_style(_with_layers(job)), randomizer=randomizer)
     folder = job.output.resolve()
     make_folder(folder)
     subject = load(job, time=job.time)
+    cameras, metered_numbers = _cameras(subject, job)
+    shown = [cameras[number] for number in metered_numbers]
+    cameras = cameras[: job.views]
+    if randomizer is not None:
+        randomizer.prepare(subject.scene)
     instances = dict(enumerate(subject.scene.instances))
     given = {} if job.labels is None else find_labels(subject.scene, job.labels)
     labels = {number: given.get(instance, instance.label) for number, instance in instances.items()}
-    annotations = Annotations(labels) if job.annotations else None
-    cameras, shown = _cameras(subject, job)
+    points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
+    named = find_keypoints(subject.scene.instances[:], points)
+    style = dataclasses.replace(style, points=json.dumps(points))
+    keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
+    annotations = Annotations(labels, keypoints) if job.annotations else None
     with open_pool(job) as pool:
-        ev100 = metered(pool, subject, shown, job.size) if subject.auto_exposure else subject.cameras[0].ev100
+        ev100 = subject.cameras[0].ev100
+        if subject.auto_exposure:
+            ev100 = metered(pool, subject, shown, job.size, randomizer, metered_numbers)
         expose(cameras, ev100)
+        if randomizer is not None:
+            for number, camera in enumerate(cameras):
+                randomizer.camera(camera, number)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = views_of(cameras, f".{job.format}")
-        tasks = _tasks(style, views, job.cameras == "random")
+        tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
         if "instance_id" in style.layers:
-            _write_json(folder / INSTANCES, instance_table(instances, labels))
+            write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
         if not render_files(pool, subject.scene, tasks, journal, job):
             return 1
     if annotations is not None:
-        _annotate(folder, annotations, job.annotations, views)
+        Annotating(folder, annotations, instances, style, subject.scene).write(job.annotations, views)
+    if job.shards is not None:
+        write_shards(folder, job.shards)
     return 0
 
 
-def _with_ids(job: DatasetJob) -> DatasetJob:
-    """The job with the output that its annotations need."""
+def _with_layers(job: DatasetJob) -> DatasetJob:
+    """The job with the outputs that its annotations need."""
+    needed = list[str]()
     for name in job.annotations:
         if name not in ANNOTATIONS:
-            raise SolariError(f"--annotations {name}: take one or both of {', '.join(ANNOTATIONS)}")
-    if not job.annotations or ("instance_id" in job.aov and job.format != "exr"):
-        return job
-    if job.format == "exr":
-        raise SolariError("--annotations: are made from .npy files of instance_id: give --format png or npy")
-    return dataclasses.replace(job, aov=(*job.aov, "instance_id"))
-
-
-def _annotate(folder: Path, annotations: Annotations, kinds: tuple[str, ...], views: list[View]) -> None:
-    """Write annotations of all views. Raises SolariError for a file that can't be written."""
-    names = [(view.name, folder / f"{Path(view.name).stem}.instance_id.npy") for view in views]
-    if "coco" in kinds:
-        _write_json(folder / COCO, annotations.coco((name, np.load(path)) for name, path in names))
-    if "yolo" in kinds:
-        write_whole(folder / CLASSES, "".join(f"{name}\n" for name in annotations.classes))
-        for _, path in names:
-            write_whole(folder / path.name.replace(".instance_id.npy", ".txt"), annotations.yolo(np.load(path)))
-
-
-def _write_json(path: Path, value: dict[str, Any]) -> None:
-    write_whole(path, json.dumps(value))
+            raise SolariError(f"--annotations {name}: take some of {', '.join(ANNOTATIONS)}")
+        needed += ANNOTATIONS[name]
+    if job.format == "exr" and (needed or SILHOUETTES in job.aov):
+        raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
+    if "bop" in job.annotations and job.format != "png":
+        raise SolariError("--annotations bop: its pictures are .png files: give --format png")
+    if job.keypoints is not None:
+        if not {"coco", "objects"} & set(job.annotations):
+            raise SolariError("--keypoints: are part of --annotations coco or objects: give one of them")
+        needed.append(KEYPOINTS)
+    return dataclasses.replace(job, aov=tuple(dict.fromkeys((*job.aov, *needed))))
 
 
 def _style(job: DatasetJob) -> Style:
@@ -95,7 +102,7 @@ def _style(job: DatasetJob) -> Style:
     if job.view != "picture":
         raise SolariError(f"--view {job.view}: a data set has pictures of light: see --aov")
     if job.mode == "reference":
-        check_aovs(job.aov, job.mode, sv.PathTracer.OUTPUTS[1:])
+        check_aovs(job.aov, job.mode, (*sv.PathTracer.OUTPUTS[1:], *TRACED))
         if job.denoise:
             oidn.check_installed()
         return Style(job.size, job.seed, job.aov, job.tonemap, samples=job.samples, max_bounces=job.max_bounces,
@@ -103,7 +110,7 @@ def _style(job: DatasetJob) -> Style:
     if job.denoise:
         raise SolariError("--denoise: is an option of --mode reference: give --settings denoise=on")
     settings = job.make_settings()
-    check_parts(job.aov, job.size, settings)
+    check_parts([name for name in job.aov if name not in TRACED], job.size, settings)
     return Style(job.size, job.seed, job.aov, job.tonemap, settings=settings, frames=job.average, warm_up=job.warm_up)
 
 
@@ -115,8 +122,8 @@ def _tasks(style: Style, views: list[View], is_random: bool) -> list[RenderTask]
     return [RenderTask(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
 
 
-def _cameras(subject: Subject, job: DatasetJob) -> tuple[list[Camera], list[Camera]]:
-    """The cameras of the views, and those whose exposures are measured.
+def _cameras(subject: Subject, job: DatasetJob) -> tuple[list[Camera], list[int]]:
+    """The cameras of the views, and perhaps more, and the numbers of those whose exposures are measured.
 
     At random places these are the first ones of the seed, used or not, so that any number of views has one exposure.
     """
@@ -124,4 +131,5 @@ def _cameras(subject: Subject, job: DatasetJob) -> tuple[list[Camera], list[Came
     most = max(job.views, METERED) if is_random and job.views is not None else job.views
     aspect = job.size[0] / job.size[1]
     found = cameras_for(job.cameras, subject.scene, subject.cameras[0], most, aspect, job.seed)
-    return found[: job.views], found[:METERED] if is_random else found[:: -(-len(found) // METERED)]
+    numbers = range(len(found))
+    return found, list(numbers[:METERED] if is_random else numbers[:: -(-len(found) // METERED)])

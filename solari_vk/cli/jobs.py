@@ -220,9 +220,20 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
     )
     annotations: tuple[str, ...] = option(
-        "boxes and masks of instances that have a class: coco (annotations.json), yolo (a text file for each picture)",
-        "coco,yolo", type=words, default=(),
+        "labels of instances that have a class: coco (annotations.json: boxes and masks), yolo (boxes: a text file for "
+        "each picture), objects (boxes in space, poses and the share that is seen: NUMBER.objects.json), bop (a folder "
+        "in the format of that benchmark)", "coco,yolo,objects,bop", type=words, default=(),
     )
+    keypoints: Path | None = option(
+        "named points of instances for the annotations coco and objects: a JSON file such as "
+        '{"Chair*": {"seat": [0, 0.4, 0]}}', "FILE", type=Path
+    )
+    randomize: Path | None = option(
+        "what is random in each view: a .yaml file of ranges, or a .py file with a function randomize(scene, random, "
+        "number)", "FILE", type=Path
+    )
+    shards: int | None = option("write all files of N views each into tar files too, as WebDataset reads them", "N",
+                                type=positive)
     time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
     samples: int = option("samples per pixel (64)", "N", type=positive, default=64)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)

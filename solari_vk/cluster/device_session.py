@@ -18,6 +18,7 @@ from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
+from solari_vk.tracer import RayTracer
 
 
 class Job(Protocol):
@@ -66,6 +67,7 @@ class DeviceSession:
         self._scene_key = ""
         self._clip: int | None = None  # that of the latest job
         self._owned = ExitStack()  # what depends on the scene
+        self._tracer: RayTracer | None = None
         self._made: dict[type[PictureRenderer], tuple[Any, PictureRenderer]] = {}
 
     def show(self, key: str, data: bytes, clip: int | None) -> None:
@@ -94,6 +96,13 @@ class DeviceSession:
         renderer.reset()
         return renderer
 
+    def ray_tracer(self) -> RayTracer:
+        """A tracer of rays through the scene."""
+        if self._tracer is None:
+            self._tracer = RayTracer(self.device, self._binder)
+            self._owned.callback(self._tracer.close)
+        return self._tracer
+
     def _renderer(self, kind: type[Kind], key: Any, size: tuple[int, int], **options: Any) -> Kind:
         made, renderer = self._made.pop(kind, (None, None))
         if renderer is not None and made != key:
@@ -110,6 +119,7 @@ class DeviceSession:
     def forget(self) -> None:
         """Free the scene and the renderers."""
         self._scene_key = ""
+        self._tracer = None
         self._made.clear()
         self._owned.close()
 

@@ -163,7 +163,7 @@ def _await_file(path: Path) -> None:
 
 
 def _key(task: RenderTask) -> str:
-    return hashlib.sha256(_as_json(dataclasses.replace(task, folder=None)).encode()).hexdigest()[:16]
+    return hashlib.sha256(_as_json(task).encode()).hexdigest()[:16]
 
 
 def _as_json(value: Any) -> str:
@@ -174,7 +174,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Camera):
         return {**value.pose(), "jitter": value.jitter.tolist()}
     if dataclasses.is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.compare}
     assert isinstance(value, np.generic)
     return value.item()
 

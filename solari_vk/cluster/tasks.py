@@ -7,9 +7,11 @@ with the frames before it, which are rendered and not written. So its bits don't
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,16 +19,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.annotate.keypoints import keypoints
+from solari_vk.annotate.silhouettes import trace_silhouettes
 from solari_vk.cluster.device_session import DeviceSession
 from solari_vk.errors import SolariError
 from solari_vk.files import make_temporary_folder
 from solari_vk.frame_means import FrameMeans
-from solari_vk.output.picture import save_image
+from solari_vk.output.picture import save_image, write_npy
+from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.reference import numbered_seed
-from solari_vk.scene.model import Camera
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 
 BLOCK = 24  # pictures of the realtime renderer
+# Layers that aren't pictures: the runs of annotate/silhouettes.py; rows of an instance's number, u, v and state.
+TRACED = SILHOUETTES, KEYPOINTS = "silhouettes", "keypoints"
 METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
 
 
@@ -48,7 +55,8 @@ class Style:
 
     With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
     picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
-    layers: names of further results of the renderer. clip: the number of an animation of the scene.
+    layers: names of further results of the renderer, and TRACED. clip: the number of an animation of the scene.
+    randomizer: changes the scene for each view, by its number. points: those of KEYPOINTS, as JSON.
     """
 
     size: tuple[int, int]
@@ -62,6 +70,17 @@ class Style:
     samples: int = 64
     max_bounces: int = 16
     denoise: bool = False
+    randomizer: Randomizer | None = None
+    points: str = "{}"
+
+    @property
+    def rendered(self) -> tuple[str, ...]:
+        """The layers that the renderer has."""
+        return tuple(name for name in self.layers if name not in TRACED)
+
+    def randomized(self, scene: Scene, number: int) -> AbstractContextManager[None]:
+        """A context in which the scene is as view `number` has it."""
+        return nullcontext() if self.randomizer is None else self.randomizer.applied(scene, number)
 
     def files_of(self, view: View) -> list[str]:
         """The names of the files of a view: an .exr has the layers inside."""
@@ -132,31 +151,43 @@ class RenderTask:
         style = self.style
         for number, view in enumerate(self.views, self.first):
             self._pose(session, view)
-            tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
-            self._save(folder, view, tracer.render(view.camera, style.samples, denoise=style.denoise))
+            with style.randomized(session.scene, number):
+                tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
+                self._save(session, folder, view, tracer.render(view.camera, style.samples, denoise=style.denoise))
 
     def _play(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
         assert style.settings is not None
         renderer = session.renderer(style.size, style.settings, style.seed)
         renderer.frame_count = self.first * style.frames + style.warm_up - len(self.before)
-        for view in self.before:
-            self._pose(session, view)
-            renderer.render(view.camera)
-        for view in self.views:
-            self._pose(session, view)
-            means = FrameMeans(renderer, style.layers)
-            for _ in range(style.frames):
+        with style.randomized(session.scene, self.first):  # then the task has one view
+            for view in self.before:
+                self._pose(session, view)
                 renderer.render(view.camera)
-                means.add()
-            self._save(folder, view, means)
+            for view in self.views:
+                self._pose(session, view)
+                means = FrameMeans(renderer, style.rendered)
+                for _ in range(style.frames):
+                    renderer.render(view.camera)
+                    means.add()
+                self._save(session, folder, view, means)
 
     def _pose(self, session: DeviceSession, view: View) -> None:
         if view.time is not None and self.clip is not None:
             session.scene.animate(view.time, self.clip)
 
-    def _save(self, folder: Path, view: View, results: Any) -> None:
-        layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.layers}
+    def _save(self, session: DeviceSession, folder: Path, view: View, results: Any) -> None:
+        if SILHOUETTES in self.style.layers:
+            around = 0.0 if view.camera.has_lens else 1.0
+            runs, _ = trace_silhouettes(session.ray_tracer(), view.camera, self.style.size, around=around)
+            write_npy(folder / f"{Path(view.name).stem}.{SILHOUETTES}.npy", runs)
+        if KEYPOINTS in self.style.layers:
+            tracer = session.ray_tracer()
+            found = keypoints(tracer, view.camera, self.style.size, json.loads(self.style.points))
+            rows = [(number, *point.pixel, point.state) for number, instance in sorted(tracer.instances.items())
+                    for point in found.get(instance, {}).values()]  # fmt: skip
+            write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))
+        layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.rendered}
         save_image(
             folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,
             layers=layers,
@@ -179,10 +210,12 @@ def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[
 
 @dataclass(frozen=True)
 class Meter:
-    """Finds the exposure that suits some cameras."""
+    """Finds the exposure that suits some cameras. randomizer: makes the scene for each, by its number."""
 
     cameras: tuple[Camera, ...]
     size: tuple[int, int]
+    randomizer: Randomizer | None = None
+    numbers: tuple[int, ...] = ()
     name: str = "metering"
 
     @property
@@ -194,8 +227,9 @@ class Meter:
         scale = METERED_SIDE / max(self.size)
         size = (max(round(self.size[0] * scale), 1), max(round(self.size[1] * scale), 1))
         tracer = session.path_tracer(size, 16, 0)
-        values = []
-        for camera in self.cameras:
-            tracer.render(camera, METERED_SAMPLES)
-            values.append(tracer.auto_exposure())
+        values, style = [], Style(size, randomizer=self.randomizer)
+        for number, camera in zip(self.numbers or range(len(self.cameras)), self.cameras, strict=True):
+            with style.randomized(session.scene, number):
+                tracer.render(camera, METERED_SAMPLES)
+                values.append(tracer.auto_exposure())
         return float(np.mean(values))

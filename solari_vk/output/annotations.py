@@ -5,7 +5,7 @@ Lin et al., "Microsoft COCO: Common Objects in Context" (2014), and its format o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from solari_vk.scene.model import Instance
 NO_INSTANCE = 2**32 - 1
 """The `instance_id` of pixels without a surface."""
 Ids = NDArray[np.uint32]
+Points = Mapping[int, NDArray[np.float64]]
 
 
 def boxes(ids: Ids) -> dict[int, tuple[int, int, int, int]]:
@@ -55,27 +56,39 @@ def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str])
 
 class Annotations:
     """Annotations of pictures of one scene. Classes are the labels in alphabetical order; instances without one have
-    no annotation. labels: of instances by number, such as `frame.labels`. Raises SolariError if there is none."""
+    no annotation. labels: of instances by number, such as `frame.labels`. keypoints: the names of instances' keypoints
+    by number. Raises SolariError if there is no label, and if instances of a class have other keypoints."""
 
-    def __init__(self, labels: Mapping[int, str]) -> None:
-        self._labels = {number: label for number, label in labels.items() if label}
-        self.classes = sorted(set(self._labels.values()))
+    def __init__(self, labels: Mapping[int, str], keypoints: Mapping[int, Sequence[str]] | None = None) -> None:
+        self.labels = {number: label for number, label in labels.items() if label}
+        """The labels of the annotated instances, by number."""
+        self.classes = sorted(set(self.labels.values()))
         if not self.classes:
             raise SolariError("annotations: no instance has a label: assign instance.label, or give a file of classes "
                               "by --labels (label_instances)")  # fmt: skip
 
+        self.keypoints = {self.labels[n]: tuple(names) for n, names in (keypoints or {}).items() if n in self.labels}
+        """The names of the keypoints of each class that has any."""
+        for number, label in self.labels.items():
+            own = tuple((keypoints or {}).get(number, ()))
+            if own != self.keypoints.get(label, ()):
+                raise SolariError(f"annotations: instances of the class {label!r} have other keypoints than "
+                                  f"{', '.join(self.keypoints[label])}: give all of a class the same ones, in the same "
+                                  "order")  # fmt: skip
+
     def _found(self, ids: Ids) -> Iterable[tuple[int, int, tuple[int, int, int, int]]]:
         """Number, class and box of each annotated instance in a picture."""
         for number, box in boxes(ids).items():
-            if number in self._labels:
-                yield number, self.classes.index(self._labels[number]), box
+            if number in self.labels:
+                yield number, self.classes.index(self.labels[number]), box
 
-    def coco(self, pictures: Iterable[tuple[str, Ids]]) -> dict[str, Any]:
-        """Images, annotations and categories in COCO's format, for a JSON file. pictures: names of files, and ids
-        (height, width). Categories are counted from 1. Masks are run lengths; `instance_id` is the instance's number.
+    def coco(self, pictures: Iterable[tuple[str, Ids] | tuple[str, Ids, Points]]) -> dict[str, Any]:
+        """Images, annotations and categories in COCO's format, for a JSON file. pictures: names of files, ids (height,
+        width), and perhaps keypoints by instance's number, (count, 3): u, v and state, as of `keypoints`. Categories
+        are counted from 1. Masks are run lengths; `instance_id` is the instance's number.
         """
         images, found = [], list[dict[str, Any]]()
-        for image, (name, ids) in enumerate(pictures, 1):
+        for image, (name, ids, *points) in enumerate(pictures, 1):
             height, width = ids.shape
             images.append({"id": image, "file_name": name, "width": width, "height": height})
             for number, category, box in self._found(ids):
@@ -85,8 +98,15 @@ class Annotations:
                     "bbox": list(box), "area": int(mask.sum()), "instance_id": number,
                     "segmentation": {"size": [height, width], "counts": run_lengths(mask)},
                 })  # fmt: skip
-        categories = [{"id": number, "name": name} for number, name in enumerate(self.classes, 1)]
+                if points and number in points[0]:
+                    rows = np.where(points[0][number][:, 2:] > 0, points[0][number], 0.0)
+                    found[-1] |= {"keypoints": rows.ravel().tolist(), "num_keypoints": int((rows[:, 2] > 0).sum())}
+        categories = [{"id": n, "name": name, **self._category(name)} for n, name in enumerate(self.classes, 1)]
         return {"images": images, "annotations": found, "categories": categories}
+
+    def _category(self, label: str) -> dict[str, Any]:
+        names = self.keypoints.get(label)
+        return {} if names is None else {"keypoints": list(names), "skeleton": []}
 
     def yolo(self, ids: Ids) -> str:
         """A picture's lines: class from 0, then center and size of the box relative to the picture."""

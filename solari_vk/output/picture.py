@@ -64,14 +64,15 @@ def save_image(
         _write_exr(target, picture, layers, {"exposure": repr(float(exposure)), **(metadata or {})})
         return
     if suffix == ".npy":
-        _write_npy(target, picture)
+        write_npy(target, picture)
     else:
         write_codes(target, encode_picture(picture, exposure=exposure, curve=tonemap))
     for name, layer in layers.items():
-        _write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
+        write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
 
 
-def _write_npy(path: Path, array: NDArray[Any]) -> None:
+def write_npy(path: Path, array: NDArray[Any]) -> None:
+    """Write an array as a .npy file. Raises SolariError for a file that can't be written."""
     content = io.BytesIO()
     np.save(content, array)  # which doesn't report when it can't write the end of a file
     write_whole(path, content.getbuffer())

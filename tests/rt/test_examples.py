@@ -18,7 +18,7 @@ from solari_vk.conformance.faults import known_faults
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
-MANY_SAMPLES = ("materials", "objects", "seeds", "turntable")  # their functions are tested below, with few samples
+MANY_SAMPLES = ("learn", "materials", "objects", "seeds", "turntable")  # see below
 
 
 def load(name):
@@ -41,10 +41,29 @@ def test_all_are_there_and_short():
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in MANY_SAMPLES else name for name in EXAMPLES]
 )
 def test_runs_as_a_program(any_device, name, tmp_path, monkeypatch):
+    if name == "learn":
+        pytest.importorskip("torch")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [name])
     runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_small_network_learns():
+    """Of bright squares before noise, on the CPU, as of the pictures that the example renders."""
+    pytest.importorskip("torch")
+    random = np.random.default_rng(1)
+    samples = []
+    for x, y in random.integers((2, 2), (29, 21), (120, 2)):
+        picture = random.uniform(0, 0.5, (3, 24, 32)).astype(np.float32)
+        picture[:, y - 2 : y + 3, x - 2 : x + 3] += 0.4
+        samples.append((picture, np.array([x, y], np.float32)))
+
+    class Made(list):
+        size = (32, 24)
+
+    errors = list(load("learn").train(Made(samples)))
+    assert errors[-1] < 0.25 * errors[0]
 
 
 def test_the_guide_runs(any_device, capsys):

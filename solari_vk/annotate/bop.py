@@ -1,0 +1,193 @@
+"""Data sets in the format of the BOP benchmark: rigid objects with their poses before the camera, in millimeters.
+
+Hodan et al., "BOP: Benchmark for 6D Object Pose Estimation" (2018), and the format's page in bop_toolkit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.annotate.boxes import boxes_3d
+from solari_vk.annotate.silhouettes import Silhouette
+from solari_vk.errors import SolariError
+from solari_vk.files import make_folder, write_whole
+from solari_vk.output.kitti import png_16
+from solari_vk.output.picture import png_bytes
+from solari_vk.scene.matrices import unit
+from solari_vk.scene.model import Camera, Instance, Mesh
+
+MM = 1000.0
+DEPTH_SCALE = 0.1  # millimeters of a step, while the picture is less deep than 6.5 m
+DIGITS = 5  # of a mesh's stretch, to which instances have one model
+NOTHING = [-1, -1, -1, -1]
+
+
+class _Model(NamedTuple):
+    number: int
+    mesh: Mesh
+    stretch: NDArray[np.float64]  # (3, 3), from the mesh's space to the model's axes
+    name: str
+    label: str
+
+
+class BopWriter:
+    """Writes a scene of a BOP data set, picture by picture.
+
+    folder: of the data set; its models go to `models`, the scene to SPLIT/000000. instances: the objects, by their
+    numbers in `instance_id`; labels: their classes, by default their own. Instances with one mesh and one scale are one
+    object. A model's origin is the middle of its box. Raises SolariError for instances whose joints or morph targets
+    move, which aren't rigid.
+    """
+
+    def __init__(
+        self, folder: str | os.PathLike[str], instances: Mapping[int, Instance], *,
+        labels: Mapping[int, str] | None = None, split: str = "train_pbr", scene_id: int = 0,
+    ) -> None:  # fmt: skip
+        self._labels = labels or {}
+        self._root = Path(folder)
+        self._scene = self._root / split / f"{scene_id:06}"
+        self._instances = dict(instances)
+        self._models: dict[tuple[Any, ...], _Model] = {}
+        self._of = {number: self._model(number) for number in sorted(self._instances)}
+        self._cameras, self._poses, self._infos = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+        for name in ("rgb", "depth", "mask", "mask_visib"):
+            make_folder(self._scene / name)
+        make_folder(self._root / "models")
+
+    def _model(self, number: int) -> _Model:
+        instance = self._instances[number]
+        if instance.posed:
+            raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
+                              "objects: take its label away")  # fmt: skip
+        stretch = instance.rotation.T @ instance.transform[:3, :3]
+        key = (id(instance.mesh), *np.round(stretch.ravel(), DIGITS).tolist())
+        label = self._labels.get(number, instance.label)
+        return self._models.setdefault(key, _Model(len(self._models) + 1, instance.mesh, stretch, instance.name, label))
+
+    def add(
+        self, number: int, camera: Camera, picture: bytes, depth: NDArray[Any], silhouettes: Mapping[int, Silhouette]
+    ) -> None:
+        """Add a picture with this number.
+
+        picture: the content of a .png. depth (height, width): along the view axis in meters, inf for nothing.
+        silhouettes: of the instances by number, from `silhouettes(around=1)`; those that aren't visible have none.
+        Raises SolariError for cameras that have no matrix K alone, and for an instance that has another scale than at
+        first.
+        """
+        if camera.has_lens or camera.orthographic_height:
+            raise SolariError(f"BOP: {camera.describe()}: cameras are perspective and without distortion")
+        size = depth.shape[1], depth.shape[0]
+        depth_mm = np.where(np.isfinite(depth), depth, 0.0) * MM
+        scale = max(DEPTH_SCALE, float(depth_mm.max()) / (2**16 - 1))
+        rotation, shift = camera.extrinsics()
+        self._cameras[str(number)] = {
+            "cam_K": _numbers(camera.intrinsics(size)), "depth_scale": scale, "cam_R_w2c": _numbers(rotation),
+            "cam_t_w2c": _numbers(shift * MM),
+        }  # fmt: skip
+        write_whole(self._scene / "rgb" / f"{number:06}.png", picture)
+        write_whole(self._scene / "depth" / f"{number:06}.png", png_16(np.rint(depth_mm / scale).astype(np.uint16)))
+        poses, infos = list[Any](), list[Any]()
+        for row in sorted(set(silhouettes) & set(self._instances)):
+            instance, silhouette, model = self._instances[row], silhouettes[row], self._of[row]
+            if self._model(row) is not model:
+                raise SolariError(f"BOP: {instance.describe()} has another size than in other pictures, and an object "
+                                  "has one: leave its scale as it is")  # fmt: skip
+            ((_, box),) = boxes_3d([instance], camera, size).items()
+            poses.append({
+                "cam_R_m2c": _numbers(box.rotation), "cam_t_m2c": _numbers(box.center * MM), "obj_id": model.number
+            })  # fmt: skip
+            infos.append(_info(silhouette, depth))
+            name = f"{number:06}_{len(infos) - 1:06}.png"
+            for kind, mask in (("mask", silhouette.mask), ("mask_visib", silhouette.visible)):
+                write_whole(self._scene / kind / name, png_bytes(np.where(mask, 255, 0).astype(np.uint8)))
+        self._poses[str(number)], self._infos[str(number)] = poses, infos
+
+    def finish(self) -> None:
+        """Write the scene's tables and the models. Raises SolariError for a file that can't be written."""
+        for name, table in (("camera", self._cameras), ("gt", self._poses), ("gt_info", self._infos)):
+            write_whole(self._scene / f"scene_{name}.json", _json(table))
+        infos, names = dict[str, Any](), dict[str, Any]()
+        for model in self._models.values():
+            points, infos[str(model.number)] = _placed(model)
+            names[str(model.number)] = {"name": model.name, "label": model.label}
+            write_whole(self._root / "models" / f"obj_{model.number:06}.ply", _ply(points, model))
+        write_whole(self._root / "models" / "models_info.json", _json(infos))
+        write_whole(self._root / "objects.json", _json(names))
+
+
+def _info(silhouette: Silhouette, depth: NDArray[Any]) -> dict[str, Any]:
+    """As bop_toolkit's calc_gt_info computes it; its boxes' widths don't count the last pixel."""
+    x, y, width, height = silhouette.box
+    rows, columns = np.nonzero(silhouette.visible)
+    seen = len(rows) > 0
+    corner = [int(columns.min()), int(rows.min())] if seen else []
+    return {
+        "px_count_all": silhouette.pixel_count, "px_count_visib": len(rows), "visib_fract": silhouette.fraction,
+        "px_count_valid": int((silhouette.mask & np.isfinite(depth)).sum()),
+        "bbox_obj": [x, y, width - 1, height - 1] if silhouette.pixel_count else NOTHING,
+        "bbox_visib": [*corner, int(np.ptp(columns)), int(np.ptp(rows))] if seen else NOTHING,
+    }  # fmt: skip
+
+
+def _placed(model: _Model) -> tuple[NDArray[np.float64], dict[str, float]]:
+    """The vertices (N, 3) in millimeters about the middle of their box, and their row of models_info.json."""
+    points = model.mesh.positions.astype(np.float64) @ model.stretch.T * MM
+    low, high = points.min(axis=0), points.max(axis=0)
+    points = points - (low + high) / 2
+    half = (high - low) / 2
+    sides = {f"{what}_{axis}": float(value) for what, values in (("min", -half), ("size", 2 * half))
+             for axis, value in zip("xyz", values, strict=True)}  # fmt: skip
+    return points, {"diameter": diameter(points), **sides}
+
+
+def diameter(points: NDArray[np.float64]) -> float:
+    """The largest distance between two of the points (N, 3)."""
+    points = np.unique(points, axis=0)
+    radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    far = points[radii.argmax()]
+    least = max(float(np.linalg.norm(points - far, axis=1).max()), 0.0)
+    points = points[radii >= least - radii.max() - 1e-9]  # others are in no pair that far apart
+    largest = least
+    for start in range(0, len(points), 256):
+        apart = points[start : start + 256, None] - points[None, start:]
+        largest = max(largest, float(np.sqrt(np.einsum("abi,abi->ab", apart, apart).max())))
+    return largest
+
+
+def _normals(model: _Model) -> NDArray[np.float64]:
+    """Unit normals (N, 3) of the vertices in the model's axes: the mesh's, or the mean of its triangles'."""
+    mesh = model.mesh
+    if mesh.normals is not None:
+        found = mesh.normals.astype(np.float64)
+    else:
+        a, b, c = np.moveaxis(mesh.positions.astype(np.float64)[mesh.triangles], 1, 0)
+        found = np.zeros(mesh.positions.shape)
+        np.add.at(found, mesh.triangles, np.cross(b - a, c - a)[:, None])
+    found = found @ np.linalg.inv(model.stretch)
+    return unit(found)
+
+
+def _ply(points: NDArray[np.float64], model: _Model) -> str:
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    normals, mirrored = _normals(model), np.linalg.det(model.stretch) < 0
+    triangles = model.mesh.triangles[:, ::-1] if mirrored else model.mesh.triangles
+    head = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property float {name}" for name in names),
+            f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header"]  # fmt: skip
+    rows = [" ".join(f"{value:.6g}" for value in row) for row in np.concatenate([points, normals], axis=1).tolist()]
+    return "\n".join([*head, *rows, *(f"3 {a} {b} {c}" for a, b, c in triangles.tolist()), ""])
+
+
+def _numbers(array: NDArray[np.float64]) -> list[float]:
+    return [float(value) for value in array.ravel()]
+
+
+def _json(table: Mapping[str, Any]) -> str:
+    """A JSON object with one key a line."""
+    return "{\n" + ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in table.items()) + "\n}\n"

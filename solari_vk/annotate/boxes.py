@@ -1,0 +1,47 @@
+"""Boxes of instances in space, along their own axes, and their poses before a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.bounds import Bounds
+from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Camera, Instance
+
+Floats = NDArray[np.float64]
+
+
+class Box3D(NamedTuple):
+    """The smallest box around an instance in its pose, along the axes of its `rotation`."""
+
+    center: Floats
+    """(3,) in meters, in the camera's frame as OpenCV has it: x right, y down, z forward."""
+    rotation: Floats
+    """(3, 3), from the box's axes to the camera's frame; it doesn't mirror."""
+    size: Floats
+    """The lengths of the sides, (3,) in meters."""
+    corners: Floats
+    """(8, 3) in meters in the world: lowest x, y and z first, z changes fastest."""
+    pixels: Floats
+    """Where the corners are in the picture, (8, 2) as `Camera.project` has it; NaN for those that aren't seen."""
+
+
+def boxes_3d(instances: Iterable[Instance], camera: Camera, size: tuple[int, int]) -> dict[Instance, Box3D]:
+    """The box of each instance, such as those of `scene.instances`, for a camera's picture of this size.
+
+    They are exact for what joints and morph targets move, and for transforms that scale, mirror or shear.
+    """
+    to_camera, shift = camera.extrinsics()
+    found = {}
+    for instance in instances:
+        turn = instance.rotation
+        along = transform_points(instance.transform, instance.posed_mesh().positions) @ turn
+        bounds = Bounds(along.min(axis=0), along.max(axis=0))
+        corners = bounds.corners @ turn.T
+        center = to_camera @ (turn @ bounds.center) + shift
+        found[instance] = Box3D(center, to_camera @ turn, bounds.size, corners, camera.project(corners, size))
+    return found

@@ -1,0 +1,84 @@
+"""Optical flow and disparity as PNG files of 16 bits, as the KITTI benchmarks have them.
+
+Menze and Geiger, "Object Scene Flow for Autonomous Vehicles" (2015), and the development kit of KITTI 2015.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.files import write_whole
+
+LARGEST_FLOW = 512.0  # pixels
+LARGEST_DISPARITY = 256.0
+
+
+def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayLike | None = None) -> None:
+    """Write optical flow (height, width, 2) in pixels as KITTI's .png.
+
+    valid (height, width): where it counts, by default where it is finite; for "noc", where the other picture shows the
+    point (`state == 0`). Steps are of 1/64 pixel. Raises SolariError for other shapes, for flow of 512 pixels and more
+    where it counts, and for a file that can't be written.
+    """
+    given = np.asarray(flow, np.float64)
+    if given.ndim != 3 or given.shape[2] != 2:
+        raise SolariError(f"{path}: flow has the shape (height, width, 2), not {given.shape}")
+    counts = _valid(path, given.max(axis=2) - given.min(axis=2), valid)
+    codes = np.rint(_within(path, given, counts[..., None], -LARGEST_FLOW, LARGEST_FLOW) * 64) + (1 << 15)
+    pixels = np.where(counts[..., None], np.concatenate([codes, np.ones_like(codes[..., :1])], axis=2), 0)
+    write_whole(Path(path), png_16(pixels.astype(np.uint16)))
+
+
+def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, valid: ArrayLike | None = None) -> None:
+    """Write disparity (height, width) in pixels as KITTI's .png, in steps of 1/256 pixel.
+
+    valid: as of `save_kitti_flow`. Raises SolariError for other shapes, for disparities below 0 or of 256 and more
+    where they count, and for a file that can't be written.
+    """
+    given = np.asarray(disparity, np.float64)
+    if given.ndim != 2:
+        raise SolariError(f"{path}: disparity has the shape (height, width), not {given.shape}")
+    counts = _valid(path, given, valid)
+    codes = np.rint(_within(path, given, counts, 0.0, LARGEST_DISPARITY) * 256)
+    write_whole(Path(path), png_16(np.where(counts, np.maximum(codes, 1), 0).astype(np.uint16)))  # 0: not valid
+
+
+def _valid(path: str | os.PathLike[str], values: NDArray[np.float64], valid: ArrayLike | None) -> NDArray[np.bool_]:
+    if valid is None:
+        return np.isfinite(values)
+    given = np.asarray(valid)
+    if given.dtype != np.bool_ or given.shape != values.shape:
+        raise SolariError(f"{path}: valid is an array of bool {values.shape}, not of {given.dtype} {given.shape}")
+    return given & np.isfinite(values)
+
+
+def _within(
+    path: str | os.PathLike[str], values: NDArray[np.float64], counts: NDArray[np.bool_], low: float, high: float
+) -> NDArray[np.float64]:
+    """The values where they count, and 0. Raises SolariError for those that the format doesn't have."""
+    kept = np.where(counts, values, 0.0)
+    step = 1 / 64
+    if not (kept.min(initial=0) >= low and kept.max(initial=0) <= high - step):
+        raise SolariError(f"{path}: KITTI's files hold {low:g} to {high:g} pixels, not {kept.min():.4g} to "
+                          f"{kept.max():.4g}: leave such pixels out by valid=")  # fmt: skip
+    return kept
+
+
+def png_16(pixels: NDArray[np.uint16]) -> bytes:
+    """A PNG file of 16 bits: gray (height, width), or RGB (height, width, 3), which Pillow doesn't write."""
+    height, width = pixels.shape[:2]
+    color_type = 2 if pixels.ndim == 3 else 0
+    rows = pixels.astype(">u2").reshape(height, -1).view(np.uint8)
+    lines = np.concatenate([np.zeros((height, 1), np.uint8), rows], axis=1)  # no filter
+    header = struct.pack(">IIBBBBB", width, height, 16, color_type, 0, 0, 0)
+    chunks = (b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes(), 6)), (b"IEND", b"")
+    parts = (struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+             for kind, data in chunks)  # fmt: skip
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)

@@ -1,0 +1,255 @@
+"""Recipes of random scenes as YAML says them: what may stand where, and what it does to a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solari_vk.errors import SolariError, quoted, unknown_name
+from solari_vk.randomize.draws import check, draw, largest, stream
+from solari_vk.scene import shapes
+from solari_vk.scene.images.radiance_files import read_radiance
+from solari_vk.scene.matrices import rotation, transform_points
+from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture
+from solari_vk.scene.observed import Checked
+
+MOST_DISTRACTORS = 1000
+DISTRACTORS = ("count", "shapes", "size", "within", "material")
+SHAPES = ("box", "sphere", "cylinder", "cone", "capsule", "torus")
+RELATIVE: dict[str, tuple[str, ...]] = {
+    "cameras": ("offset", "ev", "roll"), "instances": ("offset", "turn"), "materials": (),
+    "lights": ("offset", "brightness"), "environment": ("turn", "brightness"),
+}  # fmt: skip
+SECTIONS = ("seed", *RELATIVE, "distractors")
+PATTERNS = ("instances", "materials", "lights")
+
+
+def check_recipe(recipe: Any, who: str) -> None:
+    """Raise SolariError for a recipe with a key or a value that there isn't, which names the nearest key."""
+    if not isinstance(recipe, Mapping):
+        raise SolariError(f"{who}: must have keys such as {', '.join(SECTIONS[1:])}, not {quoted(recipe)}")
+    _check_keys(recipe, SECTIONS, who)
+    _check_values(recipe.get("cameras", {}), f"{who}: cameras", _known("cameras", Camera))
+    _check_values(recipe.get("environment", {}), f"{who}: environment", _known("environment", Environment))
+    for name in PATTERNS:
+        place = f"{who}: {name}"
+        if not isinstance(recipe.get(name, {}), Mapping):
+            raise SolariError(f'{place}: must have patterns of names, such as "Chair*", not {quoted(recipe[name])}')
+        for pattern, values in recipe.get(name, {}).items():
+            known = {"instances": _known(name, Instance), "materials": _known(name, Material)}.get(name)
+            _check_values(values, f"{place}: {pattern}", known)
+    given = recipe.get("distractors", {})
+    place = f"{who}: distractors"
+    _check_values({name: value for name, value in _mapping(given, place).items() if name != "material"}, place,
+                  DISTRACTORS)  # fmt: skip
+    _check_values(given.get("material", {}), f"{place}: material", _known("materials", Material))
+    wanted = given.get("shapes", [])
+    wanted = wanted.get("choose", [None]) if isinstance(wanted, Mapping) else wanted
+    for shape in wanted if isinstance(wanted, list) else [wanted]:
+        if shape not in SHAPES:
+            raise unknown_name(f"{place}: shapes: there is no shape", shape, SHAPES)
+    count = draw(given.get("count", 1), stream(0, 0, ""))
+    if not isinstance(count, int | float) or not largest(given.get("count", 1)) <= MOST_DISTRACTORS:
+        raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(given['count'])}")
+    if "within" in given and np.shape(given["within"]) != (2, 3):
+        raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(given['within'])}")
+    if not isinstance(recipe.get("seed", 0), int) or recipe.get("seed", 0) < 0:
+        raise SolariError(f"{who}: seed: must be a whole number from 0 on, not {quoted(recipe['seed'])}")
+
+
+def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:
+    return (*RELATIVE[section], *(name for name in kind._names if name not in ("name", "label")), *kind._aliases,
+            *kind._derived)  # fmt: skip
+
+
+def _mapping(given: Any, place: str) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise SolariError(f"{place}: must have keys and values, not {quoted(given)}")
+    return given
+
+
+def _check_keys(given: Mapping[Any, Any], known: Iterable[str], place: str) -> None:
+    for name in given:
+        if name not in known:
+            raise unknown_name(f"{place}: there is no key", name, known)
+
+
+def _check_values(given: Any, place: str, known: tuple[str, ...] | None) -> None:
+    """known: None if that depends on the scene."""
+    if known is not None:
+        _check_keys(_mapping(given, place), known, place)
+    for name, value in _mapping(given, place).items():
+        check(value, f"{place}: {name}")
+
+
+def files_of(recipe: Mapping[str, Any]) -> list[str]:
+    """The names of the pictures that a recipe takes."""
+    places = [recipe.get("environment", {}), recipe.get("distractors", {}).get("material", {}),
+              *recipe.get("materials", {}).values()]  # fmt: skip
+    found = dict[str, None]()
+    for values in places:
+        for name, value in values.items():
+            if name == "image" or name.endswith("_texture"):
+                given = value["choose"] if isinstance(value, Mapping) else value
+                found |= dict.fromkeys(
+                    one for one in (given if isinstance(given, list) else [given]) if isinstance(one, str)
+                )
+    return list(found)
+
+
+# ---- what a recipe does -----------------------------------------------------------------------------
+
+
+class Recipe:
+    """A checked recipe at work. who: the file, for messages. folder: where its pictures are."""
+
+    def __init__(self, recipe: Mapping[str, Any], who: str, folder: Path, seed: int) -> None:
+        self._recipe, self._who, self._folder, self._seed = recipe, who, folder, seed
+
+    def prepare(self, scene: Scene) -> None:
+        """Add what pictures show or hide: distractors, and an environment; check the patterns and the lights' keys."""
+        given = self._recipe.get("distractors", {})
+        if given:
+            for number in range(max(math.ceil(largest(given.get("count", 1))), 0)):
+                scene.add(Instance(_shape("box"), name=f"distractor {number}", visible=False))
+        if "environment" in self._recipe and not isinstance(scene.environment, Environment):
+            scene.environment = Environment(0.0)
+        for section in PATTERNS:
+            items = self._items(scene, section)
+            for pattern, values in self._recipe.get(section, {}).items():
+                place = f"{self._who}: {section}"
+                fitting = [item for item in items if fnmatchcase(item.name, pattern)]
+                if not fitting:
+                    raise unknown_name(f"{place}: nothing is named", pattern, [item.name for item in items])
+                for item in fitting if section == "lights" else ():
+                    _check_keys(values, _known("lights", type(item)), f"{place}: {pattern}")
+
+    def _items(self, scene: Scene, section: str) -> list[Any]:
+        if section == "instances":
+            return [item for item in scene.instances if not item.name.startswith("distractor ")]
+        if section == "materials":
+            return list(dict.fromkeys(item.material for item in self._items(scene, "instances")))
+        return [light for light in scene.lights if light is not scene.environment]
+
+    def randomize(self, scene: Scene, number: int) -> None:
+        """Change a prepared scene as picture `number` has it."""
+        for section in PATTERNS:
+            for pattern, values in self._recipe.get(section, {}).items():
+                for index, item in enumerate(self._items(scene, section)):
+                    if fnmatchcase(item.name, pattern):
+                        self._apply(item, values, number, f"{section}/{pattern}/{index}")
+        if "environment" in self._recipe:
+            self._apply(scene.environment, self._recipe["environment"], number, "environment")
+        if "distractors" in self._recipe:
+            self._place_distractors(scene, number)
+
+    def camera(self, camera: Camera, number: int) -> None:
+        """Change the camera of picture `number`."""
+        self._apply(camera, self._recipe.get("cameras", {}), number, "cameras")
+
+    def _draw(self, value: Any, number: int, place: str) -> Any:
+        return draw(value, stream(self._seed, number, place))
+
+    def _apply(self, item: Any, values: Mapping[str, Any], number: int, place: str) -> None:
+        drawn = {name: self._draw(value, number, f"{place}/{name}") for name, value in values.items()}
+        fields = {name: value for name, value in drawn.items() if name not in _RELATIVELY}
+        for name, value in fields.items():
+            if isinstance(value, str) and (name == "image" or name.endswith("_texture")):
+                fields[name] = (_radiance if name == "image" else _texture)(self._folder / value)
+        with self._blame(place):
+            item.update(**fields)
+            for name in drawn:
+                if name in _RELATIVELY:
+                    _RELATIVELY[name](item, drawn[name])
+
+    @contextmanager
+    def _blame(self, place: str) -> Iterator[None]:
+        """Name the recipe in errors of values that objects refuse."""
+        try:
+            yield
+        except (SolariError, TypeError, ValueError, OverflowError) as error:
+            raise SolariError(f"{self._who}: {place}: {error}") from None
+
+    def _place_distractors(self, scene: Scene, number: int) -> None:
+        given = {"count": 1, "shapes": list(SHAPES), "size": 0.1, "material": {}, **self._recipe["distractors"]}
+        added = [item for item in scene.instances if item.name.startswith("distractor ")]
+        low, high = _bounds(scene) if "within" not in given else given["within"]
+        count = round(self._draw(given["count"], number, "distractors/count"))
+        for index, item in enumerate(added):
+            place = f"distractors/{index}"
+            if index >= count:
+                continue
+            random = stream(self._seed, number, place)
+            turn = random.normal(size=4)
+            with self._blame(place):
+                item.update(
+                    mesh=_shape(self._draw(given["shapes"], number, f"{place}/shape")), visible=True,
+                    position=random.uniform(low, high), rotation=(turn / np.linalg.norm(turn)).tolist(),
+                    scale=self._draw(given["size"], number, f"{place}/size"), material=Material(name=item.name),
+                )  # fmt: skip
+            self._apply(item.material, given["material"], number, f"{place}/material")
+
+
+def _bounds(scene: Scene) -> Any:
+    shown = [item for item in scene.instances if not item.name.startswith("distractor ")]
+    return Scene(*(Instance(item.mesh, transform=item.transform) for item in shown)).bounds
+
+
+def _move(item: Any, offset: Any) -> None:
+    item.position = np.asarray(item.position, np.float64) + offset
+
+
+def _turn(item: Any, degrees: float) -> None:
+    """About the vertical axis through the middle of an instance's box: files may have it far from its origin."""
+    about = rotation((0, 1, 0), math.radians(degrees))
+    if not isinstance(item, Instance):
+        item.rotation = about @ item.rotation
+        return
+    points = item.posed_mesh().positions.astype(np.float64)
+    middle = transform_points(item.transform, (points.min(axis=0) + points.max(axis=0)) / 2)
+    move = np.eye(4)
+    move[:3, :3], move[:3, 3] = about, middle - about @ middle
+    item.transform = move @ item.transform
+
+
+def _roll(camera: Any, degrees: float) -> None:
+    camera.rotation = camera.rotation @ rotation((0, 0, 1), math.radians(degrees))
+
+
+def _brighten(light: Any, factor: float) -> None:
+    name = "illuminance" if "illuminance" in type(light)._names else "intensity"
+    light.update(**{name: getattr(light, name) * factor})
+
+
+def _expose(camera: Any, stops: float) -> None:
+    camera.ev100 = camera.ev100 + stops
+
+
+_RELATIVELY: dict[str, Callable[[Any, Any], None]] = {
+    "offset": _move, "turn": _turn, "roll": _roll, "brightness": _brighten, "ev": _expose
+}  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _texture(path: Path) -> Texture:
+    return Texture(path)  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=16)
+def _radiance(path: Path) -> Any:
+    return read_radiance(path)
+
+
+@lru_cache
+def _shape(name: str) -> Any:
+    """A shape that fits into a cube of 1 m."""
+    made = {"sphere": lambda: shapes.sphere(0.5), "capsule": lambda: shapes.capsule(0.25, 0.5),
+            "torus": lambda: shapes.torus(0.35, 0.15)}  # fmt: skip
+    return made.get(name, getattr(shapes, name))()
