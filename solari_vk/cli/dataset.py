@@ -90,6 +90,8 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
     if "bop" in job.annotations and job.format != "png":
         raise SolariError("--annotations bop: its pictures are .png files: give --format png")
+    if job.labels is not None and "instance_id" not in (*job.aov, *needed):
+        raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
     if job.keypoints is not None:
         if not {"coco", "objects"} & set(job.annotations):
             raise SolariError("--keypoints: are part of --annotations coco or objects: give one of them")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.model import Instance
 
 NO_INSTANCE = 2**32 - 1
@@ -42,11 +42,12 @@ def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
 def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str]) -> dict[str, Any]:
     """What the numbers in `instance_id` mean, for a JSON file. labels: of the instances.
 
-    transform: from the mesh to the world; size: of the mesh's box, in its own space, from `lowest` on.
+    transform: from the mesh, as joints and morph targets have it now, to the world; size: of the mesh's box, in its own
+    space, from `lowest` on.
     """
     rows = []
     for number, instance in sorted(instances.items()):
-        low, high = (bound(instance.mesh.positions, axis=0) for bound in (np.min, np.max))
+        low, high = (bound(instance.posed_mesh().positions, axis=0) for bound in (np.min, np.max))
         rows.append({
             "id": number, "name": instance.name, "label": labels[number], "material": instance.material.name,
             "transform": instance.transform.tolist(), "lowest": low.tolist(), "size": (high - low).tolist(),
@@ -60,6 +61,8 @@ class Annotations:
     by number. Raises SolariError if there is no label, and if instances of a class have other keypoints."""
 
     def __init__(self, labels: Mapping[int, str], keypoints: Mapping[int, Sequence[str]] | None = None) -> None:
+        if not isinstance(labels, Mapping):
+            raise SolariError(f"Annotations: labels are by number, such as frame.labels, not {quoted(labels)}")
         self.labels = {number: label for number, label in labels.items() if label}
         """The labels of the annotated instances, by number."""
         self.classes = sorted(set(self.labels.values()))
@@ -77,7 +80,9 @@ class Annotations:
                                   "order")  # fmt: skip
 
     def _found(self, ids: Ids) -> Iterable[tuple[int, int, tuple[int, int, int, int]]]:
-        """Number, class and box of each annotated instance in a picture."""
+        """Number, class and box of each annotated instance in a picture. Raises SolariError for several pictures."""
+        if np.ndim(ids) != 2:
+            raise SolariError(f"Annotations: instance_id of one picture is (height, width), not {np.shape(ids)}")
         for number, box in boxes(ids).items():
             if number in self.labels:
                 yield number, self.classes.index(self.labels[number]), box
@@ -89,9 +94,10 @@ class Annotations:
         """
         images, found = [], list[dict[str, Any]]()
         for image, (name, ids, *points) in enumerate(pictures, 1):
+            annotated = list(self._found(ids))
             height, width = ids.shape
             images.append({"id": image, "file_name": name, "width": width, "height": height})
-            for number, category, box in self._found(ids):
+            for number, category, box in annotated:
                 mask = ids == number
                 found.append({
                     "id": len(found) + 1, "image_id": image, "category_id": category + 1, "iscrowd": 0,
@@ -110,9 +116,9 @@ class Annotations:
 
     def yolo(self, ids: Ids) -> str:
         """A picture's lines: class from 0, then center and size of the box relative to the picture."""
+        lines, annotated = [], list(self._found(ids))
         height, width = ids.shape
-        lines = []
-        for _, category, (x, y, across, down) in self._found(ids):
+        for _, category, (x, y, across, down) in annotated:
             box = (x + across / 2) / width, (y + down / 2) / height, across / width, down / height
             lines.append(" ".join([str(category), *(f"{value:.6f}" for value in box)]) + "\n")
         return "".join(lines)

@@ -201,6 +201,13 @@ def text(value: Any) -> str:
     return value
 
 
+def line(value: Any) -> str:
+    """A string without line breaks and other control characters."""
+    if not text(value).isprintable():
+        raise ValueError(f"must be one line of printable characters, not {value!r}")
+    return str(value)
+
+
 def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:
     def convert(value: Any) -> Any:
         if not (optional and value is None) and not isinstance(value, kind()):

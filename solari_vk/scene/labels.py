@@ -10,6 +10,7 @@ from typing import Any
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_json
+from solari_vk.scene import checks
 from solari_vk.scene.model import Instance, Scene
 
 Classes = Mapping[str, str] | str | PathLike[str]
@@ -36,6 +37,11 @@ def find_labels(scene: Scene, classes: Classes) -> dict[Instance, str]:
         given = read_json(path, who)
     if not isinstance(given, Mapping) or not all(isinstance(word, str) for pair in given.items() for word in pair):
         raise SolariError(f'{who}: give a class for each pattern of names, such as {{"Chair*": "chair"}}')
+    for label in given.values():
+        try:
+            checks.line(label)
+        except ValueError as error:
+            raise SolariError(f"{who}: a class {error}") from None
     found, unused = dict[Instance, str](), dict(given)
     for instance in scene.instances:
         fitting = [pattern for pattern in given if pattern == instance.name or fnmatchcase(instance.name, pattern)]

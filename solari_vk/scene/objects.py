@@ -152,7 +152,7 @@ class Instance(Checked, Scaled):
 
     _converters = {
         "name": checks.text,
-        "label": checks.text,
+        "label": checks.line,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,

@@ -106,6 +106,13 @@ def test_labels_that_fit_nothing(make, tmp_path, arguments, message):
     assert message in said
 
 
+def test_labels_for_nothing_are_refused(tmp_path, capsys):
+    (tmp_path / "classes.json").write_text('{"lamp": "lamp"}')
+    output = "--labels", str(tmp_path / "classes.json"), "-o", str(tmp_path / "views")
+    assert main(["dataset", "builtin:cornell_box", "--views", "1", *output]) == 2
+    assert "--labels: are part of --annotations and --aov instance_id" in capsys.readouterr().err
+
+
 def test_workers_give_the_same_files(make, views, pool):
     """Streamed back, or written by the workers into a shared folder."""
     for name, more in (("streamed", []), ("shared", ["--shared-folder"])):

@@ -25,7 +25,9 @@ def test_patterns():
     assert labels(scene) == ["chair", "seat", "table", "light"]
     with pytest.raises(sv.SolariError, match=r"no instance is named 'Sofa\*'; names are 'Chair.1', 'Chair\[1\]'"):
         sv.label_instances(scene, {"Desk": "desk", "Sofa*": "sofa"})
-    assert labels(scene)[2] == "table", "nothing changes with a wrong pattern"
+    with pytest.raises(sv.SolariError, match=r"a class must be one line of printable characters, not 'a\\nb'"):
+        sv.label_instances(scene, {"Desk": "a\nb"})
+    assert labels(scene)[2] == "table", "nothing changes with a wrong pattern or class"
 
 
 @pytest.mark.parametrize(("extras", "label"), [
@@ -42,7 +44,7 @@ def test_files(tmp_path, extras, label):
     path.write_text(json.dumps(content))
     loaded = sv.load(path)
     assert labels(loaded) == [label]
-    wrong = [line for line in loaded.warnings if "label must be a text, not 3" in line]
+    wrong = [line for line in loaded.warnings if "label must be a string, not int" in line]
     assert len(wrong) == (extras == {"label": 3})
     loaded.save(path)
     assert labels(sv.load(path)) == [label]

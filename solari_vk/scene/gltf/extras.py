@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Container, Iterable
 from typing import Any
 
-from solari_vk.errors import quoted
+from solari_vk.scene import checks
 from solari_vk.scene.gltf.saving.content import plain
 from solari_vk.scene.gltf.values import Entry
 
@@ -25,9 +25,10 @@ def read_label(entry: Entry) -> str:
     SolariError for one that isn't text."""
     extras = entry.data.get("extras")
     found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, ("label",))}.get("label", "")
-    if not isinstance(found, str):
-        raise entry.error(f"has extras whose label must be a text, not {quoted(found)}")
-    return found
+    try:
+        return checks.line(found)
+    except (TypeError, ValueError) as error:
+        raise entry.error(f"has extras whose label {error}") from None
 
 
 def write_own(item: Any, names: Container[str]) -> dict[str, Any]:
