@@ -3,7 +3,7 @@
 import { draw, watch } from "./picture.js";
 
 const RETRY = 1000; // milliseconds between two attempts to connect
-const SPAN = 1000; // milliseconds over which frames and bytes are counted
+const SPAN = 2000; // milliseconds over which frames and bytes are counted
 const TITLES = { realtime: "Realtime", reference: "Reference", split: "Split" };
 const HINTS = {
   realtime: "One path a pixel, gathered over frames",
@@ -92,14 +92,17 @@ async function show(data) {
   const [width, height] = about.rendered;
   element("pixels").textContent = `${width}×${height} → ${canvas.width}×${canvas.height}`;
   element("state").className = about.settled ? "dot done" : "dot live";
-  const refines = about.samples ? `${about.samples} of ${size.samples} samples` : "refining";
-  element("progress").textContent = about.settled ? "finished" : `${refines}, ${Math.round(1000 * about.seconds)} ms`;
+  const refines = about.samples ? `${about.samples} samples` : about.done ? "refining" : "rendering";
+  const state = about.settled ? "finished" : `${refines}, ${Math.round(1000 * about.seconds)} ms a frame`;
+  element("progress").textContent = state;
+  element("done").style.width = `${100 * about.done}%`;
 }
 
 setInterval(() => {
   const since = performance.now() - SPAN;
   while (counted.length && counted[0][0] < since) counted.shift();
-  element("fps").textContent = counted.length;
+  const fps = (1000 * counted.length) / SPAN;
+  element("fps").textContent = fps.toFixed(fps < 10 ? 1 : 0);
   element("rate").textContent = Math.round(counted.reduce((sum, [, bytes]) => sum + bytes, 0) / SPAN);
 }, 250);
 
@@ -168,19 +171,22 @@ let drags = false;
 function lay_out(about) {
   latest = about;
   const columns = Object.entries(about.columns), splits = columns.length > 1;
-  const labels = splits ? columns.filter(([, [begin, end]]) => end > begin) : [];
-  element("labels").replaceChildren(...labels.map(([name, [begin, end]]) => {
-    const label = document.createElement("span");
+  const height = `${canvas.getBoundingClientRect().height}px`;
+  element("labels").replaceChildren();
+  for (const [name, [begin, end]] of splits ? columns.filter(([, [begin, end]]) => end > begin) : []) {
+    const label = document.createElement("span"), border = document.createElement("i");
     label.textContent = name;
     place(label, (begin + end) / 2, 0);
     label.style.top = `calc(${label.style.top} + 0.6rem)`;
-    return label;
-  }));
+    place(border, begin, 0);
+    border.style.height = height;
+    element("labels").append(label, ...(begin > 0 ? [border] : []));
+  }
   const divider = element("divider");
   divider.hidden = !splits;
   if (!splits) return;
   if (!drags) move_divider(about.state.options.divider);
-  divider.style.height = `${canvas.getBoundingClientRect().height}px`;
+  divider.style.height = height;
 }
 
 function move_divider(share) {
@@ -208,7 +214,6 @@ element("divider").addEventListener("keydown", (event) => {
 
 // ---- options ---------------------------------------------------------------------------------------
 
-let size = { samples: 0 };
 const fields = new Map(); // the settings: name -> {about, label, control}
 
 const set = (name, value) => {
@@ -217,7 +222,6 @@ const set = (name, value) => {
 };
 
 function describe(about) {
-  size = about;
   canvas.style.setProperty("--aspect", about.size[0] / about.size[1]);
   element("name").textContent = about.name.split("/").pop();
   element("device").textContent = about.device;

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -30,8 +30,8 @@ from solari_vk.viewer.waiting import Waiting
 
 CPU_FPS, GPU_FPS = 7.0, 30.0  # frames a second that the scale "auto" aims at
 METERING_SIZE = 96, 54  # of the picture that chooses the exposure
-REST = 6  # frames after the last change from which the whole size is rendered, and the path tracer's turn has come
-SETTLED = 32  # frames of the whole size after which the realtime picture is finished
+REST = 8  # frames after the last change from which the whole size is rendered, and the path tracer's turn has come
+SETTLED = 64  # frames of the whole size after which the realtime picture is finished
 HIDDEN = 4  # frames of the whole size, and samples of the path tracer, that look worse than what was shown before
 SCALE_OF_ITS_OWN = {"upscale"}  # settings that follow the scale
 EXPOSURES = 100.0  # EV100 from minus to plus this
@@ -236,16 +236,15 @@ class Screen:
             self._scale.note(seconds)
         samples = 0 if pictures.mode == "realtime" or not pictures.reference else pictures.reference.tracer.samples
         whole = self._still - REST  # frames of the whole size
-        self.settled = samples >= self._screens.samples if pictures.mode == "reference" else whole >= SETTLED
+        done = samples / self._screens.samples if pictures.mode == "reference" else whole / SETTLED
+        self.settled = done >= 1
         hides = scale > self._scale.scale or pictures.mode == "reference"
         if rests and hides and not self.settled and (samples or whole) < HIDDEN:
             return None
-        return Shown(codes, self._about(seconds, samples), self.settled)
-
-    def _about(self, seconds: float, samples: int) -> dict[str, Any]:
-        pictures = self.pictures
-        return {"size": pictures.size, "rendered": pictures.rendered_size, "seconds": seconds, "samples": samples,
-                "settled": self.settled, "columns": pictures.columns(), "state": self.state()}  # fmt: skip
+        about = {"rendered": pictures.rendered_size, "seconds": seconds, "samples": samples,
+                 "done": min(max(done, 0.0), 1.0), "settled": self.settled, "columns": pictures.columns(),
+                 "state": self.state()}  # fmt: skip
+        return Shown(codes, about, self.settled)
 
     def _preview(self, scale: float) -> None:
         self.pictures.preview(self.control.camera, self._screens.size, scale)
@@ -264,7 +263,7 @@ class Screen:
         self.pictures.close()
 
 
-def _one_of(what: str, value: Any, known: Any) -> Any:
-    if value not in known:
+def _one_of(what: str, value: Any, known: Iterable[str]) -> Any:
+    if value not in tuple(known):
         raise unknown_name(f"there is no {what}", value, known)
     return value

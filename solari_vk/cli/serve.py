@@ -8,6 +8,7 @@ import socket
 import sys
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
+from urllib.parse import urlunsplit
 
 from solari_vk.cli.compiling import open_device
 from solari_vk.cli.jobs import ServeJob
@@ -64,4 +65,5 @@ def _make(job: ServeJob, subject: Subject) -> Screens:
 def _address(host: str, sock: socket.socket, token: str | None) -> str:
     """The address to open, of a host that stands for all addresses that of this machine's name."""
     name = socket.gethostname() if host in ("0.0.0.0", "::", "") else f"[{host}]" if ":" in host else host
-    return f"http://{name}:{sock.getsockname()[1]}/{'' if token is None else f'?token={token}'}"
+    query = "" if token is None else f"token={token}"
+    return urlunsplit(("http", f"{name}:{sock.getsockname()[1]}", "/", query, ""))

