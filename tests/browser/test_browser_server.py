@@ -6,6 +6,7 @@ import asyncio
 import io
 import socket
 import sys
+from unittest.mock import Mock
 
 import pytest
 from browser_tools import SETTLED, FakeScreens, aiohttp, serving
@@ -34,6 +35,9 @@ def test_ten_clients_have_cameras_of_their_own():
             await clients[3].until(lambda one: one.heard[-1].get("picked"))
             await asyncio.sleep(QUIET)
             assert site.maker.rendered == rendered, "a picture that is finished is not rendered again"
+            site.hub.call = Mock(side_effect=site.hub.call)
+            await asyncio.sleep(QUIET)
+            site.hub.call.assert_not_called()
             assert all(one.heard[0]["about"]["device"] == "fake" for one in clients)
 
     asyncio.run(check())
