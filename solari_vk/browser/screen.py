@@ -19,7 +19,7 @@ from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, check_view, views_of
-from solari_vk.reference import PathTracer
+from solari_vk.reference import MAX_SAMPLES, PathTracer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, Settings
 from solari_vk.viewer.camera_control import CameraControl, extent_of
@@ -34,6 +34,7 @@ REST = 8  # frames after the last change from which the whole size is rendered, 
 SETTLED = 64  # frames of the whole size after which the realtime picture is finished
 HIDDEN = 4  # frames of the whole size, and samples of the path tracer, that look worse than what was shown before
 SCALE_OF_ITS_OWN = {"upscale"}  # settings that follow the scale
+LONGEST = 0.4  # seconds that a frame of the path tracer may take if it has several samples: movements wait for it
 EXPOSURES = 100.0  # EV100 from minus to plus this
 
 Tell = Callable[[dict[str, Any], NDArray[np.uint8] | None], object]
@@ -119,6 +120,7 @@ class Screen:
             self.pictures = Pictures(screens.device, screens.binder, copy.copy(screens.settings), screens.seed)
             undo.callback(self.pictures.close)
             self.pictures.view, self.pictures.tonemap = screens.view, screens.tonemap
+            self.pictures.most_samples = 1
             if state:
                 self._restore(state)
             undo.pop_all()
@@ -234,6 +236,9 @@ class Screen:
             self.control.see(seen_distance(pictures))
         if not rests:
             self._scale.note(seconds)
+        elif pictures.mode == "reference":
+            most = pictures.most_samples
+            pictures.most_samples = max(most // 2, 1) if seconds > LONGEST else min(2 * most, MAX_SAMPLES)
         samples = 0 if pictures.mode == "realtime" or not pictures.reference else pictures.reference.tracer.samples
         whole = self._still - REST  # frames of the whole size
         done = samples / self._screens.samples if pictures.mode == "reference" else whole / SETTLED

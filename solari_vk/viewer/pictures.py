@@ -46,6 +46,8 @@ class Pictures:
         self.mode, self.view, self.tonemap = mode, PICTURE, "agx"
         self.divider = 0.5
         self.counts_rays = False
+        self.most_samples = MAX_SAMPLES
+        """Samples per pixel that the path tracer adds in a frame at most."""
         self.camera: Camera | None = None
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
@@ -172,7 +174,7 @@ class Pictures:
         size = self._reference_size(build)
         if self.reference is None:
             self.reference = ReferencePicture(self.device, self.binder, size, self.seed)
-        self.reference.render(camera, size, self.tonemap, 1 if self.is_short else MAX_SAMPLES)
+        self.reference.render(camera, size, self.tonemap, 1 if self.is_short else self.most_samples)
 
     @property
     def _shows_raw(self) -> bool:

@@ -92,12 +92,17 @@ def test_a_pan_moves_what_is_seen_with_the_cursor(shown):
     assert after - before == pytest.approx([16, -8], abs=0.5)
 
 
-def test_the_reference_comes_when_the_camera_rests(screens):
+def test_the_reference_comes_when_the_camera_rests(screens, monkeypatch):
     shown = screens(mode="reference").open(lambda *_: None)
     pictures = [one for one in settle(shown) if one]
     assert [list(one.about["columns"]) for one in pictures[:REST]] == [["realtime"]] * REST
     assert list(pictures[-1].about["columns"]) == ["reference"]
     assert pictures[-1].about["samples"] >= 4
+    assert shown.pictures.most_samples > 1, "its frames were quick"
+    monkeypatch.setattr(screen_module, "LONGEST", 0.0)
+    for _ in range(7):
+        shown.render()
+    assert shown.pictures.most_samples == 1, "movements wait for a frame, so slow ones have fewer samples"
     assert shown.do({"pick": [0.42, 0.7]})["picked"]["name"] == "tall block"
     shown.do({"set": {"divider": 0.25, "mode": "split"}})
     assert shown.render().about["columns"]["reference"][1] == 1.0
