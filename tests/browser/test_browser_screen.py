@@ -122,7 +122,8 @@ def test_options_are_followed_and_a_state_goes_on_elsewhere(screens):
     state = json.loads(json.dumps(shown.render().about["state"]))
     other = tower.open(lambda *_: None, state)
     assert other.control.camera.transform == pytest.approx(shown.control.camera.transform)
-    assert other.control.distance == state["distance"]
+    other.render()
+    assert other.control.distance == state["distance"], "what is zoomed to stays"
     assert other.options() == state["options"]
     assert tower.settings.denoise, "other cameras keep their settings"
     for name, value, words in (("mode", "x", "no mode"), ("view", 3, "view"), ("upscale", 2, "no option"),
