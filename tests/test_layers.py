@@ -67,10 +67,11 @@ MAY_IMPORT = {
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,
-    "notebook": {"errors", "scene", "renderer", "viewer"},
+    "browser": {"errors", "scene", "bound", "settings", "output", "passes", "reference", "viewer", "gpu.device"},
+    "notebook": {"errors", "scene", "renderer", "viewer", "browser"},
     "conformance": {"", "measure", *LIBRARY},
     "measure": {"", "cluster", *LIBRARY},
-    "cli": {"", "viewer", "cluster", "conformance", "measure", *LIBRARY},
+    "cli": {"", "viewer", "browser", "cluster", "conformance", "measure", *LIBRARY},
     "__main__": {"cli"},
     "": {"viewer", "cluster", "notebook", "light_meter", *LIBRARY},
 }

@@ -290,7 +290,7 @@ def browser():
 @pytest.fixture
 def page(browser, widget):
     errors, opened = [], browser.new_page()
-    opened.on("pageerror", errors.append)
+    opened.on("pageerror", lambda error: errors.append(error))  # playwright can't take a builtin
     yield Page(opened, widget)
     opened.close()
     assert not errors

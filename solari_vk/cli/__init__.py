@@ -1,4 +1,4 @@
-"""The command line: solari-vk render | view | dataset | settings | views | info (or doctor) | bench | trial |
+"""The command line: solari-vk render | view | serve | dataset | settings | views | info (or doctor) | bench | trial |
 conformance.
 
 Exit codes: 0 done, 1 an internal error, a conformance rule that doesn't hold, or a data set or an animation of several

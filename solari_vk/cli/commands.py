@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from solari_vk.cli import bench
 from solari_vk.cli.conformance import EXIT_CODES, ConformanceJob
-from solari_vk.cli.jobs import DatasetJob, FidelityJob, RenderOptions, ViewJob
+from solari_vk.cli.jobs import DatasetJob, FidelityJob, RenderOptions, ServeJob, ViewJob
 from solari_vk.cli.options import Command
 from solari_vk.cli.trial import TrialJob
 
@@ -26,6 +26,11 @@ COMMANDS = (
         "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far.",
     ),
     Command("view", "open a window on a scene: fly around, edit, compare", "view:run", ViewJob),
+    Command(
+        "serve", "show a scene in browsers: orbit, zoom, pick, compare", "serve:run", ServeJob,
+        "Show a scene in browsers, on this machine or another one. Nothing is rendered while no page is open. Ctrl-C "
+        "ends it.",
+    ),
     Command(
         "dataset", "render many views of a scene, with transforms.json and further outputs", "dataset:run", DatasetJob,
         "Render many views of a scene into a folder, with transforms.json in the convention of NeRF. All views have "

@@ -53,6 +53,7 @@ PARTS = (
     Part(".mp4 files", "video", "imageio_ffmpeg", lambda: bool(shutil.which("ffmpeg"))),
     Part("panels in the viewer", "viewer", "imgui_bundle"),
     Part("interactive pictures in notebooks", "notebook", "anywidget"),
+    Part("pictures in browsers", "serve", "aiohttp"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
 )  # fmt: skip

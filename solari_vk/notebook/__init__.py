@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 def show(renderer: Renderer) -> LivePicture:
     """A widget that shows the renderer's picture in Jupyter, and a camera that the mouse moves.
 
-    Dragging orbits around what the middle of the first picture shows, the wheel zooms, and a double click returns to
-    the first view, which is that of the scene's camera. Frames are rendered while the camera moves and until the
-    picture has settled, between the cells that run; an error is shown over the picture. A widget that is closed, or
-    whose output is cleared, renders nothing more. Close the widget before the renderer.
+    Dragging orbits around what the middle of the first picture shows, with Shift it pans; the wheel zooms, and a double
+    click returns to the first view, which is that of the scene's camera. Frames are rendered while the camera moves and
+    until the picture has settled, between the cells that run; an error is shown over the picture. A widget that is
+    closed, or whose output is cleared, renders nothing more. Close the widget before the renderer.
 
     Needs the extra `notebook` of the package. Raises SolariError where it is missing, and for anything that isn't a
     Renderer.

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 from pathlib import Path
 from typing import Any
 
 import anywidget
-import numpy as np
-from PIL import Image
 
+from solari_vk.browser.picture import PICTURE_JS, encoded, move
 from solari_vk.errors import SolariError
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
@@ -18,7 +16,6 @@ from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.picking import realtime_distance
 
 SETTLED = 32  # frames after which the picture of a still camera is shown without loss, and rendering ends
-JPEG_QUALITY = 85  # of the frames before
 
 
 class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
@@ -29,7 +26,7 @@ class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
     thread that runs cells, between two cells, so the renderer is never used by two threads.
     """
 
-    _esm = Path(__file__).with_name("widget.js")
+    _esm = "\n".join(path.read_text(encoding="utf-8") for path in (PICTURE_JS, Path(__file__).with_name("widget.js")))
 
     def __init__(self, renderer: Renderer) -> None:
         super().__init__()
@@ -53,13 +50,13 @@ class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
     def _answer(self, _: Any, request: dict[str, Any], __: Any) -> None:
         """Move the camera as a page asks, and send the next frame, or why there is none.
 
-        request: the page's name as "page"; "right", "down": the way of the cursor in pixels; "notches" of the wheel;
-        "home": whether to return to the first view first.
+        request: the page's name as "page", and the movement of picture.py.
         """
         if self.comm is None:
             return  # closed while the request was on its way
         try:
-            self._move(request)
+            if move(self._control, request):
+                self._frames = 0
             frame = self._renderer.render(self._control.camera)
             if not self._has_seen:
                 self._control.see(realtime_distance(self._renderer, frame.camera))
@@ -68,27 +65,8 @@ class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
             self._frames += 1
             settled = self._frames >= SETTLED
             kind = "png" if settled else "jpeg"
-            answer, content = {"type": f"image/{kind}", "settled": settled}, [_encoded(codes, kind)]
+            answer, content = {"type": f"image/{kind}", "settled": settled}, [encoded(codes, kind)]
         except (Exception, KeyboardInterrupt) as error:
             words = str(error) if isinstance(error, SolariError) else f"{type(error).__name__}: {error}"
             answer, content = {"error": words}, []
         self.send({"page": request.get("page"), **answer}, content)
-
-    def _move(self, request: dict[str, Any]) -> None:
-        control = self._control
-        right, down, notches = (float(request[name]) for name in ("right", "down", "notches"))
-        if request["home"]:
-            control.reset()
-        if right or down:
-            control.orbit(right, down, control.center)
-        if notches:
-            control.zoom(notches)
-        if request["home"] or right or down or notches:
-            self._frames = 0
-
-
-def _encoded(codes: Any, kind: str) -> bytes:
-    content = io.BytesIO()
-    options = {"quality": JPEG_QUALITY} if kind == "jpeg" else {"compress_level": 1}
-    Image.fromarray(np.ascontiguousarray(codes)).save(content, format=kind, **options)
-    return content.getvalue()

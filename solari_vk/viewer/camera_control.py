@@ -22,6 +22,7 @@ FASTER = 4.0  # factor of the speed while shift is held
 WHEEL = 1.25  # factor of the pace for each notch of the wheel
 PACE = 0.5  # share of the distance to what is seen that is flown in a second
 SMOOTHING = 0.08  # seconds in which the velocity comes within 37 % of what the keys ask for
+WIDEST = 2.5  # radians: pans of wider lenses are those of this field of view
 STEP = 0.01  # seconds of a step of the movement, so that it doesn't depend on the frame rate
 # Directions in camera space, and in world space.
 DIRECTIONS = {"forward": (0, 0, -1), "back": (0, 0, 1), "left": (-1, 0, 0), "right": (1, 0, 0)}
@@ -124,6 +125,16 @@ class CameraControl:
         if self.camera.orthographic_height:
             self.camera.orthographic_height *= factor
         self._look_from(center, min(max(self.distance * factor, self._nearest), self._farthest))
+
+    def pan(self, right: float, down: float) -> None:
+        """Move the camera across its view, so that what is seen at `distance` follows the cursor, which moved by these
+        shares of the picture's height."""
+        opening = math.tan(min(self.camera.vertical_fov, WIDEST) / 2)
+        height = self.camera.orthographic_height or 2 * self.distance * opening
+        transform = self.camera.transform.copy()
+        x, y = (axis / np.linalg.norm(axis) for axis in transform[:3, :2].T)
+        transform[:3, 3] += height * (down * y - right * x)
+        self._assign(transform)
 
     def focus(self, point: ArrayLike, radius: float) -> None:
         """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""

@@ -33,19 +33,25 @@ class Pictures:
     view, tonemap: as in `Renderer`. divider: where the mode "split" divides the window, as a share of its width from
     the left: between the realtime picture and the reference; or, with the denoiser, the middle of a strip with the
     denoised picture between the raw one and the reference. counts_rays: whether the realtime renderer counts its rays,
-    which makes it a little slower. These and `mode` may be assigned at any time. `close` frees everything.
+    which makes it a little slower. These and `mode` may be assigned at any time. Pictures of one SceneBinder share its
+    memory on the device; its owner closes it after them. `close` frees everything else.
     """
 
-    def __init__(self, device: Device, scene: Scene, settings: Settings, seed: int = 0, mode: str = "realtime") -> None:
-        self.device, self.scene, self.settings, self.seed = device, scene, settings, seed
+    def __init__(
+        self, device: Device, scene: Scene | SceneBinder, settings: Settings, seed: int = 0, mode: str = "realtime"
+    ) -> None:
+        self._owns_binder = isinstance(scene, Scene)
+        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
+        self.device, self.scene, self.settings, self.seed = device, self.binder.scene, settings, seed
         self.mode, self.view, self.tonemap = mode, PICTURE, "agx"
         self.divider = 0.5
         self.counts_rays = False
+        self.most_samples = MAX_SAMPLES
+        """Samples per pixel that the path tracer adds in a frame at most."""
         self.camera: Camera | None = None
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
         """Whether the latest frame took no more samples than it had to: its time then depends on its size alone."""
-        self.binder = SceneBinder(device, scene)
         self.realtime: Renderer | None = None
         self.reference: ReferencePicture | None = None
         self._raw: ToneMapped | None = None  # the realtime picture without denoising
@@ -168,7 +174,7 @@ class Pictures:
         size = self._reference_size(build)
         if self.reference is None:
             self.reference = ReferencePicture(self.device, self.binder, size, self.seed)
-        self.reference.render(camera, size, self.tonemap, 1 if self.is_short else MAX_SAMPLES)
+        self.reference.render(camera, size, self.tonemap, 1 if self.is_short else self.most_samples)
 
     @property
     def _shows_raw(self) -> bool:
@@ -291,4 +297,5 @@ class Pictures:
         for item in (self.realtime, self.reference, self._raw):
             if item is not None:
                 item.close()
-        self.binder.destroy()
+        if self._owns_binder:
+            self.binder.destroy()

@@ -1,0 +1,54 @@
+"""How large the frames are that a page is sent, by how long they travel."""
+
+from __future__ import annotations
+
+# The share of the picture's width and height, and the quality of the JPEG.
+LEVELS = ((0.25, 40), (0.35, 50), (0.5, 60), (0.75, 70), (1.0, 75), (1.0, 85), (1.0, 92))
+IN_FLIGHT = 2  # frames on their way at once: while one travels, the next is rendered
+LATE = 0.15  # seconds beyond the quickest way that make the frames smaller
+QUICK = 0.05  # seconds below which frames become larger
+STEADY = 3  # quick frames before that
+FORGET = 0.002  # seconds by which each frame raises the quickest way, which a new line may have made longer
+LOSSLESS_RATE = 2e6  # bytes a second from which the last picture of a still camera is sent without loss
+
+
+class Pace:
+    """The level of a page's frames, and the times from which it follows.
+
+    The first frame is of the smallest level: it tells how long the way takes, and is there soon. Times are in seconds,
+    of any clock.
+    """
+
+    def __init__(self) -> None:
+        self.level = 0
+        self.rate = 0.0
+        """Bytes a second that the last frame reached at least."""
+        self._sent: dict[int, tuple[float, int, int]] = {}
+        self._quickest = float("inf")
+        self._steady = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether the page may be sent another frame."""
+        return len(self._sent) < IN_FLIGHT
+
+    def sent(self, number: int, length: int, now: float) -> None:
+        """Note that a frame of this many bytes is sent."""
+        self._sent[number] = now, length, self.level
+
+    def shown(self, number: int, now: float) -> None:
+        """Note that the page has shown a frame, which was sent unless the page lies."""
+        if number not in self._sent:
+            return
+        began, length, level = self._sent.pop(number)
+        seconds = max(now - began, 1e-4)
+        self.rate = length / seconds
+        self._quickest = min(seconds, self._quickest + FORGET)
+        if level != self.level:
+            return  # it was sent before the level changed
+        late = seconds - self._quickest
+        self._steady = self._steady + 1 if late < QUICK else 0
+        if late > LATE:
+            self.level, self._steady = max(level - 1, 0), 0
+        elif self._steady >= STEADY:
+            self.level, self._steady = min(level + 1, len(LEVELS) - 1), 0
