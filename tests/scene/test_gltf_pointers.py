@@ -65,6 +65,7 @@ M, L, E = "/materials/0/", f"/extensions/{LIGHTS}/lights/0/", "extensions/KHR_ma
         (M + E + "iridescence/iridescenceFactor", [0, 1], material, "iridescence", 0.25),
         (M + E + "iridescence/iridescenceIor", [1.4, 1.8], material, "iridescence_ior", 1.5),
         (M + E + "iridescence/iridescenceThicknessMaximum", [0, 800], material, "iridescence_thickness", [100, 200]),
+        (M + E + "dispersion/dispersion", [0, 2], material, "dispersion", 0.5),
         (M + E + "transmission/transmissionFactor", [0, 1], material, "transmission", 0.25),
         (M + E + "volume/attenuationDistance", [1, 5], material, "attenuation_distance", 2),
         (M + E + "clearcoat/clearcoatRoughnessFactor", [0, 0.4], material, "clearcoat_roughness", 0.1),

@@ -35,6 +35,7 @@ _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "anisotropy": {"anisotropyStrength": _ZERO, "anisotropyRotation": _ZERO},
     "clearcoat": {"clearcoatFactor": _ZERO, "clearcoatRoughnessFactor": _ZERO, "clearcoatNormalTexture/scale": _UNIT},
     "diffuse_transmission": {"diffuseTransmissionFactor": _ZERO, "diffuseTransmissionColorFactor": _WHITE},
+    "dispersion": {"dispersion": _ZERO},
     "emissive_strength": {"emissiveStrength": _UNIT},
     "ior": {"ior": (1.5,)},
     "iridescence": {"iridescenceFactor": _ZERO, "iridescenceIor": (1.3,)} | _THICKNESS,

@@ -34,7 +34,8 @@ NEEDED = {
     "diffuse_transmission_color": {"diffuse_transmission": 0.7}, "anisotropy_rotation": {"anisotropy": 0.8},
     "emissive_texture": {"emissive": 1.0}, "sheen_color_texture": {"sheen_color": 0.8},
     "sheen_roughness": {"sheen_color": 0.8}, "sheen_roughness_texture": {"sheen_color": 0.8, "sheen_roughness": 1.0},
-    "solid": GLASS, "transmission_texture": {"transmission": 1.0, "perceptual_roughness": 0.3},
+    "solid": GLASS, "dispersion": {**GLASS, "solid": True},
+    "transmission_texture": {"transmission": 1.0, "perceptual_roughness": 0.3},
     "metallic_roughness_texture": {"metallic": 1.0, "perceptual_roughness": 1.0},
     "specular_color_texture": {"reflectance": 1.0}, "unlit": {"base_color": (0.2, 0.5, 0.9)},
     "clearcoat_texture": COAT, "anisotropy_texture": {"anisotropy": 1.0},
@@ -50,7 +51,7 @@ VALUES = {
     "double_sided": lambda random: random.random() < 0.5, "solid": lambda random: random.random() < 0.5,
     "emissive": lambda random: 2 * random.random(3), "ior": lambda random: random.uniform(1, 4),
     "normal_scale": lambda random: random.uniform(-1, 1), "reflectance": lambda random: 2 * random.random(3),
-    "iridescence_ior": lambda random: random.uniform(1, 2.5),
+    "dispersion": lambda random: random.uniform(0, 3), "iridescence_ior": lambda random: random.uniform(1, 2.5),
     "iridescence_thickness": lambda random: random.uniform(0, 900, 2),
     "clearcoat_normal_scale": lambda random: random.uniform(-1, 1), "unlit": lambda random: random.random() < 0.5,
 }  # fmt: skip
@@ -67,7 +68,7 @@ GROUPS = {
         *(name for name in FIELDS if name.startswith(("clearcoat", "sheen", "anisotropy"))),
     ],
     "iridescence": [name for name in FIELDS if name.startswith("iridescence")],
-    "glass": [name for name in FIELDS if name.startswith(("transmission", "solid", "attenuation", "diffuse"))],
+    "glass": [name for name in FIELDS if name.startswith(("transmission", "solid", "attenuation", "diffuse", "disp"))],
 }  # fmt: skip
 RULES = {name: Rule(f"four balls of random {name} have the path tracer's light", SUITE, "Paths") for name in FIELDS}
 
