@@ -126,6 +126,7 @@ def check_frames(device, effort=EFFORT):
         assert abs(error) + half_width < 0.01
 
 
+@pytest.mark.slow  # minutes
 def test_frames_have_the_path_tracers_colors(device):
     check_frames(device)
 
