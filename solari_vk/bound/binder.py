@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry, Shape
+from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.emissive_meshes import Emissions
 from solari_vk.bound.lights.light_list import ORIGIN, LightList
 from solari_vk.bound.material_table import MaterialTable
@@ -55,6 +56,7 @@ class SceneBinder:
             self._textures = TextureTable(device, layout["textures"], self)
             self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
+            self._bodies = Bodies()
             self._materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
             self._instances = Table(device, "instances", layout["instances"], INSTANCE)
             self._instance_rows: Rows[Instance] = Rows()
@@ -91,7 +93,8 @@ class SceneBinder:
 
     @property
     def instances(self) -> dict[int, Instance]:
-        """The scene's instances by their rows, the shaders' indices of instances, as of the latest `update`."""
+        """The scene's instances by their rows, the shaders' indices of instances, as of the latest `update`; with the
+        bodies of lights that cast shadows."""
         return {self._instance_rows[instance]: instance for instance in self._uses}
 
     @property
@@ -173,6 +176,10 @@ class SceneBinder:
                 self._features.note(item)
             self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
+            body = self._bodies.follow(item, present)
+            if body is not None:
+                self._take_up_instance(body)
+                self._changed.pop(body, None)
         elif isinstance(item, Camera):
             self._features.note(item)
         elif isinstance(item, Material):
@@ -193,7 +200,7 @@ class SceneBinder:
     def _take_up_instance(self, instance: Instance) -> None:
         self.blended_changes += instance.alpha_mode == "blend"
         before = self._uses.get(instance)
-        if instance in self.scene.instances:
+        if instance in self.scene.instances or instance in self._bodies:
             shape = self._geometry.shape(instance.mesh, instance)
             ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
             after = shape, ray_shape, instance.material

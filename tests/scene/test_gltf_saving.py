@@ -114,7 +114,9 @@ def scenes(draw):
             material.normal_texture = None  # with which the reader makes tangents
         scene.add(sv.Instance(mesh, material, transform, visible=visible, name=f"item {number}", **pose))
     color, at = random.random(3) * 3, random.normal(size=3)
-    scene.add(sv.PointLight(at, color=color, radius=draw(st.sampled_from([0, 0.25])), name="point"))
+    radius = draw(st.sampled_from([0, 0.25]))
+    shadow = bool(radius) and draw(st.booleans())
+    scene.add(sv.PointLight(at, color=color, radius=radius, casts_shadow=shadow, name="point"))
     scene.add(
         sv.SpotLight(at, at + 1, color=color, range=draw(st.none() | st.just(7.5)), inner_cone_angle=0.2, name="a")
     )
