@@ -93,8 +93,7 @@ class SceneBinder:
 
     @property
     def instances(self) -> dict[int, Instance]:
-        """The scene's instances by their rows, the shaders' indices of instances, as of the latest `update`; with the
-        bodies of lights that cast shadows."""
+        """The instances and bodies of lights by their rows, the shaders' indices, as of the latest `update`."""
         return {self._instance_rows[instance]: instance for instance in self._uses}
 
     @property
@@ -176,8 +175,7 @@ class SceneBinder:
                 self._features.note(item)
             self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
-            body = self._bodies.follow(item, present)
-            if body is not None:
+            if body := self._bodies.follow(item, present):
                 self._take_up_instance(body)
                 self._changed.pop(body, None)
         elif isinstance(item, Camera):
