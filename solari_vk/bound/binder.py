@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry, Shape
-from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.emissive_meshes import Emissions
 from solari_vk.bound.lights.light_list import ORIGIN, LightList
 from solari_vk.bound.material_table import MaterialTable
@@ -56,7 +55,6 @@ class SceneBinder:
             self._textures = TextureTable(device, layout["textures"], self)
             self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
-            self._bodies = Bodies()
             self._materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
             self._instances = Table(device, "instances", layout["instances"], INSTANCE)
             self._instance_rows: Rows[Instance] = Rows()
@@ -145,8 +143,7 @@ class SceneBinder:
             self._note_alpha()
             self._write_rows.update(dict.fromkeys(self._geometry.update(self.revision)))
             posed.show(user)
-            if self._textures.update():
-                self.version += 1
+            self.version += self._textures.update()
             self._materials.update()
             self._update_instances()
             self.lights.update(self._traced.lit_area)
@@ -173,9 +170,8 @@ class SceneBinder:
             present = item in self.scene.lights
             if present:
                 self._features.note(item)
-            self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
-            if body := self._bodies.follow(item, present):
+            if body := self.lights.set_light(item, present):
                 self._take_up_instance(body)
                 self._changed.pop(body, None)
         elif isinstance(item, Camera):
@@ -198,7 +194,7 @@ class SceneBinder:
     def _take_up_instance(self, instance: Instance) -> None:
         self.blended_changes += instance.alpha_mode == "blend"
         before = self._uses.get(instance)
-        if instance in self.scene.instances or instance in self._bodies:
+        if instance in self.scene.instances or instance in self.lights.bodies:
             shape = self._geometry.shape(instance.mesh, instance)
             ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
             after = shape, ray_shape, instance.material
@@ -221,8 +217,7 @@ class SceneBinder:
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
             self._traced.remove(row)
-            for mesh in ("mesh", "ray_mesh"):
-                self._instances.records[row][mesh] = NO_INDEX
+            self._instances.records["mesh"][row] = self._instances.records["ray_mesh"][row] = NO_INDEX
             self._instances.mark([row])
             del self._uses[instance], self._ids[instance]
             self._instance_rows.release(instance, None)
