@@ -63,12 +63,15 @@ struct Walk {
     float bounce_pdf;
     vec3 throughput;
     Medium medium;
+    float wavelength;        // in nanometers, or ALL_WAVES
+    float wavelength_below;  // which it has below the surface where it is
     float cone_width;   // of the footprint of textures, which grows by cone_spread for each meter
     float cone_spread;
 };
 
 Walk start_walk(vec3 origin, vec3 direction) {
-    return Walk(origin, direction, 0.0, INFINITY, false, false, INFINITY, vec3(1.0), NO_MEDIUM, 0.0, 0.0);
+    return Walk(origin, direction, 0.0, INFINITY, false, false, INFINITY, vec3(1.0), NO_MEDIUM, ALL_WAVES,
+        ALL_WAVES, 0.0, 0.0);
 }
 
 Walk start_walk(CameraRay ray) {
@@ -161,6 +164,33 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     }
 }
 
+// Bends the light of the walk by its wavelength, which u chooses where it hasn't one. What is reflected outside of the
+// glass keeps light of all waves.
+void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, float u) {
+    walk.wavelength_below = walk.wavelength;
+    if (!material.base.solid) { return; }
+    float dispersion = materials.at[instances.at[instance].material].dispersion;
+    if (dispersion == 0.0) { return; }
+    bool chosen = walk.wavelength != ALL_WAVES;
+    if (!chosen) { walk.wavelength_below = sample_wavelength(u); }
+    float ior = material.glass.ior;
+    vec3 wave_ior = dispersed_ior(ior, dispersion, vec3(1.0 / square(walk.wavelength_below)));
+    material.glass.dispersed = Dispersed(wave_ior.x, wave_ior, vec3(1.0));
+    if (chosen) { return; }
+    vec3 color = wave_color(walk.wavelength_below);
+    if (material.base.inside) {
+        walk.wavelength = walk.wavelength_below;
+        walk.throughput *= color;
+    } else {
+        material.glass.dispersed.iors = dispersed_ior(ior, dispersion, bands_inverse_square());
+        material.glass.dispersed.passes = color;
+    }
+}
+
+void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, inout uint rng) {
+    if (SCENE_DISPERSION) { disperse(walk, instance, material, rand_f(rng)); }
+}
+
 // What a surface emits. `light_pdf`: with which light samples choose the direction to it; all that they don't find is
 // found by walks.
 vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
@@ -201,7 +231,10 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     walk.shows_unlit = walk.shows_unlit && next.pdf == INFINITY;
     walk.bounce_pdf = next.pdf;
     walk.throughput *= next.weight;
-    if (SCENE_TRANSMISSION && next.wi.z < 0.0) { walk.medium = below; }
+    if (SCENE_TRANSMISSION && next.wi.z < 0.0) {
+        walk.medium = below;
+        if (SCENE_DISPERSION) { walk.wavelength = walk.wavelength_below; }
+    }
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 

@@ -91,7 +91,7 @@ class SceneBinder:
 
     @property
     def instances(self) -> dict[int, Instance]:
-        """The scene's instances by their rows, the shaders' indices of instances, as of the latest `update`."""
+        """The instances and bodies of lights by their rows, the shaders' indices, as of the latest `update`."""
         return {self._instance_rows[instance]: instance for instance in self._uses}
 
     @property
@@ -143,8 +143,7 @@ class SceneBinder:
             self._note_alpha()
             self._write_rows.update(dict.fromkeys(self._geometry.update(self.revision)))
             posed.show(user)
-            if self._textures.update():
-                self.version += 1
+            self.version += self._textures.update()
             self._materials.update()
             self._update_instances()
             self.lights.update(self._traced.lit_area)
@@ -171,8 +170,10 @@ class SceneBinder:
             present = item in self.scene.lights
             if present:
                 self._features.note(item)
-            self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
+            if body := self.lights.set_light(item, present):
+                self._take_up_instance(body)
+                self._changed.pop(body, None)
         elif isinstance(item, Camera):
             self._features.note(item)
         elif isinstance(item, Material):
@@ -193,7 +194,7 @@ class SceneBinder:
     def _take_up_instance(self, instance: Instance) -> None:
         self.blended_changes += instance.alpha_mode == "blend"
         before = self._uses.get(instance)
-        if instance in self.scene.instances:
+        if instance in self.scene.instances or instance in self.lights.bodies:
             shape = self._geometry.shape(instance.mesh, instance)
             ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
             after = shape, ray_shape, instance.material
@@ -216,8 +217,7 @@ class SceneBinder:
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
             self._traced.remove(row)
-            for mesh in ("mesh", "ray_mesh"):
-                self._instances.records[row][mesh] = NO_INDEX
+            self._instances.records["mesh"][row] = self._instances.records["ray_mesh"][row] = NO_INDEX
             self._instances.mark([row])
             del self._uses[instance], self._ids[instance]
             self._instance_rows.release(instance, None)

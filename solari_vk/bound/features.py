@@ -54,6 +54,7 @@ FEATURES = (
             is_lobe=True, transmits=True),
     Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
     Feature("IRIDESCENCE", Material, lambda material: material.iridescence > 0, is_lobe=True),
+    Feature("DISPERSION", Material, lambda material: material.disperses),
     Feature("UNLIT", Material, lambda material: material.unlit),
     Feature("LENSES", Camera, lambda camera: camera.has_lens),
 )

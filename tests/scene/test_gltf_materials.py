@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solari_vk.scene.gltf.extensions import OF_MATERIALS
-from solari_vk.scene.material import TEXTURES
+from solari_vk.scene.material import TEXTURES, Material
 
 UVS = [[0, 0], [1, 0], [0, 1]]
 NORMALS = [[0, 0, 1]] * 3
@@ -81,6 +81,7 @@ def test_lobes(writer):
             "iridescenceFactor": 0.7, "iridescenceIor": 1.8, "iridescenceThicknessMinimum": 50,
             "iridescenceThicknessMaximum": 30,
         },
+        "KHR_materials_dispersion": {"dispersion": 0.36},
     }  # fmt: skip
     material, warnings = load(writer, extensions={
         name: {**dict.fromkeys(row.textures.values(), slot), **factors.get(name, {})}
@@ -94,24 +95,24 @@ def test_lobes(writer):
     np.testing.assert_allclose(material.sheen_color, [0.1, 0.2, 0.3], rtol=1e-6)
     assert (material.sheen_roughness, material.anisotropy, material.anisotropy_rotation) == (0.4, 0.6, 0.3)
     assert (material.iridescence, material.iridescence_ior, [*material.iridescence_thickness]) == (0.7, 1.8, [50, 30])
+    assert (material.dispersion, material.disperses) == (0.36, True)
     plain = {"base_color_texture", "metallic_roughness_texture", "emissive_texture", "normal_texture"}
     assert {name for name in TEXTURES if getattr(material, name) is None} == plain
     assert material.has_layers
 
 
-@pytest.mark.parametrize(
-    ("name", "fields", "influences"),
-    [("KHR_materials_dispersion", {"dispersion": 0.5}, True), ("KHR_materials_dispersion", {"dispersion": 0.0}, False),
-     ("KHR_materials_dispersion", {}, False), ("VENDOR_sparkle", {}, True)],
-)  # fmt: skip
-def test_material_extensions_are_reported_when_they_matter(writer, name, fields, influences):
-    writer.add("materials", name="unused", **extension(name, **fields))
-    _, warnings = load(writer, name="used", **extension(name, **fields))
-    assert len(warnings) == influences
-    if influences:
-        assert name in warnings[0]
-        assert "material 1 'used'" in warnings[0]
-        assert "unused" not in warnings[0]
+def test_unknown_extensions_of_used_materials_are_reported(writer):
+    writer.add("materials", name="unused", **extension("VENDOR_sparkle"))
+    _, warnings = load(writer, name="used", **extension("VENDOR_sparkle"))
+    assert len(warnings) == 1
+    assert "VENDOR_sparkle" in warnings[0]
+    assert "material 1 'used'" in warnings[0]
+    assert "unused" not in warnings[0]
+
+
+@pytest.mark.parametrize("given", [{}, {"transmission": 1}, {"transmission": 1, "solid": True}, {"solid": True}])
+def test_only_solid_glass_disperses(given):
+    assert Material(**given, dispersion=1).disperses == (len(given) == 2)
 
 
 def test_unlit(writer):

@@ -13,7 +13,7 @@ from support.same_scene import check_same
 import solari_vk as sv
 from solari_vk.scene.gltf.pointers import DEFAULTS
 
-LIGHTS = "KHR_lights_punctual"
+LIGHTS, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
 
 
 @pytest.fixture
@@ -65,6 +65,7 @@ M, L, E = "/materials/0/", f"/extensions/{LIGHTS}/lights/0/", "extensions/KHR_ma
         (M + E + "iridescence/iridescenceFactor", [0, 1], material, "iridescence", 0.25),
         (M + E + "iridescence/iridescenceIor", [1.4, 1.8], material, "iridescence_ior", 1.5),
         (M + E + "iridescence/iridescenceThicknessMaximum", [0, 800], material, "iridescence_thickness", [100, 200]),
+        (M + E + "dispersion/dispersion", [0, 2], material, "dispersion", 0.5),
         (M + E + "transmission/transmissionFactor", [0, 1], material, "transmission", 0.25),
         (M + E + "volume/attenuationDistance", [1, 5], material, "attenuation_distance", 2),
         (M + E + "clearcoat/clearcoatRoughnessFactor", [0, 0.4], material, "clearcoat_roughness", 0.1),
@@ -154,6 +155,43 @@ def test_keys_of_a_wrong_width_and_number_are_named(pointed):
     del pointed.json["animations"], pointed.json["buffers"]
     pointed.point("/materials/9/emissiveFactor", [0, 0, 0], [1, 1, 1])
     pointed.load_with_loss("material 9")
+
+
+@pytest.fixture
+def luminaire(pointed):
+    """The node of a lamp of EXT_lights_ies, 500 cd at most, with half of its light."""
+    profile = {"uri": "data:,IESNA:LM-63-2002%0ATILT=NONE%0A1 -1 1 2 1 1 2 0 0 0%0A1 1 60%0A0 180%0A0%0A500 100"}
+    pointed.json["extensions"][PROFILES] = {"lights": [profile]}
+    pointed.json["extensionsUsed"].append(PROFILES)
+    return pointed.node(extensions={PROFILES: {"light": 0, "multiplier": 0.5}}, name="luminaire")
+
+
+def test_luminaires_follow_their_keys(pointed, luminaire, tmp_path):
+    """Also one whose node moves; clips of them are saved."""
+    place = f"/nodes/{luminaire}/extensions/{PROFILES}/"
+    pointed.point(place + "multiplier", 0, 4).point(place + "color", [0, 0, 0], [1, 0.5, 2])
+    pointed.animate(luminaire, "translation", [0, 1], [[0, 0, 0], [4, 0, 0]])
+    scene = pointed.load(strict=True)
+    lamp = scene.lights["luminaire"]
+    assert (lamp.intensity, lamp.color.tolist()) == (250, [1, 1, 1]), "at rest"
+    scene.save(tmp_path / "lamp.glb")
+    for found in (scene, sv.load(tmp_path / "lamp.glb", strict=True)):
+        found.animate(0.25)
+        lamp = found.lights["luminaire"]
+        assert lamp.intensity == pytest.approx(500)
+        np.testing.assert_allclose(lamp.color, [0.25, 0.125, 0.5])
+        np.testing.assert_allclose(lamp.position, [1, 0, 0])
+        assert found.warnings == []
+
+
+@pytest.mark.parametrize("path", [f"extensions/{PROFILES}/light", "extras/color", f"extensions/{PROFILES}/range"])
+def test_what_is_not_played_of_luminaires_is_named(pointed, luminaire, path):
+    (warning,) = pointed.point(f"/nodes/{luminaire}/{path}", 0, 1).load().warnings
+    assert warning.startswith("animations of some properties are not played: animation 0 'clip'")
+
+
+def test_luminaires_of_other_nodes_are_left_alone(pointed, luminaire):
+    assert not pointed.point(f"/nodes/0/extensions/{PROFILES}/multiplier", 0, 1).load().animations
 
 
 def test_objects_outside_the_scene_are_left_alone(pointed):
@@ -253,6 +291,8 @@ def test_every_property_is_read(pointed):
     silent = {"orthographic/ymag", "orthographic/znear", "normalTexture/scale",
               "extensions/KHR_materials_clearcoat/clearcoatNormalTexture/scale"}  # fmt: skip
     for kind, properties in DEFAULTS.items():
+        if kind == "nodes":
+            continue
         for path, default in properties.items():
             if path in silent:
                 continue

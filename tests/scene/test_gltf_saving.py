@@ -45,7 +45,8 @@ RANGES = {
     "ior": st.floats(1, 5) | st.just(1e6), "reflectance": st.floats(0, 100, width=32),
     "emissive": UNIT | st.floats(0, 2**20, width=32), "normal_scale": st.floats(-2, 2),
     "clearcoat_normal_scale": st.floats(-2, 2), "attenuation_distance": st.floats(1e-3, 1e6),
-    "iridescence_ior": st.floats(1, 5), "iridescence_thickness": st.floats(0, 1e4, width=32),
+    "iridescence_ior": st.floats(1, 5), "dispersion": st.floats(0, 9),
+    "iridescence_thickness": st.floats(0, 1e4, width=32),
     "anisotropy_rotation": st.floats(-9, 9), "alpha_mode": st.sampled_from(["opaque", "mask", "blend"]),
     "name": st.text(max_size=4),
 }  # fmt: skip
@@ -113,7 +114,9 @@ def scenes(draw):
             material.normal_texture = None  # with which the reader makes tangents
         scene.add(sv.Instance(mesh, material, transform, visible=visible, name=f"item {number}", **pose))
     color, at = random.random(3) * 3, random.normal(size=3)
-    scene.add(sv.PointLight(at, color=color, radius=draw(st.sampled_from([0, 0.25])), name="point"))
+    radius = draw(st.sampled_from([0, 0.25]))
+    shadow = bool(radius) and draw(st.booleans())
+    scene.add(sv.PointLight(at, color=color, radius=radius, casts_shadow=shadow, name="point"))
     scene.add(
         sv.SpotLight(at, at + 1, color=color, range=draw(st.none() | st.just(7.5)), inner_cone_angle=0.2, name="a")
     )
@@ -462,7 +465,7 @@ def test_files_pass_the_validator_of_khronos(validate, machine, tmp_path):
     scenes |= {name.partition("/")[0]: sv.load(ASSETS / name) for name in FILES if (ASSETS / name).exists()}
     random = np.random.default_rng(5)
     layers = ("clearcoat", "sheen_color", "transmission", "anisotropy", "specular", "diffuse_transmission",
-              "iridescence")  # fmt: skip
+              "iridescence", "dispersion")  # fmt: skip
     rich = [
         sv.Material(**dict.fromkeys(layers, 0.5), solid=True, emissive=7, ior=2),
         sv.Material(unlit=True, alpha_mode="blend", alpha=0.5),

@@ -20,6 +20,10 @@ const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
     Path path = start_path(seed_rng(pixel, this_frame.index, salt));
+    if (SCENE_DISPERSION) {
+        float number = fract(wavelength_number(pixel) + unit_float(bitfieldReverse(sample_index)));
+        disperse(path.walk, surface.instance, surface.material, number);
+    }
     path.vertex = make_vertex(surface);
     path.medium_below = medium_below(surface.instance, surface.material);
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;

@@ -112,6 +112,7 @@ bool is_rough(ResolvedMaterial material) {
 void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     path.medium_below = medium_below(path.hit.instance, surface.material);
     regularize(surface.material, path.inverse_pdf_sum);
+    disperse(path.walk, path.hit.instance, surface.material, path.rng);
     path.vertex = make_vertex(
         surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
         -path.walk.direction

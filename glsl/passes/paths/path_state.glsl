@@ -9,6 +9,7 @@
 
 const uint SPECULAR_ONLY = 0x80000000u;
 const uint DIFFUSE_AT_FIRST_HIT = 0x40000000u;
+const float MAX_WAVELENGTH = 1024.0;
 
 // The first entry of a wave's queue.
 uint queue_begin(uint wave_index) { return wave_index % 2u * (paths_ray_queues.at.length() / 2u); }
@@ -16,6 +17,7 @@ uint queue_begin(uint wave_index) { return wave_index % 2u * (paths_ray_queues.a
 void store_path_state(Path path, uint pixel_index, uint wave_index) {
     uint flags = path.bounce | path.specular_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
         | (path.diffuse_at_first_hit ? DIFFUSE_AT_FIRST_HIT : 0u);
+    if (SCENE_DISPERSION) { flags |= pack_unorm(path.walk.wavelength / MAX_WAVELENGTH, 14u) << 16u; }
     uint queue_index = atomicAdd(paths_wave.queued, 1u);
     paths_ray_queues.at[queue_begin(wave_index) + queue_index] = pixel_index;
     paths_states.at[pixel_index] = PathState(
@@ -33,6 +35,7 @@ Path load_path_state(uint pixel_index) {
     path.specular_bounces = state.flags >> 8u & 0xFFu;
     path.diffuse_at_first_hit = (state.flags & DIFFUSE_AT_FIRST_HIT) != 0u;
     path.specular_only = (state.flags & SPECULAR_ONLY) != 0u;
+    if (SCENE_DISPERSION) { path.walk.wavelength = unpack_unorm(state.flags >> 16u, 14u) * MAX_WAVELENGTH; }
     path.first_weight = state.attenuated_first_weight;
     path.walk.throughput = state.throughput;
     path.walk.direction = state.direction;

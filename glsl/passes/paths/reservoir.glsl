@@ -10,6 +10,7 @@
 #ifndef PASSES_PATHS_RESERVOIR_GLSL
 #define PASSES_PATHS_RESERVOIR_GLSL
 
+#include "common/sobol.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
 #include "passes/paths/vertex.glsl"
@@ -19,6 +20,8 @@
 // Shifts that change a solid angle by more than this factor are refused: their weights would be outliers.
 const float MAX_JACOBIAN = 8.0;
 
+const uint WAVELENGTH_SALT = 0x2C1B3C6Du;
+
 // The target function of a sample at a surface: without occlusion and transmittance.
 struct TargetFunction {
     LobeRadiance integrand;  // to be multiplied by the sample's unbiased contribution weight
@@ -26,6 +29,20 @@ struct TargetFunction {
 };
 
 const PathReservoir EMPTY_RESERVOIR = PathReservoir(uvec4(0u), vec3(0.0), 0.0, 0.0, NO_INDEX);
+
+// The number that chooses the wavelength of a pixel's light, the same in all passes of a frame.
+float wavelength_number(uvec2 pixel) {
+    return sobol_point(this_frame.index, seed_rng(pixel, 0u, this_frame.seed ^ WAVELENGTH_SALT)).x;
+}
+
+// A surface with the wavelength of a pixel's light.
+GBufferSurface dispersed(GBufferSurface surface, uvec2 pixel) {
+    if (SCENE_DISPERSION) {
+        Walk walk = start_walk(vec3(0.0), vec3(0.0));
+        disperse(walk, surface.instance, surface.material, wavelength_number(pixel));
+    }
+    return surface;
+}
 
 Vertex make_vertex(GBufferSurface surface) {
     Vertex vertex = make_vertex(

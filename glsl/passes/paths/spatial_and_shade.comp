@@ -24,7 +24,7 @@ void main() {
     Merge merged = Merge(paths_temporal_reservoirs.at[index], NO_LIGHT);
     if (surface.exists) {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
-        Vertex vertex = make_vertex(surface);
+        Vertex vertex = make_vertex(dispersed(surface, pixel));
         uvec2 neighbor;
         GBufferSurface neighbor_surface, other_surface = surface;
         PathReservoir other = EMPTY_RESERVOIR;
@@ -33,7 +33,8 @@ void main() {
             other = paths_temporal_reservoirs.at[pixel_index(neighbor, camera.size)];
         }
         merged = merge_reservoirs(
-            vertex, merged.reservoir, make_vertex(other_surface), other, false, vec2(other.confidence), rand_f(rng)
+            vertex, merged.reservoir, make_vertex(dispersed(other_surface, pixel)), other, false,
+            vec2(other.confidence), rand_f(rng)
         );
         Demodulation albedo = demodulation(surface);
         paths_diffuse.at[index].rgb += merged.light.diffuse / albedo.diffuse;

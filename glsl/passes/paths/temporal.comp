@@ -54,7 +54,7 @@ void main() {
     PathReservoir reservoir = EMPTY_RESERVOIR;
     if (surface.exists) {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
-        Vertex vertex = make_vertex(surface);
+        Vertex vertex = make_vertex(dispersed(surface, pixel));
         reservoir = choose_candidate(paths_reservoir_candidates.at[index], vertex, rand_f(rng));
         uvec2 neighbor;
         GBufferSurface neighbor_surface;

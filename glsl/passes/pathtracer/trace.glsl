@@ -50,6 +50,7 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     vertex.surface = surface;
     vertex.frame = orthonormalize(surface.world_normal);
     vertex.wo = -path.walk.direction * vertex.frame;
+    disperse(path.walk, segment.hit.instance, surface.material, rng);
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
     vertex.below = medium_below(segment.hit.instance, surface.material);
     return true;

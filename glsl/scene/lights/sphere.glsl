@@ -1,7 +1,7 @@
-// Lights that are spheres: points and spots with a radius. Rays see them and pass through. A light sample is a
-// direction on the unit sphere; each receiver maps it to the cone of directions in which it sees the sphere, with the
-// same density everywhere: Shirley, Wang and Zimmerman, "Monte Carlo Techniques for Direct Lighting Calculations"
-// (1996).
+// Lights that are spheres: points and spots with a radius. Rays see them and pass through, up to the ball in those that
+// cast shadows (solari_vk/bound/lights/bodies.py). A light sample is a direction on the unit sphere; each receiver maps
+// it to the cone of directions in which it sees the sphere, with the same density everywhere: Shirley, Wang and
+// Zimmerman, "Monte Carlo Techniques for Direct Lighting Calculations" (1996).
 #ifndef SCENE_LIGHTS_SPHERE_GLSL
 #define SCENE_LIGHTS_SPHERE_GLSL
 

@@ -8,6 +8,7 @@
 
 #include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
+#include "scene/lobes/dispersion.glsl"
 #include "scene/microfacet.glsl"
 
 // ---- of a material ----------------------------------------------------------------------------------
@@ -16,13 +17,14 @@ struct GlassParameters {
     float transmission;  // the share of a dielectric's base that is glass instead of diffuse
     float ior;           // its index of refraction
     bool reflects_only;  // rays have taken the light that passes straight: remove_straight_transmission
+    Dispersed dispersed;
 };
 
-const GlassParameters NO_GLASS = GlassParameters(0.0, 1.5, false);
+const GlassParameters NO_GLASS = GlassParameters(0.0, 1.5, false, NOT_DISPERSED);
 
 GlassParameters resolve_glass(Material material, TexturePoint point) {
     float transmission = material.transmission * sampled_or_one(material.transmission_texture, point, 0u);
-    return GlassParameters(transmission, material.ior, false);
+    return GlassParameters(transmission, material.ior, false, NOT_DISPERSED);
 }
 
 const float LARGEST_IOR_RATIO = 0.75;  // (ior - 1) / (ior + 1) for an index of refraction of 7
@@ -35,7 +37,7 @@ uint pack_glass(GlassParameters glass) {
 
 GlassParameters unpack_glass(uint bits) {
     float ratio = LARGEST_IOR_RATIO * unpack_unorm(bits >> 8u, 10u);
-    return GlassParameters(unpack_unorm(bits, 8u), (1.0 + ratio) / (1.0 - ratio), false);
+    return GlassParameters(unpack_unorm(bits, 8u), (1.0 + ratio) / (1.0 - ratio), false, NOT_DISPERSED);
 }
 
 // ---- seen from a direction --------------------------------------------------------------------------
@@ -43,6 +45,7 @@ GlassParameters unpack_glass(uint bits) {
 struct Glass {
     float weight;        // 0: the surface isn't made of glass
     float eta;           // the index of refraction below the surface over that above it, as seen by wo
+    Dispersed dispersed; // its `iors` are etas too
     bool thin;           // light passes the wall without being bent
     float roughness;
     vec3 color;          // of the light that passes
@@ -56,12 +59,21 @@ struct Glass {
 vec3 glass_fresnel(Glass glass, float cosine) {
     float reflected = dielectric_fresnel(glass.eta, cosine);
     if (!(reflected < 1.0)) { return vec3(1.0); }
-    if (!SCENE_IRIDESCENCE || glass.film.weight == 0.0) { return reflected * glass.tint; }
+    vec3 bare = reflected * glass.tint;
+    if (SCENE_DISPERSION && glass.dispersed.ior > 0.0) {
+        vec3 etas = glass.dispersed.iors;
+        bare.g = dielectric_fresnel(etas.g, cosine) * glass.tint.g;
+        bare.r = dielectric_fresnel(etas.r, cosine) * glass.tint.r;
+        bare.b = dielectric_fresnel(etas.b, cosine) * glass.tint.b;
+    }
+    if (!SCENE_IRIDESCENCE || glass.film.weight == 0.0) { return bare; }
     // A film reflects as much light from within as from the direction outside that it is refracted to.
     float outside = glass.eta < 1.0 ? safe_sqrt(1.0 - (1.0 - square(cosine)) / square(glass.eta)) : cosine;
     vec3 filmed = glass.film_share * film_fresnel(glass.film, glass.film_f0, outside);
-    return mix(reflected * glass.tint, filmed, glass.film.weight);
+    return mix(bare, filmed, glass.film.weight);
 }
+
+vec3 passing_color(Glass glass) { return SCENE_DISPERSION ? glass.color * glass.dispersed.passes : glass.color; }
 
 // The probability with which a microfacet reflects instead of refracting.
 float glass_reflects(Glass glass, float cosine) {
@@ -95,6 +107,14 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
     Glass glass;
     glass.weight = SCENE_GLASS ? parameters.transmission * (1.0 - base.metallic) : 0.0;
     glass.eta = base.inside ? 1.0 / ior : ior;
+    glass.dispersed = NOT_DISPERSED;
+    if (SCENE_DISPERSION && parameters.dispersed.ior > 0.0) {
+        float least = mirror ? 1.0 : 1.005;
+        vec4 iors = max(vec4(parameters.dispersed.iors, parameters.dispersed.ior), least);
+        vec4 etas = base.inside ? 1.0 / iors : iors;
+        glass.dispersed = Dispersed(iors.w, etas.rgb, parameters.dispersed.passes);
+        glass.eta = etas.w;
+    }
     glass.thin = !base.solid;
     glass.roughness = base.roughness;
     glass.color = parameters.reflects_only ? vec3(0.0) : base.color;
@@ -173,7 +193,8 @@ vec3 evaluate_glass(Glass glass, vec3 wo, vec3 wi) {
     vec3 reflected = glass_fresnel(glass, dot(wo, m));
     float seen_by_both = 1.0 + smith_lambda(glass.roughness, wo) + smith_lambda(glass.roughness, wi);
     float shape = D_GGX(glass.roughness, m) * dot(wo, m) / (wo.z * seen_by_both) * glass_jacobian(glass, wo, wi, m);
-    return (wi.z > 0.0 ? reflected : (1.0 - reflected) * glass.color) * (shape * glass.compensation);
+    vec3 value = wi.z > 0.0 ? reflected : (1.0 - reflected) * passing_color(glass);
+    return value * (shape * glass.compensation);
 }
 
 // A direction, and for smooth glass its weight. `choice` and u are uniform in [0, 1).
@@ -187,7 +208,7 @@ vec3 sample_glass(Glass glass, vec3 wo, float choice, vec2 u, out vec3 smooth_we
         vec3 wi = 2.0 * dot(wo, m) * m - wo;
         return wi.z > 0.0 ? wi : vec3(0.0);
     }
-    smooth_weight = (1.0 - reflected) * glass.color / (1.0 - reflects);
+    smooth_weight = (1.0 - reflected) * passing_color(glass) / (1.0 - reflects);
     vec3 wi = refract_through(glass, wo, m);
     return wi.z < 0.0 ? wi : vec3(0.0);
 }

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
+from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
@@ -58,6 +59,7 @@ class LightList:
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
+        self.bodies = Bodies()
         self._own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
@@ -142,8 +144,8 @@ class LightList:
         self._id_of[light] = self._last_id
         self._changed = True
 
-    def set_light(self, light: Light, present: bool) -> None:
-        """Add, update or remove a light that is no instance."""
+    def set_light(self, light: Light, present: bool) -> Instance | None:
+        """Add, update or remove a light that is no instance; returns its body, if it has or had one."""
         own = kind_of(light)
         for kind, listed in self._others.items():
             if kind is not own or not present:
@@ -160,6 +162,7 @@ class LightList:
         self._changed |= not present
         if present and self._own.set(light, own_data(light)):
             self.renew(light)
+        return self.bodies.follow(light, present)
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):

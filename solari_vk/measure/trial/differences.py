@@ -106,6 +106,10 @@ DIFFERENCES = (
                "KHR_materials_sheen", _with(lambda m: m.sheen_color.max() > 0)),
     Difference("cycles", "anisotropy", "Blender makes another pair of roughnesses of an anisotropy",
                _with(lambda m: m.anisotropy > 0)),
+    Difference("cycles", "dispersion", "Cycles bends all colors alike", _with(lambda m: m.disperses)),
+    Difference("mitsuba", "dispersion", "left out", _with(lambda m: m.disperses)),
+    Difference("luxcore", "dispersion", "its colors are bands of other wavelengths, chosen anew at each surface; rough "
+               "glass has none", _with(lambda m: m.disperses)),
     Difference("cycles", "iridescence", "Blender's importer leaves it out", _with(lambda m: m.iridescence > 0)),
     Difference(
         "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "

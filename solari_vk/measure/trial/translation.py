@@ -133,8 +133,9 @@ def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str
     if material.transmission == 1 and material.transmission_texture is None and material.metallic == 0:
         kind = "thindielectric" if not material.solid else "roughdielectric" if is_rough else "dielectric"
         given = {"specular_transmittance": color, "int_ior": material.ior}
-        return {"type": kind, "parameters": given | ({"alpha": material.perceptual_roughness**2}
-                                                     if kind == "roughdielectric" else {})}  # fmt: skip
+        if kind == "roughdielectric":
+            given["alpha"] = material.perceptual_roughness**2
+        return {"type": kind, "parameters": given, "cauchy": cauchy_coefficient(material)}
     if (
         material.specular == 0
         and material.metallic == 0
@@ -154,6 +155,11 @@ def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str
         parameters |= {"clearcoat": textures.channel(material.clearcoat_texture, 0, material.clearcoat),
                        "clearcoat_gloss": 1 - material.clearcoat_roughness}  # fmt: skip
     return {"type": "principled", "parameters": parameters}
+
+
+def cauchy_coefficient(material: Material) -> float:
+    """By how much the index of refraction grows with one over the square of the wavelength, in square micrometers."""
+    return (material.ior - 1) * material.dispersion / 20 * 0.523655 if material.disperses else 0.0
 
 
 def _f0(material: Material) -> float:

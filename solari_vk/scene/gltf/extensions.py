@@ -14,7 +14,7 @@ from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.specular_glossiness import FULL_REFLECTION
 from solari_vk.scene.gltf.values import Entry
-from solari_vk.scene.material import LARGEST_REFLECTANCE, LARGEST_THICKNESS
+from solari_vk.scene.material import LARGEST_DISPERSION, LARGEST_REFLECTANCE, LARGEST_THICKNESS
 
 LARGEST_DISTANCE = 1e9  # meters; also stands for a volume that absorbs nothing
 
@@ -30,8 +30,6 @@ class Extension(NamedTuple):
     """Of materials: the fields of Material that the extension sets, from itself and the material's entry."""
     textures: Mapping[str, str] = {}
     """The fields of Material that are textures, and the extension's keys for them."""
-    neutral: str = ""
-    """An extension with "no" changes nothing while this factor of it is zero."""
 
 
 # ---- readers of the extensions of materials ---------------------------------------------------------
@@ -59,6 +57,10 @@ def _diffuse_transmission(extension: Entry, material: Entry, report: Report) -> 
         "diffuse_transmission": extension.number("diffuseTransmissionFactor", 0.0, low=0, high=1),
         "diffuse_transmission_color": color,
     }
+
+
+def _dispersion(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
+    return {"dispersion": min(extension.number("dispersion", 0.0, low=0), LARGEST_DISPERSION)}
 
 
 def _iridescence(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
@@ -124,7 +126,7 @@ EXTENSIONS = (
     Extension("KHR_materials_clearcoat", "works", "", _clearcoat,
               {"clearcoat_texture": "clearcoatTexture", "clearcoat_roughness_texture": "clearcoatRoughnessTexture",
                "clearcoat_normal_texture": "clearcoatNormalTexture"}),
-    Extension("KHR_materials_dispersion", "no", "all colors refract alike", neutral="dispersion"),
+    Extension("KHR_materials_dispersion", "works", "up to 100; `lighting=split` bends all colors alike", _dispersion),
     Extension("KHR_materials_emissive_strength", "works", ""),
     Extension("KHR_materials_ior", "works", "", _reflections),
     Extension("KHR_materials_iridescence", "works", "also on glass; coats have none", _iridescence,
@@ -193,5 +195,3 @@ OF_MATERIALS = {
     if extension.status != "no" and extension.name.startswith("KHR_materials_")
 }
 """Those of materials that are read, here or where materials and their variants are."""
-NEUTRAL = {extension.name: extension.neutral for extension in EXTENSIONS}
-"""By the names of extensions, the factor that makes them matter."""

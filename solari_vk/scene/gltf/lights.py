@@ -23,9 +23,9 @@ from solari_vk.scene.matrices import upright
 EXTENSION, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
 MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
-OWN = ("radius", "angular_diameter")
+OWN = ("radius", "casts_shadow", "angular_diameter")
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
-OWN_OF_PROFILES = ("radius", "range")
+OWN_OF_PROFILES = ("radius", "casts_shadow", "range")
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
 
 
@@ -47,7 +47,7 @@ class Lights:
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
-        fields |= read_own(entry, OWN[1:] if kind == "directional" else OWN[:1])
+        fields |= read_own(entry, OWN[2:] if kind == "directional" else OWN[:2])
         fields["name"] = node.entry.name or entry.name
         if kind == "directional":
             return DirectionalLight(direction=_travel(place), **fields)
@@ -62,13 +62,20 @@ class Lights:
         if place is None or not np.abs(node.world[:3, 3]).max() <= LARGEST_COORDINATE:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
-        intensity = self._limited(profile.peak * user.number("multiplier", 1.0, low=0, high=1e30), user)
-        color = np.clip(user.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), 0, 1).astype(np.float32)
         return PointLight(
-            node.world[:3, 3].astype(np.float32), profile=profile, intensity=intensity, color=color,
-            direction=_travel(place), horizontal=place[:3, 0].astype(np.float32), name=node.entry.name,
+            node.world[:3, 3].astype(np.float32), profile=profile, direction=_travel(place),
+            horizontal=place[:3, 0].astype(np.float32), name=node.entry.name, **self.luminaire_fields(node.entry),
             **read_own(user, OWN_OF_PROFILES),
         )  # fmt: skip
+
+    def luminaire_fields(self, node: Entry) -> dict[str, Any]:
+        """The fields that the extension of a node sets, but the profile, its place and name."""
+        user = node.extension(PROFILES)
+        assert user is not None
+        peak = self._profile(user).peak
+        color = np.clip(user.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), 0, 1).astype(np.float32)
+        intensity = self._limited(peak * user.number("multiplier", 1.0, low=0, high=1e30), user)
+        return {"intensity": intensity, "color": color}
 
     def _profile(self, user: Entry) -> LightProfile:
         """The profile that a node's extension names."""

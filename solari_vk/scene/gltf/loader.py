@@ -128,7 +128,10 @@ class _Loader:
                     self._add(node, self._followed(node, self._lights.light(node)))
             if node.entry.extension(PROFILES):
                 with self._report.costs("wrong lights are left out"):
-                    self._add(node, self._lights.luminaire(node))
+                    luminaire = self._lights.luminaire(node)
+                    self._add(node, luminaire)
+                    if luminaire is not None:
+                        self._animatable["nodes", node.number] = [(node, luminaire)]
         if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
             raise self._report.first_error
         for animation in self._animations.finish(self._animated):
@@ -196,11 +199,14 @@ class _Loader:
         items = [item for _, item in found]
         if not found:
             return None
-        if kind == "lights":
-            entry = self._lights.entry(found[0][0])
-            return AnimatedObject(items, entry, lambda said: [(items, self._lights.fields(said))])
-        entry = self._document.item("camera", number, found[0][0].entry)
-        return AnimatedObject(items, entry, lambda said: [(items, read_lens(said) or {})])
+        node = found[0][0]
+        if kind == "cameras":
+            entry = self._document.item("camera", number, node.entry)
+            return AnimatedObject(items, entry, lambda said: [(items, read_lens(said) or {})])
+        if kind == "nodes":
+            return AnimatedObject(items, node.entry, lambda said: [(items, self._lights.luminaire_fields(said))])
+        entry = self._lights.entry(node)
+        return AnimatedObject(items, entry, lambda said: [(items, self._lights.fields(said))])
 
     # ---- meshes -------------------------------------------------------------------------------------
 

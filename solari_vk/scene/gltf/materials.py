@@ -13,7 +13,7 @@ import numpy as np
 from solari_vk.scene import checks
 from solari_vk.scene.gltf import specular_glossiness
 from solari_vk.scene.gltf.document import Document
-from solari_vk.scene.gltf.extensions import NEUTRAL, OF_MATERIALS, Extension
+from solari_vk.scene.gltf.extensions import OF_MATERIALS, Extension
 from solari_vk.scene.gltf.nodes import LEVELS
 from solari_vk.scene.gltf.pointers import AnimatedObject, Readings
 from solari_vk.scene.gltf.report import Report
@@ -156,13 +156,8 @@ class Materials:
 
     def _remark_extensions(self, entry: Entry) -> None:
         for name in entry.extensions():
-            said = entry.extension(name)
-            neutral = NEUTRAL.get(name)
-            if name in OF_MATERIALS or name == LEVELS or said is None:
-                continue
-            if neutral and said.data.get(neutral, 0) in (0, [0, 0, 0]):
-                continue
-            self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
+            if name not in OF_MATERIALS and name != LEVELS and entry.extension(name) is not None:
+                self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
 
 
 def _read_extensions(entry: Entry) -> list[tuple[Extension, Entry]]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene.gltf.extensions import LARGEST_DISTANCE
-from solari_vk.scene.gltf.lights import MAX_RANGE
+from solari_vk.scene.gltf.lights import MAX_RANGE, PROFILES
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.observed import Checked
 
@@ -24,7 +24,7 @@ Path = tuple[str, ...]
 Readings = list[tuple[Sequence[Checked], dict[str, Any]]]
 TRANSFORM = "KHR_texture_transform"
 NODE = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
-_OBJECT = re.compile(r"/(?:(materials|cameras)|extensions/KHR_lights_punctual/(lights))/(\d{1,9})/(.+)")
+_OBJECT = re.compile(r"/(?:(materials|cameras|nodes)|extensions/KHR_lights_punctual/(lights))/(\d{1,9})/(.+)")
 _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
@@ -35,6 +35,7 @@ _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "anisotropy": {"anisotropyStrength": _ZERO, "anisotropyRotation": _ZERO},
     "clearcoat": {"clearcoatFactor": _ZERO, "clearcoatRoughnessFactor": _ZERO, "clearcoatNormalTexture/scale": _UNIT},
     "diffuse_transmission": {"diffuseTransmissionFactor": _ZERO, "diffuseTransmissionColorFactor": _WHITE},
+    "dispersion": {"dispersion": _ZERO},
     "emissive_strength": {"emissiveStrength": _UNIT},
     "ior": {"ior": (1.5,)},
     "iridescence": {"iridescenceFactor": _ZERO, "iridescenceIor": (1.3,)} | _THICKNESS,
@@ -58,12 +59,14 @@ DEFAULTS: dict[str, dict[str, tuple[float, ...]]] = {
         "color": _WHITE, "intensity": _UNIT, "range": (MAX_RANGE,), "spot/innerConeAngle": _ZERO,
         "spot/outerConeAngle": (math.pi / 4,),
     },
+    "nodes": {f"extensions/{PROFILES}/multiplier": _UNIT, f"extensions/{PROFILES}/color": _WHITE},
 }  # fmt: skip
 """The properties that can be animated, with their values where a file has none."""
 _SHARED: list[dict[Path, tuple[float, ...]]] = [
     {("emissiveFactor",): _BLACK, ("extensions", "KHR_materials_emissive_strength", "emissiveStrength"): _UNIT},
     {("extensions", "KHR_materials_iridescence", key): default for key, default in _THICKNESS.items()},
     {("color",): _WHITE, ("intensity",): _UNIT},
+    {("extensions", PROFILES, "color"): _WHITE, ("extensions", PROFILES, "multiplier"): _UNIT},
     {("spot", "innerConeAngle"): _ZERO, ("spot", "outerConeAngle"): (math.pi / 4,)},
 ]
 """The properties that make one field together, or limit each other."""

@@ -146,6 +146,9 @@ class Builder:
         elif given["type"] in GLASS:
             made = {"type": GLASS[given["type"]], "kr": [1.0] * 3, "kt": parameters["specular_transmittance"],
                     "interiorior": parameters["int_ior"]}  # fmt: skip
+            if given["cauchy"] and given["type"] == "dielectric":
+                made["cauchyb"] = given["cauchy"]  # its index of refraction is that of endless waves
+                made["interiorior"] -= given["cauchy"] / 0.58756**2
             if "alpha" in parameters:
                 made |= dict.fromkeys(("uroughness", "vroughness"), parameters["alpha"])
         else:

@@ -32,7 +32,7 @@ class Content:
         self._size = 0
         self._accessors: dict[Any, tuple[int, Any]] = {}
         self.written: dict[Any, tuple[str, dict[str, Any]]] = {}
-        """By material, camera or light: the pointer to what is written of it, and that itself."""
+        """By material, camera or light (luminaires: node): the pointer to what is written of it, and that itself."""
         self._lost: dict[str, dict[str, None]] = {}
 
     def add(self, kind: str, **fields: Any) -> int:

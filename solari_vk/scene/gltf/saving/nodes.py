@@ -174,6 +174,7 @@ class Nodes:
         if own := write_own(light, OWN_OF_PROFILES):
             fields["extras"] = own
         self._content.use(PROFILES, fields, self._content.json["nodes"][number])
+        self._content.written[light] = f"/nodes/{number}", self._content.json["nodes"][number]
         return number
 
 

@@ -24,6 +24,7 @@ FACTORS = {
         "diffuseTransmissionFactor": "diffuse_transmission",
         "diffuseTransmissionColorFactor": "diffuse_transmission_color",
     },
+    "KHR_materials_dispersion": {"dispersion": "dispersion"},
     "KHR_materials_ior": {"ior": "ior"},
     "KHR_materials_iridescence": {
         "iridescenceFactor": "iridescence", "iridescenceIor": "iridescence_ior",
