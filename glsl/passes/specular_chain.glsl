@@ -46,9 +46,9 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
     SpecularChainHit found;
     found.emitted = vec3(0.0);
     found.first_position = walk.origin;
-    walk.bounce_pdf = 0.0;
-    for (found.mirror_count = 0u; found.mirror_count < MAX_SPECULAR_BOUNCES; found.mirror_count++) {
-        Segment segment = trace_segment(walk, CHOSEN_BY_POWER, rng);
+    walk.mis_pdf = 0.0;
+    for (found.mirror_count = 0u; found.mirror_count < MAX_DELTA_BOUNCES; found.mirror_count++) {
+        Segment segment = trace_segment(walk, NO_RECEIVER, rng);
         count_rays(segment.rays);
         if (found.mirror_count == 0u) {
             found.first_transmittance = segment.transmittance;
@@ -56,14 +56,14 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
         }
         found.exists = accumulate_segment(walk, segment, found.emitted);
         if (!found.exists) { return found; }
-        found.surface = resolve_surface(walk, segment.hit);
+        found.surface = arrive_at_surface(walk, segment.hit);
         found.ray_t = segment.hit.t;
         walk.origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
         if (found.mirror_count == 0u) { found.first_position = walk.origin; }
         if (found.mirror_count > 0u) { found.emitted += emitted_light(walk, found.surface, 0.0); }
         if (!continues_specular_chain(found.surface.material)) { return found; }
 
-        walk.bounce_pdf = INFINITY;
+        walk.mis_pdf = INFINITY;
         vec3 normal = found.surface.world_normal;
         if (!is_glass(found.surface.material)) {
             walk.throughput *= fresnel(found.surface.material.base.color, -dot(walk.direction, normal));

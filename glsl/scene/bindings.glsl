@@ -111,7 +111,7 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint leaf_count;
     uint part_count;               // of all light sources together
-    uint first_light_without_surface;  // index into light_sources; first those that rays pass, then those at infinity
+    uint first_pass_through_light;  // index into light_sources; first those that rays pass, then those at infinity
     uint first_light_at_infinity;  // come last
     float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
 } scene_info;

@@ -73,33 +73,33 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
 }
 
 // The radiance of a light that a ray hits, weighted by MIS against light samples, which choose the light with a
-// probability. `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light
+// probability. `mis_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light
 // samples; 0 gives none.
-vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float bounce_pdf) {
+vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float mis_pdf) {
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
     float light_pdf = light_probability / light_hit.inverse_solid_angle_pdf;
-    return light_hit.radiance * power_heuristic(bounce_pdf, light_pdf);
+    return light_hit.radiance * power_heuristic(mis_pdf, light_pdf);
 }
 
 // The radiance of all lights at infinity along a ray that hit no surface.
-vec3 mis_weighted_radiance_at_infinity(vec3 direction, float bounce_pdf) {
+vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
-        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), bounce_pdf);
+        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
     }
     return radiance;
 }
 
 // The same for lights that a ray passes before it ends, without what lies before them.
-vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
+vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, float mis_pdf) {
     vec3 radiance = vec3(0.0);
     if (!HAS_PASS_THROUGH_LIGHTS) { return radiance; }
-    for (uint i = scene_info.first_light_without_surface; i < scene_info.first_light_at_infinity; i++) {
+    for (uint i = scene_info.first_pass_through_light; i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, origin, direction, t_max);
-        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), bounce_pdf);
+        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
     }
     return radiance;
 }

@@ -1,10 +1,10 @@
-// A walk through the scene, from surface to surface. Every path is this loop:
+// A walk through the scene, from surface to surface. Paths are variants of this loop, which is the path tracer's:
 //
 //     Walk walk = start_walk(origin, direction);
 //     while (true) {
 //         Segment segment = trace_segment(walk, receiver, rng);
 //         if (!accumulate_segment(walk, segment, radiance)) { break; }
-//         SurfaceInteraction surface = resolve_surface(walk, segment.hit);
+//         SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
 //         radiance += emitted_light(walk, surface, light_pdf);
 //         radiance += sample_light(walk, ...), if its shadow ray says so
 //         if (!scatter(walk, surface, sample_brdf(...)) || !survives(walk, ...)) { break; }
@@ -25,7 +25,7 @@
 #include "scene/trace.glsl"
 
 const uint FIRST_ROULETTE_BOUNCE = 3u;
-const uint MAX_SPECULAR_BOUNCES = 64u;  // bounces by delta lobes, which don't count as others do
+const uint MAX_DELTA_BOUNCES = 64u;  // bounces by delta lobes, which don't count as others do
 
 // ---- media ------------------------------------------------------------------------------------------
 
@@ -57,10 +57,10 @@ struct Walk {
     vec3 direction;
     float t_min, t_max;
     bool is_camera_ray;  // sees front faces alone, and what lies behind blended surfaces untinted
-    bool shows_unlit;    // comes from the camera, by delta lobes alone
-    // The pdf of the direction in solid angle, over the number of light samples that compete with it in MIS: INFINITY
-    // for delta lobes and where no light samples do, 0 where light samples alone find lights.
-    float bounce_pdf;
+    bool delta_path_from_camera;  // shows unlit surfaces
+    // p_b / n_l of Veach: the pdf of the direction in solid angle, over the number of light samples that compete with
+    // it in MIS. INFINITY for delta lobes and where no light samples do, 0 where light samples alone find lights.
+    float mis_pdf;
     vec3 throughput;
     Medium medium;
     float wavelength;        // in nanometers, or ALL_WAVES
@@ -77,7 +77,7 @@ Walk start_walk(vec3 origin, vec3 direction) {
 Walk start_walk(CameraRay ray) {
     Walk walk = start_walk(ray.origin, ray.direction);
     walk.t_min = ray.t_min;
-    walk.is_camera_ray = walk.shows_unlit = true;
+    walk.is_camera_ray = walk.delta_path_from_camera = true;
     walk.cone_width = ray.cone_width;
     walk.cone_spread = ray.cone_spread;
     return walk;
@@ -86,7 +86,8 @@ Walk start_walk(CameraRay ray) {
 // What lights emit that a ray passes through: spheres, which add to a ray's radiance but don't end it.
 struct LightAlongRay {
     vec3 radiance;
-    // Without transmittance, over the probability that the ray passes blended surfaces until there.
+    // For the candidates of reservoirs: without transmittance, over the probability that the ray passes blended
+    // surfaces until there.
     vec3 radiance_over_probability;
 };
 
@@ -111,13 +112,13 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     segment.hit = find_surface(walk, rng);
     bool tinted = SCENE_BLEND && !walk.is_camera_ray;
     float t_end = min(segment.hit.t, walk.t_max);
-    for (uint i = scene_info.first_light_without_surface; HAS_PASS_THROUGH_LIGHTS
+    for (uint i = scene_info.first_pass_through_light; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
         if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
         vec3 radiance = mis_weighted_radiance(light_hit, leaf_choice_probability(light.first_leaf, receiver),
-            walk.bounce_pdf);
+            walk.mis_pdf);
         RayTransmittance passes = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
             passes = trace_transmittance_and_probability(walk.origin, walk.direction, light_hit.t, NO_HIT);
@@ -140,14 +141,14 @@ bool accumulate_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
     radiance += walk.throughput * segment.along_ray.radiance;
     walk.throughput *= segment.transmittance.weight;
     if (segment.hit.instance != NO_INDEX) { return true; }
-    radiance += walk.throughput * mis_weighted_radiance_at_infinity(walk.direction, walk.bounce_pdf);
+    radiance += walk.throughput * mis_weighted_radiance_at_infinity(walk.direction, walk.mis_pdf);
     return false;
 }
 
 // ---- surfaces ---------------------------------------------------------------------------------------
 
 // The surface where a segment ends.
-SurfaceInteraction resolve_surface(inout Walk walk, Hit hit) {
+SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     walk.cone_width += walk.cone_spread * hit.t;
     walk.throughput *= transmittance(walk.medium, hit.t);
     return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
@@ -191,11 +192,11 @@ void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, i
     if (SCENE_DISPERSION) { disperse(walk, instance, material, rand_f(rng)); }
 }
 
-// What a surface emits. `light_pdf`: with which light samples choose the direction to it; all that they don't find is
-// found by walks.
+// What a surface emits. `light_pdf`: of light samples, for the direction to it in solid angle; 0 where they can't
+// choose it.
 vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
-    float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.bounce_pdf, light_pdf);
-    bool emits = surface.emits_towards_ray || surface.unlit && walk.shows_unlit;
+    float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.mis_pdf, light_pdf);
+    bool emits = surface.emits_towards_ray || surface.unlit && walk.delta_path_from_camera;
     return emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
@@ -228,8 +229,8 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     walk.direction = normalize(frame * next.wi);
     walk.t_min = 0.0;
     walk.is_camera_ray = false;
-    walk.shows_unlit = walk.shows_unlit && next.pdf == INFINITY;
-    walk.bounce_pdf = next.pdf;
+    walk.delta_path_from_camera = walk.delta_path_from_camera && next.pdf == INFINITY;
+    walk.mis_pdf = next.pdf;
     walk.throughput *= next.weight;
     if (SCENE_TRANSMISSION && next.wi.z < 0.0) {
         walk.medium = below;

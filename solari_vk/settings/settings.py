@@ -70,11 +70,11 @@ class Settings(SeparatePasses):
         2, "Paths of a pixel with less than 8 frames of history, with denoise=on and restir=off. More: less noise "
         "after cuts and where surfaces or light are new, slower there.", low=1, high=16, rebuilds=True)  # fmt: skip
     paths_cache_roughness: float = _paths(
-        0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
-        "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
+        0.35, "Roughness (alpha, of GGX) from which the world cache stands for the specular lobe of a surface too. "
+        "More: sharper reflections of reflections, slower.", low=0, high=1)  # fmt: skip
     paths_regularization: float = _paths(
-        0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
-        "wider caustics.", low=0, high=1)  # fmt: skip
+        0.15, "Least roughness (alpha) of surfaces that a path meets after it left a diffuse one (0: off). More: less "
+        "noise, wider caustics.", low=0, high=1)  # fmt: skip
 
     denoise: bool = _denoise(
         True, "Average light over frames and pixels, as far as differences are noise. Less noise, slower.")

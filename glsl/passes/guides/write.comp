@@ -66,7 +66,7 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
     bool passes_light = false;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
 
-    for (uint i = 0u; i < MAX_SPECULAR_BOUNCES && instance != NO_INDEX; i++) {
+    for (uint i = 0u; i < MAX_DELTA_BOUNCES && instance != NO_INDEX; i++) {
         if (is_metal_mirror(surface.material)) {
             SurfacePlane mirror = SurfacePlane(surface.world_position, surface.world_normal);
             SurfacePlane before = previous_plane(instance, mirror);

@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "passes/paths/lobe_radiance.glsl"
+#include "passes/paths/per_lobe.glsl"
 #include "passes/rows.glsl"
 
 // The light of a lobe at the pixel's surface over the lobe's demodulation, and the distance to where the light of this
@@ -20,14 +20,14 @@ layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct PathState {
     uint rng;
-    uint flags;  // rays | those that left mirrors << 8 | wavelength << 16 | SPECULAR_ONLY | DIFFUSE_AT_FIRST_HIT
-    LobeRadiance attenuated_first_weight;  // path.first_weight times the transmittance of the first ray
+    uint flags;  // rays | those that left mirrors << 8 | wavelength << 16 | SPECULAR_ONLY | DIFFUSE_AT_X2
+    PerLobe attenuated_first_weight;  // path.first_weight times the transmittance of the first ray
     vec3 throughput;
     vec3 direction;
     uint instance;
     uint triangle;
     vec2 barycentrics;
-    float inverse_pdf_sum;
+    float sum_of_inverse_pdfs;
     float footprint;
     float cone_width;
     uint medium;
@@ -45,15 +45,15 @@ layout(set = 1, scalar) buffer PathsWaveBlock {
 
 // ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------
 
-// The candidates that a path gives to its pixel's reservoir: a point of a light, and the path's first hit.
+// The candidates that a path gives to its pixel's reservoir: a point of a light, and the path's second vertex, x2.
 struct ReservoirCandidate {
     uvec4 light;         // a point of a light, as PathReservoir.point
     float light_resampling_weight;  // the target function times the unbiased contribution weight
-    float hit_contribution_weight;    // unbiased contribution weight: one over the first ray's pdf; 0 without a hit
-    vec3 position;       // of the first hit, moved off its surface
+    float path_contribution_weight;    // unbiased contribution weight: one over the first ray's pdf; 0 without a hit
+    vec3 position;       // of x2, moved off its surface
     uint normal;
     uint instance;
-    vec3 radiance;       // that leaves the first hit towards the pixel by the diffuse lobe
+    vec3 radiance;       // that leaves x2 towards the pixel by the diffuse lobe
 };
 layout(set = 1, scalar) buffer PathsReservoirCandidatesBlock { ReservoirCandidate at[]; } paths_reservoir_candidates;
 

@@ -7,13 +7,13 @@
 
 uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The point of a light that the path's first ray has hit, as PathReservoir.point. A light that it passes stands for
-// what lies behind it too; where lights at infinity overlap, such as a sun and its sky, one of them stands for all, by
-// its radiance.
+// The point of a light that the path's first ray has hit, as PathReservoir.point. One light is stored for the sum of
+// those that the ray meets: the first that it passes, or of lights at infinity that overlap, such as a sun and its sky,
+// one chosen by its radiance. The candidate's weight is that of the sum, so that the mean is right.
 uvec4 hit_light_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
-    for (uint i = scene_info.first_light_without_surface; HAS_PASS_THROUGH_LIGHTS
+    for (uint i = scene_info.first_pass_through_light; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, origin, path.walk.direction, path.hit.t);
@@ -37,18 +37,19 @@ uvec4 hit_light_point(inout Path path) {
 
 // Writes the candidates of a path that has traced its first ray, and returns the light that isn't reused. Until now
 // `path.radiance` is what lights emit where the ray ended.
-LobeRadiance write_candidate(inout Path path, uint index, float perceptual_roughness) {
-    // Targets leave out what light passes on its way, and rays find what is behind it with a probability.
+PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
+    // Targets have no transmittance, and rays pass blended surfaces with a probability, so that this is divided by and
+    // not by the transmittance.
     RayTransmittance transmittance = path.first_transmittance;
-    LobeRadiance at_hit = scale(
+    PerLobe at_hit = scale(
         path.first_weight, path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability
     );
     float sampled_luminance = luminance(sum(reused_lobes(path.direct, perceptual_roughness)));
     float light_hit_luminance = luminance(sum(reused_lobes(at_hit, perceptual_roughness)));
-    float luminance_sum = sampled_luminance + light_hit_luminance;
+    float weight_sum = sampled_luminance + light_hit_luminance;
     ReservoirCandidate candidate;
-    candidate.light_resampling_weight = luminance_sum;
-    if (rand_f(path.rng) * luminance_sum < light_hit_luminance) {
+    candidate.light_resampling_weight = weight_sum;
+    if (rand_f(path.rng) * weight_sum < light_hit_luminance) {
         candidate.light = hit_light_point(path);
     } else {
         uint rng = path.direct_sample.seed;
@@ -56,17 +57,17 @@ LobeRadiance write_candidate(inout Path path, uint index, float perceptual_rough
     }
     candidate.instance = path.hit.instance;
     // one over the pdf of the first ray alone, until now
-    candidate.hit_contribution_weight =
-        path.hit.instance == NO_INDEX ? 0.0 : path.inverse_pdf_sum / transmittance.probability;
+    candidate.path_contribution_weight =
+        path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / transmittance.probability;
     candidate.position = path.vertex.origin;
     candidate.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
     candidate.radiance = path.reusable_radiance;
     paths_reservoir_candidates.at[index] = candidate;
 
-    LobeRadiance light = path_light(path);
-    LobeRadiance reusable_radiance = apply_first_weight(path, path.reusable_radiance);
+    PerLobe light = path_light(path);
+    PerLobe reusable_radiance = apply_first_weight(path, path.reusable_radiance);
     light.specular += reusable_radiance.specular;
-    return LobeRadiance(vec3(0.0), specular_without_reuse(light, perceptual_roughness));
+    return PerLobe(vec3(0.0), specular_without_reuse(light, perceptual_roughness));
 }
 
 #endif

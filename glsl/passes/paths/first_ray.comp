@@ -27,7 +27,7 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     path.vertex = make_vertex(surface);
     path.medium_below = medium_below(surface.instance, surface.material);
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
-    path.lobe_choice = fract(choice + unit_float(bitfieldReverse(sample_index)));
+    path.lobe_u = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);
     path.u = sobol_point(this_frame.index, sequence + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
@@ -40,7 +40,7 @@ void main() {
     uvec2 pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
     if (!is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size);
-    uint samples = count_samples(index), sample_index = paths_wave.sample_index;
+    uint samples = samples_per_pixel(index), sample_index = paths_wave.sample_index;
     if (sample_index >= samples) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     if (!surface.exists) {
@@ -50,7 +50,7 @@ void main() {
     Path path = start_path(pixel, surface, sample_index);
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // again, instead of kept across rays
-    LobeRadiance light = path_light(path);
+    PerLobe light = path_light(path);
     if (paths_reuse) { light = write_candidate(path, index, surface.material.base.perceptual_roughness); }
     if (goes_on) { store_path_state(path, index, 1u); }
     Demodulation albedo = demodulation(surface);

@@ -22,14 +22,14 @@ void main() {
     if (goes_on) { store_path_state(path, index, paths_wave.index + 1u); }
 
     GBufferSurface surface = load_gbuffer(pixel);
-    LobeRadiance light = path_light(path);
+    PerLobe light = path_light(path);
     if (paths_reuse) {
         paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
-        LobeRadiance reusable_radiance = apply_first_weight(path, path.reusable_radiance);
+        PerLobe reusable_radiance = apply_first_weight(path, path.reusable_radiance);
         light.specular += specular_without_reuse(reusable_radiance, surface.material.base.perceptual_roughness);
     }
     Demodulation albedo = demodulation(surface);
-    float share = 1.0 / float(count_samples(index));
+    float share = 1.0 / float(samples_per_pixel(index));
     paths_diffuse.at[index].rgb += share * light.diffuse / albedo.diffuse;
     paths_specular.at[index].rgb += share * light.specular / albedo.specular;
 }

@@ -1,7 +1,7 @@
 // A path through the scene: from the first vertex, the surface that the pixel shows (x1 in papers, found by the
-// G-buffer), along the first ray to the first hit (x2), and on to where it ends: in the world cache, where nothing is,
-// or by Russian roulette. Light samples and BRDF samples are weighted by the power heuristic, as in the reference path
-// tracer (Veach 1997), whose mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
+// G-buffer), along the first ray to the second vertex (x2), and on to where it ends: in the world cache, where nothing
+// is, or by Russian roulette. Light samples and BRDF samples are weighted by the power heuristic, as in the reference
+// path tracer (Veach 1997), whose mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
@@ -11,7 +11,7 @@
 #include "passes/world_cache/query.glsl"
 
 // Paths end in a cell of the world cache when the last ray is longer than the diagonal of the cell, and when the path's
-// footprint is as wide as that of the rays of a diffuse surface do on that length.
+// footprint is as wide as cosine-weighted rays of that length would make it.
 const float MIN_RAY_IN_CELLS = 1.7320508;
 const float MIN_FOOTPRINT_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 
@@ -25,25 +25,25 @@ struct Path {
     Medium medium_below;          // on the other side of the vertex
     bool specular_only;           // goes on by the specular lobe alone: the world cache gave the diffuse lobe's light
     uint bounce;                  // rays traced so far
-    uint specular_bounces;        // of them, those that delta lobes sampled
-    LobeRadiance first_weight;    // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
+    uint delta_bounces;        // of them, those that delta lobes sampled
+    PerLobe first_weight;    // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
     RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
     LightAlongRay first_along_ray;  // what lights emit that the first ray passes through
-    vec3 radiance;                // that arrives from the first hit, without `reusable_radiance`
-    // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
+    vec3 radiance;                // that arrives from x2, without `reusable_radiance`
+    // With reuse, the light that leaves x2 by its diffuse lobe; and whether the path left it by that lobe.
     vec3 reusable_radiance;
-    bool diffuse_at_first_hit;
+    bool diffuse_at_x2;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
-    LobeRadiance direct;          // what the first vertex reflects of it, without `direct_transmittance`
+    PerLobe direct;          // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
     bool first_ray_is_diffuse;    // whether the diffuse lobe proposed the first ray
     // The footprint of the path, in meters: the root of the sum of one over the pdfs of its directions, in steradians,
     // times the length of each ray. Müller et al., "Real-time Neural Radiance Caching for Path Tracing" (2021).
-    float inverse_pdf_sum, footprint;
-    uint lifetime;                // of the world cache's cells that the path looks up, in frames
+    float sum_of_inverse_pdfs, footprint;
+    uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames
     // What the first vertex samples with: the candidates of its light sample, and the random numbers of its direction.
     uint candidates;
-    float lobe_choice;
+    float lobe_u;
     vec2 u;
     uint rng;
 };
@@ -52,54 +52,54 @@ struct Path {
 Path start_path(uint rng) {
     Path path;
     path.walk = start_walk(vec3(0.0), vec3(0.0));
-    path.walk.shows_unlit = true;
+    path.walk.delta_path_from_camera = true;
     path.hit = NO_HIT;
     path.medium_below = NO_MEDIUM;
     path.specular_only = false;
-    path.bounce = path.specular_bounces = 0u;
+    path.bounce = path.delta_bounces = 0u;
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = path.reusable_radiance = vec3(0.0);
     path.first_transmittance = FULL_TRANSMITTANCE;
     path.first_along_ray = NO_LIGHT_ALONG_RAY;
     path.direct_transmittance = vec3(1.0);
-    path.diffuse_at_first_hit = false;
+    path.diffuse_at_x2 = false;
     path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
     path.first_ray_is_diffuse = true;
-    path.inverse_pdf_sum = path.footprint = 0.0;
-    path.lifetime = world_cache_settings.lifetime;
+    path.sum_of_inverse_pdfs = path.footprint = 0.0;
+    path.cache_lifetime = world_cache_settings.lifetime;
     path.candidates = min(paths_settings.candidates, scene_info.part_count);
     path.rng = rng;
     return path;
 }
 
-// What the first vertex reflects of a radiance that leaves the first hit.
-LobeRadiance apply_first_weight(Path path, vec3 radiance) {
+// What the first vertex reflects of a radiance that leaves x2.
+PerLobe apply_first_weight(Path path, vec3 radiance) {
     return scale(path.first_weight, path.first_transmittance.weight * radiance);
 }
 
 // The light that the first vertex reflects.
-LobeRadiance path_light(Path path) {
-    LobeRadiance direct = scale(path.direct, path.direct_transmittance);
-    LobeRadiance indirect = scale(
+PerLobe path_light(Path path) {
+    PerLobe direct = scale(path.direct, path.direct_transmittance);
+    PerLobe indirect = scale(
         path.first_weight, path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance
     );
-    return LobeRadiance(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
+    return PerLobe(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
-void add_light(inout Path path, vec3 light, bool diffuse_at_first_hit) {
-    if (paths_reuse && diffuse_at_first_hit) { path.reusable_radiance += light; } else { path.radiance += light; }
+void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
+    if (paths_reuse && diffuse_at_x2) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
 // The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
-float next_event_probability(Brdf brdf) {
+float nee_probability(Brdf brdf) {
     Specular specular = brdf.specular;
     if (scene_info.light_count == 0u || specular.mirror && brdf.specular_probability == 1.0) { return 0.0; }
     return mix(1.0, specular.perceptual_roughness, specular.metallic);
 }
 
 // The weight of a BRDF sample by lobe.
-LobeRadiance lobe_weights(Vertex vertex, BrdfSample next) {
-    if (next.pdf == INFINITY) { return LobeRadiance(vec3(0.0), next.weight); }
+PerLobe lobe_weights(Vertex vertex, BrdfSample next) {
+    if (next.pdf == INFINITY) { return PerLobe(vec3(0.0), next.weight); }
     return next.pdf > 0.0 ? scale(lobes_times_cosine(vertex, next.wi), vec3(1.0 / next.pdf)) : NO_LIGHT;
 }
 
@@ -111,7 +111,7 @@ bool is_rough(ResolvedMaterial material) {
 // Moves the path to the surface that its last ray hit.
 void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     path.medium_below = medium_below(path.hit.instance, surface.material);
-    regularize(surface.material, path.inverse_pdf_sum);
+    regularize(surface.material, path.sum_of_inverse_pdfs);
     disperse(path.walk, path.hit.instance, surface.material, path.rng);
     path.vertex = make_vertex(
         surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
@@ -127,9 +127,9 @@ bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     if (frame_settings.world_cache == 0u || has_no_cell(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
     bool far = path.hit.t > MIN_RAY_IN_CELLS * cell_size && path.footprint > MIN_FOOTPRINT_IN_CELLS * cell_size;
-    if (!far && path.bounce < paths_settings.bounces + path.specular_bounces) { return true; }
+    if (!far && path.bounce < paths_settings.bounces + path.delta_bounces) { return true; }
     WorldCacheResult cached = query_cell_of_size(
-        surface.world_position, surface.geometric_world_normal, cell_size, path.lifetime, path.rng
+        surface.world_position, surface.geometric_world_normal, cell_size, path.cache_lifetime, path.rng
     );
     if (!cached.found) { return true; }
     LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
@@ -137,7 +137,7 @@ bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
     add_light(
         path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance),
-        path.diffuse_at_first_hit || path.bounce == 1u
+        path.diffuse_at_x2 || path.bounce == 1u
     );
     float specular_probability = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < specular_probability)) { return false; }
@@ -156,38 +156,38 @@ bool advance(inout Path path) {
     uint candidates = path.candidates;
     if (!first) {
         candidates = min(paths_settings.later_candidates, scene_info.part_count);
-        path.lobe_choice = rand_f(path.rng);
+        path.lobe_u = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
     }
-    float probability = next_event_probability(brdf);
-    float light_samples = probability * float(candidates);  // expected, for each BRDF sample
+    float probability = nee_probability(brdf);
+    float expected_candidates = probability * float(candidates);  // expected, for each BRDF sample
     RisLightSample ris_sample;
     ris_sample.contribution = NO_LIGHT;
     if (rand_f(path.rng) < probability) {
-        ris_sample = sample_light_by_ris(path.vertex, candidates, light_samples, path.rng);
+        ris_sample = sample_light_by_ris(path.vertex, candidates, expected_candidates, path.rng);
         ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
     }
 
-    BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.lobe_choice, path.u);
+    BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.lobe_u, path.u);
     if (first) {
         path.first_weight = lobe_weights(path.vertex, next);
         path.first_ray_is_diffuse = next.diffuse;
         next.weight = vec3(1.0);
     } else if (paths_reuse && path.bounce == 1u) {
         // The path goes on for one of the lobes.
-        LobeRadiance weights = lobe_weights(path.vertex, next);
+        PerLobe weights = lobe_weights(path.vertex, next);
         float diffuse_probability = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
-        path.diffuse_at_first_hit = rand_f(path.rng) < diffuse_probability;
-        next.weight = path.diffuse_at_first_hit ? weights.diffuse / diffuse_probability
+        path.diffuse_at_x2 = rand_f(path.rng) < diffuse_probability;
+        next.weight = path.diffuse_at_x2 ? weights.diffuse / diffuse_probability
             : weights.specular / (1.0 - diffuse_probability);
     }
     Medium medium = path.walk.medium;
     bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.medium_below);
     path.walk.origin = ray_origin(path.vertex, path.walk.direction);
-    path.walk.bounce_pdf = light_samples > 0.0 ? next.pdf / light_samples : INFINITY;
-    path.inverse_pdf_sum += 1.0 / next.pdf;
+    path.walk.mis_pdf = expected_candidates > 0.0 ? next.pdf / expected_candidates : INFINITY;
+    path.sum_of_inverse_pdfs += 1.0 / next.pdf;
     path.bounce += 1u;
-    path.specular_bounces += next.pdf == INFINITY && path.specular_bounces < MAX_SPECULAR_BOUNCES ? 1u : 0u;
+    path.delta_bounces += next.pdf == INFINITY && path.delta_bounces < MAX_DELTA_BOUNCES ? 1u : 0u;
     float carried = max_component(sum(apply_first_weight(path, path.walk.throughput)));
     goes_on = goes_on && survives(path.walk, carried, path.bounce, path.rng);
 
@@ -207,7 +207,7 @@ bool advance(inout Path path) {
                 add_light(path, ris_sample.contribution.diffuse * transmittance, true);
                 add_light(path, ris_sample.contribution.specular * transmittance, false);
             } else {
-                add_light(path, sum(ris_sample.contribution) * transmittance, path.diffuse_at_first_hit);
+                add_light(path, sum(ris_sample.contribution) * transmittance, path.diffuse_at_x2);
             }
         }
     }
@@ -224,15 +224,15 @@ bool advance(inout Path path) {
     }
     vec3 emitted = vec3(0.0);
     bool hits = accumulate_segment(path.walk, segment, emitted);
-    add_light(path, emitted, path.diffuse_at_first_hit);
+    add_light(path, emitted, path.diffuse_at_x2);
     if (!hits) { return false; }
-    path.footprint += sqrt(path.inverse_pdf_sum) * path.hit.t;
-    SurfaceInteraction surface = resolve_surface(path.walk, path.hit);
+    path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;
+    SurfaceInteraction surface = arrive_at_surface(path.walk, path.hit);
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
     float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
-    add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_first_hit);
+    add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
     make_path_vertex(path, surface);
-    return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.specular_bounces;
+    return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
 }
 
 #endif

@@ -8,21 +8,21 @@
 #include "passes/paths/path.glsl"
 
 const uint SPECULAR_ONLY = 0x80000000u;
-const uint DIFFUSE_AT_FIRST_HIT = 0x40000000u;
+const uint DIFFUSE_AT_X2 = 0x40000000u;
 const float MAX_WAVELENGTH = 1024.0;
 
 // The first entry of a wave's queue.
 uint queue_begin(uint wave_index) { return wave_index % 2u * (paths_ray_queues.at.length() / 2u); }
 
 void store_path_state(Path path, uint pixel_index, uint wave_index) {
-    uint flags = path.bounce | path.specular_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
-        | (path.diffuse_at_first_hit ? DIFFUSE_AT_FIRST_HIT : 0u);
+    uint flags = path.bounce | path.delta_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
+        | (path.diffuse_at_x2 ? DIFFUSE_AT_X2 : 0u);
     if (SCENE_DISPERSION) { flags |= pack_unorm(path.walk.wavelength / MAX_WAVELENGTH, 14u) << 16u; }
     uint queue_index = atomicAdd(paths_wave.queued, 1u);
     paths_ray_queues.at[queue_begin(wave_index) + queue_index] = pixel_index;
     paths_states.at[pixel_index] = PathState(
         path.rng, flags, apply_first_weight(path, vec3(1.0)), path.walk.throughput, path.walk.direction,
-        path.hit.instance, path.hit.triangle, path.hit.barycentrics, path.inverse_pdf_sum, path.footprint,
+        path.hit.instance, path.hit.triangle, path.hit.barycentrics, path.sum_of_inverse_pdfs, path.footprint,
         path.walk.cone_width, path.walk.medium.material
     );
 }
@@ -32,16 +32,16 @@ Path load_path_state(uint pixel_index) {
     PathState state = paths_states.at[pixel_index];
     Path path = start_path(state.rng);
     path.bounce = state.flags & 0xFFu;
-    path.specular_bounces = state.flags >> 8u & 0xFFu;
-    path.diffuse_at_first_hit = (state.flags & DIFFUSE_AT_FIRST_HIT) != 0u;
+    path.delta_bounces = state.flags >> 8u & 0xFFu;
+    path.diffuse_at_x2 = (state.flags & DIFFUSE_AT_X2) != 0u;
     path.specular_only = (state.flags & SPECULAR_ONLY) != 0u;
     if (SCENE_DISPERSION) { path.walk.wavelength = unpack_unorm(state.flags >> 16u, 14u) * MAX_WAVELENGTH; }
     path.first_weight = state.attenuated_first_weight;
     path.walk.throughput = state.throughput;
     path.walk.direction = state.direction;
-    path.walk.shows_unlit = path.bounce == path.specular_bounces;
+    path.walk.delta_path_from_camera = path.bounce == path.delta_bounces;
     path.hit = Hit(0.0, state.instance, state.triangle, state.barycentrics, false);
-    path.inverse_pdf_sum = state.inverse_pdf_sum;
+    path.sum_of_inverse_pdfs = state.sum_of_inverse_pdfs;
     path.footprint = state.footprint;
     path.walk.cone_width = state.cone_width;
     path.walk.medium = Medium(state.medium);

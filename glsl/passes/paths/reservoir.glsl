@@ -1,12 +1,13 @@
 // Reuse of light between pixels: Lin et al., "Generalized Resampled Importance Sampling: Foundations of ReSTIR" (2022).
-// A sample is a point of a light, which every pixel shifts to itself, or the first hit of a path with the light that
-// leaves it by its diffuse lobe, which pixels shift by reconnection: Ouyang et al., "ReSTIR GI: Path Resampling for
-// Real-Time Path Tracing" (2021). Together they are all light of the pixel's diffuse lobe, and of its specular lobe if
-// that is rough enough, but for the light that first hits reflect specularly.
+// A sample is a point of a light, which every pixel shifts to itself, or a path sample: its second vertex (x2) with the
+// light that leaves it by its diffuse lobe, which pixels shift by reconnection: Ouyang et al., "ReSTIR GI: Path
+// Resampling for Real-Time Path Tracing" (2021). Together they are all light of the pixel's diffuse lobe, and of its
+// specular lobe if that is rough enough, but for the light that x2 reflects specularly.
 //
-// Densities of points of lights are over lights, parts and the random numbers in a part, so that they stay valid when
-// lights move or turn. Differs from Solari, whose samples keep the MIS weight of the strategy that found them: here
-// weights include it, and the target function is what the surface reflects of a sample, whichever strategy finds it.
+// Densities of points of lights are in primary sample space: over lights, parts and the random numbers in a part, so
+// that they stay valid when lights move or turn. Differs from Solari, whose samples keep the MIS weight of the strategy
+// that found them: here weights include it, and the target function is what the surface reflects of a sample, whichever
+// strategy finds it.
 #ifndef PASSES_PATHS_RESERVOIR_GLSL
 #define PASSES_PATHS_RESERVOIR_GLSL
 
@@ -24,7 +25,7 @@ const uint WAVELENGTH_SALT = 0x2C1B3C6Du;
 
 // The target function of a sample at a surface: without occlusion and transmittance.
 struct TargetFunction {
-    LobeRadiance integrand;  // to be multiplied by the sample's unbiased contribution weight
+    PerLobe integrand;  // to be multiplied by the sample's unbiased contribution weight
     float value;             // its luminance
 };
 
@@ -55,16 +56,16 @@ Vertex make_vertex(GBufferSurface surface) {
 // Whether the specular lobe takes light from reservoirs. Samples of a smoother lobe are of no use to other pixels.
 bool reuses_specular(float perceptual_roughness) { return perceptual_roughness >= restir_settings.roughness; }
 
-LobeRadiance reused_lobes(LobeRadiance lobes, float perceptual_roughness) {
-    return LobeRadiance(lobes.diffuse, reuses_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
+PerLobe reused_lobes(PerLobe lobes, float perceptual_roughness) {
+    return PerLobe(lobes.diffuse, reuses_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
 }
 
 // The light of a specular lobe that isn't reused, which goes to the pixel at once.
-vec3 specular_without_reuse(LobeRadiance light, float perceptual_roughness) {
+vec3 specular_without_reuse(PerLobe light, float perceptual_roughness) {
     return reuses_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
 }
 
-bool is_hit(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
+bool is_path_sample(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
 vec3 hit_position(PathReservoir reservoir) { return uintBitsToFloat(reservoir.point.xyz); }
 vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservoir.point.w); }
 
@@ -79,7 +80,7 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
     TargetFunction nothing = TargetFunction(NO_LIGHT, 0.0);
     if (!(reservoir.weight > 0.0)) { return nothing; }
     vec3 direction, incident;
-    if (is_hit(reservoir)) {
+    if (is_path_sample(reservoir)) {
         direction = safe_normalize(hit_position(reservoir) - vertex.position, vec3(0.0));
         incident = reservoir.radiance;
     } else {
@@ -90,8 +91,8 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
     }
     vec3 wi = direction * vertex.frame;
     if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal)) { return nothing; }
-    LobeRadiance lobes = lobes_times_cosine(vertex, wi);
-    LobeRadiance light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), incident);
+    PerLobe lobes = lobes_times_cosine(vertex, wi);
+    PerLobe light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), incident);
     return TargetFunction(light, luminance(sum(light)));
 }
 
@@ -99,7 +100,7 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
 // 0 when the shift is refused, because the surface faces away or the ratio is too far from 1. A shift is refused in
 // both directions or in none.
 float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
-    if (!is_hit(reservoir)) { return 1.0; }
+    if (!is_path_sample(reservoir)) { return 1.0; }
     vec3 to_from = from.position - hit_position(reservoir), to_to = to.position - hit_position(reservoir);
     vec3 normal = hit_normal(reservoir);
     float from_cosine = dot(normalize(to_from), normal), to_cosine = dot(normalize(to_to), normal);
@@ -112,7 +113,7 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
 vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
     vec3 to_sample, origin = vertex.origin;
     float t_max = 1.0;
-    if (is_hit(reservoir)) {
+    if (is_path_sample(reservoir)) {
         if (SCENE_TRANSMISSION) { origin = ray_origin(vertex, hit_position(reservoir) - vertex.position); }
         to_sample = hit_position(reservoir) - origin;
         // ends before the point by the rounding error of a ray of this length
@@ -139,7 +140,7 @@ bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) 
 // A pixel's reservoir after a merge, and the light of both samples, each with its MIS weight.
 struct Merge {
     PathReservoir reservoir;
-    LobeRadiance light;
+    PerLobe light;
 };
 
 // Merges the reservoir of another pixel, whose surface is `there`, into that of this pixel, by the balance heuristic
@@ -176,16 +177,17 @@ Merge merge_reservoirs(
 
     float own_weight = own_mis_weight * own.weight, other_weight = other_mis_weight * other.weight;
     Merge merged;
-    merged.light = LobeRadiance(
+    merged.light = PerLobe(
         own_target.integrand.diffuse * own_weight + other_target.integrand.diffuse * other_weight,
         own_target.integrand.specular * own_weight + other_target.integrand.specular * other_weight
     );
-    float own_luminance = own_target.value * own_weight, other_luminance = other_target.value * other_weight;
-    float luminance_sum = own_luminance + other_luminance;
-    bool chooses_other = choice * luminance_sum < other_luminance;
+    float own_resampling_weight = own_target.value * own_weight;
+    float other_resampling_weight = other_target.value * other_weight;
+    float weight_sum = own_resampling_weight + other_resampling_weight;
+    bool chooses_other = choice * weight_sum < other_resampling_weight;
     float target = chooses_other ? other_target.value : own_target.value;
     merged.reservoir = chooses_other ? other : own;
-    merged.reservoir.weight = target > 0.0 ? luminance_sum / target : 0.0;
+    merged.reservoir.weight = target > 0.0 ? weight_sum / target : 0.0;
     merged.reservoir.confidence = own.confidence + other.confidence;
     return merged;
 }

@@ -10,7 +10,7 @@ const float SHORT_HISTORY = 8.0;  // frames of history from which one path is en
 
 // The number of paths of a pixel, by the history of its diffuse lobe before the frame's light is added: that of
 // reflections is short wherever the camera moves.
-uint count_samples(uint index) {
+uint samples_per_pixel(uint index) {
     if (!uses_denoiser(index)) { return 1u; }
     float long_enough = min(SHORT_HISTORY, float(denoise_settings.max_history - 1u));
     return history_length(index) < long_enough ? short_history_samples : 1u;

@@ -11,7 +11,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x51ED270Bu;
 
 float sample_distance(Vertex vertex, PathReservoir reservoir) {
-    if (is_hit(reservoir)) { return distance(vertex.origin, hit_position(reservoir)); }
+    if (is_path_sample(reservoir)) { return distance(vertex.origin, hit_position(reservoir)); }
     ResolvedLightSample light = resolve_light_point(reservoir);
     return is_at_infinity(light.kind) ? INFINITY : distance(vertex.origin, light.world_position);
 }

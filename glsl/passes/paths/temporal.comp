@@ -13,15 +13,15 @@ const uint PASS_SALT = 0x9E1C5A37u;
 PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
     PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_resampling_weight, NO_INDEX);
     uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);
-    PathReservoir hit = PathReservoir(point, candidate.radiance, 1.0, candidate.hit_contribution_weight,
+    PathReservoir hit = PathReservoir(point, candidate.radiance, 1.0, candidate.path_contribution_weight,
         candidate.instance);
     float light_target = evaluate_target(vertex, light).value, hit_target = evaluate_target(vertex, hit).value;
-    float hit_luminance = hit_target * candidate.hit_contribution_weight;
-    float luminance_sum = candidate.light_resampling_weight + hit_luminance;
-    bool chooses_hit = choice * luminance_sum < hit_luminance;
+    float path_resampling_weight = hit_target * candidate.path_contribution_weight;
+    float weight_sum = candidate.light_resampling_weight + path_resampling_weight;
+    bool chooses_hit = choice * weight_sum < path_resampling_weight;
     PathReservoir chosen = chooses_hit ? hit : light;
     float target = chooses_hit ? hit_target : light_target;
-    chosen.weight = target > 0.0 ? luminance_sum / target : 0.0;
+    chosen.weight = target > 0.0 ? weight_sum / target : 0.0;
     return chosen;
 }
 
@@ -30,7 +30,7 @@ PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, floa
 PathReservoir load_previous_reservoir(uvec2 pixel) {
     PathReservoir reservoir = paths_reservoirs.at[pixel_index(pixel, camera.size)];
     reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);
-    if (!is_hit(reservoir) && reservoir.weight > 0.0) {
+    if (!is_path_sample(reservoir) && reservoir.weight > 0.0) {
         reservoir.point.x = light_translation.at[reservoir.point.x];
         if (reservoir.point.x == NO_INDEX) { reservoir.weight = 0.0; }
     }
@@ -40,7 +40,7 @@ PathReservoir load_previous_reservoir(uvec2 pixel) {
 // How much the previous frame's reservoir counts for a sample. It could not find lights that didn't exist, hits on what
 // moves stay where they were, and the light of hits is what it was, so that they count less while lights change.
 float previous_confidence(float confidence, PathReservoir reservoir) {
-    if (is_hit(reservoir)) {
+    if (is_path_sample(reservoir)) {
         return is_static(reservoir.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
     }
     return reservoir.weight > 0.0 && previous_light.at[reservoir.point.x] == NO_INDEX ? 0.0 : confidence;

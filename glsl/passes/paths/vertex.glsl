@@ -3,7 +3,7 @@
 #define PASSES_PATHS_VERTEX_GLSL
 
 #include "passes/bindings.glsl"
-#include "passes/paths/lobe_radiance.glsl"
+#include "passes/paths/per_lobe.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/walk.glsl"
 
@@ -34,8 +34,8 @@ vec3 ray_origin(Vertex vertex, vec3 direction) {
 }
 
 // BRDF times cosine, by lobe.
-LobeRadiance lobes_times_cosine(Vertex vertex, vec3 wi) {
-    return LobeRadiance(
+PerLobe lobes_times_cosine(Vertex vertex, vec3 wi) {
+    return PerLobe(
         evaluate_diffuse_brdf(vertex.brdf, vertex.wo, wi), evaluate_specular_brdf(vertex.brdf, vertex.wo, wi)
     );
 }
@@ -43,8 +43,8 @@ LobeRadiance lobes_times_cosine(Vertex vertex, vec3 wi) {
 // Makes surfaces rougher that a path reaches after a lobe of finite pdf. Otherwise light that a mirror throws on a
 // diffuse surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space
 // Regularization for Holistic and Robust Light Transport" (2013).
-void regularize(inout ResolvedMaterial material, float inverse_pdf_sum) {
-    float min_roughness = min(1.0, 0.5 * sqrt(inverse_pdf_sum)) * paths_settings.regularization;
+void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
+    float min_roughness = min(1.0, 0.5 * sqrt(sum_of_inverse_pdfs)) * paths_settings.regularization;
     if (SCENE_LAYERS) {
         material.coat.perceptual_roughness = max(material.coat.perceptual_roughness, sqrt(min_roughness));
     }
@@ -56,12 +56,14 @@ void regularize(inout ResolvedMaterial material, float inverse_pdf_sum) {
 // ---- light samples -----------------------------------------------------------------------------------
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `light_samples` is their expected number for each BRDF sample: n in Veach's multi-sample heuristics.
-LobeRadiance evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample, float light_samples) {
+// samples. `expected_candidates` is the expected number for each BRDF sample of candidates that are resampled, each of
+// which is weighted: n in Veach's multi-sample heuristics.
+PerLobe evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample, float expected_candidates) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
-    float mis_weight = power_heuristic(light_samples * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
+    float light_pdf = expected_candidates * light.solid_angle_pdf;
+    float mis_weight = power_heuristic(light_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
     return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);
 }
 
@@ -69,14 +71,14 @@ LobeRadiance evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample
 struct RisLightSample {
     LightSample light_sample;
     ResolvedLightSample resolved;
-    LobeRadiance contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
+    PerLobe contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
 
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
 // samples of lights, chosen by the luminance that the vertex reflects without occlusion.
-RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_samples, inout uint rng) {
+RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {
     RisLightSample ris_sample;
     ris_sample.contribution = NO_LIGHT;
     float weight_sum = 0.0, chosen_weight = 0.0;
@@ -84,7 +86,7 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_s
         ChosenLeaf chosen = choose_leaf(receiver(vertex), rng);
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
-        LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
+        PerLobe reflected = evaluate_next_event(vertex, resolved, expected_candidates);
         float weight = luminance(sum(reflected));
         if (choose_weighted(weight_sum, weight, rng)) {
             ris_sample = RisLightSample(light_sample, resolved, reflected);

@@ -38,7 +38,7 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     Segment segment = trace_segment(path.walk, path.receiver, rng);
     path.rays += segment.rays;
     if (!accumulate_segment(path.walk, segment, path.radiance)) { return false; }
-    SurfaceInteraction surface = resolve_surface(path.walk, segment.hit);
+    SurfaceInteraction surface = arrive_at_surface(path.walk, segment.hit);
     if (path.bounce == 0u) {
         path.radiance += path.walk.throughput * shown_emission(surface);
     } else {
@@ -71,7 +71,7 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     }
     BrdfSample next = sample_brdf(vertex.brdf, vertex.wo, rng);
     bool possible = scatter(path.walk, next, vertex.frame, surface.geometric_world_normal, vertex.below);
-    path.walk.bounce_pdf = mis_pdf(path.walk.bounce_pdf);
+    path.walk.mis_pdf = mis_pdf(path.walk.mis_pdf);
     path.walk.origin = ray_origin(surface, path.walk.direction);
     path.bounce += 1u;
     bool goes_on = possible && survives(path.walk, max_component(path.walk.throughput), path.bounce, rng);
@@ -125,7 +125,7 @@ void trace_paths() {
 #else
             rng = seed_rng(pixel, path_sampling.first_sample + sample_index, seed);
 #endif
-            path.receiver = CHOSEN_BY_POWER;
+            path.receiver = NO_RECEIVER;
             path.bounce = 0u;
             path.radiance = vec3(0.0);
         }

@@ -22,10 +22,10 @@ void main() {
     path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
     path.vertex.brdf = lambert_brdf(vec3(1.0));
     path.candidates = world_cache_settings.candidates;
-    path.lobe_choice = rand_f(path.rng);
+    path.lobe_u = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);
     path.walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
-    path.lifetime = world_cache_samples.at[thread].life;
+    path.cache_lifetime = world_cache_samples.at[thread].life;
     while (advance(path)) {}
     world_cache_samples.at[thread].irradiance = PI * path_light(path).diffuse;
     test_for_wall(cell, thread);

@@ -16,8 +16,8 @@ struct Receiver {
     vec3 normal;
 };
 
-// Chooses leaves by power, wherever they are.
-const Receiver CHOSEN_BY_POWER = Receiver(vec3(0.0), vec3(0.0));
+// Without a receiver leaves are chosen by power, wherever they are.
+const Receiver NO_RECEIVER = Receiver(vec3(0.0), vec3(0.0));
 
 struct ChosenLeaf {
     uint leaf;  // into light_leaves

@@ -271,7 +271,7 @@ class LightList:
                 row += 1
         info = self.info.records[0]
         info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
-        info["first_light_without_surface"] = first_at_infinity - counts[PASSED]
+        info["first_pass_through_light"] = first_at_infinity - counts[PASSED]
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:

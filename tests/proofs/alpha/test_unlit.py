@@ -117,8 +117,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "found.emits_towards_ray = found.emits_towards_ray || found.unlit; return found;")),
     "rough surfaces reflect it": (check_mirror, Bug(
         "scene/walk.glsl", "scatter",
-        "bool shown = walk.shows_unlit, possible = correct(walk, next, frame, geometric_normal, below); "
-        "walk.shows_unlit = shown; return possible;")),
+        "bool shown = walk.delta_path_from_camera, possible = correct(walk, next, frame, geometric_normal, below); "
+        "walk.delta_path_from_camera = shown; return possible;")),
     "it is lit": (check_color, Bug(
         "scene/surface.glsl", "make_unlit", "vec3 color = material.base.color; correct(material); "
         "material.base.color = color;")),

@@ -198,7 +198,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "a textured lamp": (over_floor("a lamp with a bright spot"), Bug(
         CHOICE, "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);")),
     "a sun": (over_floor("a wide sun"), Bug(
-        SAMPLING, "mis_weighted_radiance", "return correct(light_hit, 0.5, bounce_pdf);")),
+        SAMPLING, "mis_weighted_radiance", "return correct(light_hit, 0.5, mis_pdf);")),
     "points have no density": (over_floor("a point light"), Bug(SAMPLING, "can_be_hit_by_rays", "return true;")),
     "a range": (over_floor("a point light with a range"), Bug(
         *FALLOFF, "light.inverse_range = 0.0; return correct(light, direction, distance);")),

@@ -231,5 +231,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/lights/choice.glsl", "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);")),
     MEANS: (lambda device: measure_means(device, FAST), Bug(
         "scene/sampling.glsl", "mis_weighted_radiance",
-        "return 0.5 * correct(light_hit, light_probability, bounce_pdf);")),
+        "return 0.5 * correct(light_hit, light_probability, mis_pdf);")),
 }, quick=(EVEN,))  # fmt: skip

@@ -172,7 +172,7 @@ def test_a_lamp_changes_its_kind_with_its_radius(binder):
         sources, info = binder.lights.sources.records[:2], binder.lights.info.records[0]
         assert sources["kind"].tolist() == [KIND_INDEX[kind] for kind in kinds]
         assert info["light_count"] == info["first_light_at_infinity"] == 2
-        assert info["first_light_without_surface"] == kinds.count("point")
+        assert info["first_pass_through_light"] == kinds.count("point")
         leaves = binder.lights.leaves
         boxes = leaves.tree.records[leaves.table.records["node"][:2]]
         assert sorted(boxes["half_size"].max(axis=1).tolist()) == [0.0, radius]

@@ -206,13 +206,13 @@ def writing(change):
 
 PATH = "passes/paths/path.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return LobeRadiance(next.weight, "
+    METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return PerLobe(next.weight, "
                                  "vec3(0.0)); } return correct(vertex, next);")),
-    MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_SPECULAR_BOUNCES", "0u")),
+    MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_DELTA_BOUNCES", "0u")),
     CHAIN: (measure_mirror_chain, Bug("passes/paths/path_state.glsl", "load_path_state",
                                       "Path path = correct(pixel_index); path.specular_bounces = 0u; return path;")),
     MIRROR_DISTANCE: (measure_mirrors, writing("lengths = vec2(max(lengths.x, lengths.y), 0.0);")),
-    LOBES: (measure_lobes, Bug(PATH, "path_light", "LobeRadiance light = correct(path); "
+    LOBES: (measure_lobes, Bug(PATH, "path_light", "PerLobe light = correct(path); "
                                "light.diffuse += light.specular; return light;")),
     # demodulated by the other lobe
     DEMODULATION: (measure_lobes, Bug("passes/demodulation.glsl", "demodulation",

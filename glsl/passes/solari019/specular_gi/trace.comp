@@ -46,7 +46,7 @@ bool may_end(SurfaceInteraction surface, float spread_width, float ray_t, inout 
 // The radiance that arrives along the path's first ray, and that ray's length.
 vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
     vec3 radiance = vec3(0.0);
-    Receiver receiver = CHOSEN_BY_POWER;  // where the light samples were chosen that compete with the walk's direction
+    Receiver receiver = NO_RECEIVER;  // where the light samples were chosen that compete with the walk's direction
     first_t = 0.0;
     uint visited = 0u, mirrors = 0u;
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
@@ -57,7 +57,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
-        SurfaceInteraction surface = resolve_surface(walk, segment.hit);
+        SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
         remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
         radiance += emitted_light(walk, surface, hit_light_pdf(receiver, segment.hit, surface, walk.direction));
 
@@ -72,7 +72,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         }
         // Differs from Solari: where the cache has no value, the path continues.
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
-        if (mirrors > MAX_SPECULAR_BOUNCES) { return radiance; }
+        if (mirrors > MAX_DELTA_BOUNCES) { return radiance; }
         if (!end.found && visited >= max_visited) {
             end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng));
         }
@@ -158,7 +158,7 @@ void main() {
     Medium below = medium_below(surface.instance, surface.material);
     bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
     if (!(possible && max_component(walk.throughput) > 0.0)) { return; }
-    walk.bounce_pdf = surface.material.base.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
+    walk.mis_pdf = surface.material.base.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     Cone cone = Cone(0.0, 0.0);
     spread(cone, next, brdf.specular.roughness);
     if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {

@@ -1,0 +1,17 @@
+// Radiance, BRDF or weight, split by lobe.
+#ifndef PASSES_PATHS_PER_LOBE_GLSL
+#define PASSES_PATHS_PER_LOBE_GLSL
+
+struct PerLobe {
+    vec3 diffuse;   // with sheen
+    vec3 specular;  // by all other lobes: specular, coat and glass
+};
+
+const PerLobe NO_LIGHT = PerLobe(vec3(0.0), vec3(0.0));
+
+PerLobe scale(PerLobe lobes, vec3 factor) {
+    return PerLobe(lobes.diffuse * factor, lobes.specular * factor);
+}
+vec3 sum(PerLobe lobes) { return lobes.diffuse + lobes.specular; }
+
+#endif
