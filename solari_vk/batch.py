@@ -195,7 +195,7 @@ class Batch(SceneUser):
         self.device.sync_host()
         memory = buffer.view(element.base, self._strip[0] * self._strip[1] * math.prod(element.shape))
         self._tensors += 1
-        self.device.lend(memory, self._release_tensor)
+        self.device.lent.lend(memory, self._release_tensor)
         return self._shaped(name, memory)
 
     def _release_tensor(self) -> None:

@@ -96,9 +96,10 @@ class Device(WorkQueue):
             return
         self.collect()
         self.closed = True
-        self._end_if_unused()
+        self.lent.close(self._end)
 
     def _end(self) -> None:
+        self._finish()
         self.memory.close()
         self._destroy_queue()
         self._destroy()

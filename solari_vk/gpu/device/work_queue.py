@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +11,7 @@ from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks
+from solari_vk.gpu.device.lent import Lent
 from solari_vk.gpu.device.logical import LogicalDevice
 from solari_vk.gpu.device.submission import Submission
 
@@ -32,10 +31,7 @@ class WorkQueue(LogicalDevice):
         self._shared: set[int] = set()
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._collecting = False
-        self._lent = 0
-        self._returned: deque[Callable[[], None]] = deque()  # by any thread
-        self._ending = threading.RLock()
-        self._ended = False
+        self.lent = Lent()
         self._before_next: list[Callable[[raw.CData], None]] = []
         self._with_next: dict[raw.CData, None] = {}
         self.callbacks = Callbacks()
@@ -104,7 +100,7 @@ class WorkQueue(LogicalDevice):
         self.submitted = value
         if self._with_next:
             self._with_next.clear()
-        if self._retired or self._returned:
+        if self._retired or self.lent.returned:
             self.collect()
         if self.messages:
             self.check_messages()
@@ -205,7 +201,7 @@ class WorkQueue(LogicalDevice):
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
                 pass
             self._completed = value
-        if self._retired or self._returned:
+        if self._retired or self.lent.returned:
             self.collect()
         if self.messages:
             self.check_messages()
@@ -280,45 +276,16 @@ class WorkQueue(LogicalDevice):
 
     def collect(self) -> None:
         """Destroy the retired objects that the device no longer uses. Calls no callback."""
-        if not (self._retired or self._returned) or self.lost or self._collecting:
+        if not (self._retired or self.lent.returned) or self.lost or self._collecting:
             return
         completed = self.completed
         self._collecting = True  # objects retired during destruction join this loop, which avoids recursion
         try:
-            while self._returned:
-                self._lent -= 1
-                self._returned.popleft()()
+            self.lent.collect()
             while self._retired and self._retired[0][0] <= completed:
                 self._retired.popleft()[1]()
         finally:
             self._collecting = False
-
-    def lend(self, memory: object, give_back: Callable[[], None]) -> None:
-        """Keep the device's memory until `memory`, a view of some of it, is gone, also if the device is closed before.
-
-        give_back: called then, by the thread that uses the device, unless the device was closed. Any thread may drop
-        the last reference.
-        """
-        self._lent += 1
-        weakref.finalize(memory, self._take_back, give_back).atexit = False
-
-    def _take_back(self, give_back: Callable[[], None]) -> None:
-        self._returned.append(give_back)
-        if self.closed and not self.forked:
-            self._end_if_unused()
-
-    def _end_if_unused(self) -> None:
-        """Destroy the closed device, if nobody sees its memory any more."""
-        with self._ending:
-            if self._ended or len(self._returned) < self._lent:
-                return
-            self._ended = True
-        self._finish()
-        self._end()
-
-    def _end(self) -> None:
-        """Destroy the device itself."""
-        raise NotImplementedError
 
     def _finish(self) -> None:
         """Wait for all work, for a lost device at most a second, and destroy everything that is left."""
