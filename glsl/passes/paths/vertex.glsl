@@ -89,14 +89,14 @@ RisLightSample sample_light_by_ris(
     float turn = light_lists ? rand_f(rng) : 0.0;
     float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
-        turn = fract(turn + list_share(list));
+        turn = fract(turn + list.share);
         ListedLeaf listed = choose_leaf(receiver(vertex), list, turn, rng);
         ChosenLeaf chosen = listed.chosen;
         if (chosen.probability == 0.0) { continue; }
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
-        float weight = luminance(sum(reflected)) * listed.visibility;
+        float weight = luminance(sum(reflected)) * listed.factor;
         if (choose_weighted(weight_sum, weight, rng)) {
             ris_sample = RisLightSample(light_sample, resolved, reflected, chosen.leaf, list.cell);
             chosen_weight = weight;

@@ -44,11 +44,12 @@ layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; 
 
 // The lights that a cell sees, by leaf: passes/world_cache/light_lists.glsl packs entries and votes. Entries that hold
 // no light come last.
-const uint LIGHT_LIST_SIZE = 16u, LIGHT_VOTES = 4u;
+const uint LIGHT_LIST_SIZE = 24u, LIGHT_VOTES = 4u;
 struct WorldCacheLightList {
     uint entries[LIGHT_LIST_SIZE];
     uint votes[LIGHT_VOTES];   // of this frame
     float unlisted_occlusion;  // how often other lights were occluded
+    float coverage;            // share of lights of the list among those that were seen
     uint used;                 // 0: all else is 0
 };
 layout(set = 1, scalar) buffer WorldCacheLightListsBlock { WorldCacheLightList at[]; } world_cache_light_lists;

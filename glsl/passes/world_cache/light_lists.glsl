@@ -54,56 +54,56 @@ WorldCacheKey light_list_key(Receiver receiver) {
 // What a receiver knows of lights.
 struct LightList {
     uint cell;  // NO_INDEX: it has no list
-    float sum;  // of the weights
+    uint count;
+    float share;  // of light samples that are taken from the list
+    float sum;    // of the weights
     float weights[LIGHT_LIST_SIZE];
 };
 
-const float LIST_WEIGHTS[LIGHT_LIST_SIZE] = float[LIGHT_LIST_SIZE](
-    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-);
-
-float visibility_of_entry(uint entry) {
-    return max(1.0 - float(entry_occlusion(entry)) / float(FULL_OCCLUSION), MIN_VISIBILITY);
-}
+// Where a light is visible with probability v, choosing it in proportion to sqrt(v) gives the least variance.
+float visibility_factor(float occlusion) { return sqrt(max(1.0 - occlusion, MIN_VISIBILITY)); }
+float entry_factor(uint entry) { return visibility_factor(float(entry_occlusion(entry)) / float(FULL_OCCLUSION)); }
 
 // `inserts`: makes a list for the receiver's cell if it has none, and keeps it alive.
 LightList find_light_list(Receiver receiver, bool inserts) {
-    LightList list = LightList(NO_INDEX, 0.0, LIST_WEIGHTS);
+    LightList list;
+    list.cell = NO_INDEX;
+    list.count = 0u;
+    list.share = list.sum = 0.0;
     if (!light_lists || receiver.normal == vec3(0.0)) { return list; }
     WorldCacheKey key = light_list_key(receiver);
     uint empty_step;
     list.cell = inserts ? insert_world_cache_cell(key) : find_world_cache_cell(key, empty_step);
     if (list.cell == NO_INDEX) { return list; }
     if (inserts) { atomicMax(world_cache_life.at[list.cell], world_cache_settings.lifetime); }
-    for (uint i = 0u; i < LIGHT_LIST_SIZE; i++) {
-        uint entry = world_cache_light_lists.at[list.cell].entries[i];
+    for (; list.count < LIGHT_LIST_SIZE; list.count++) {
+        uint entry = world_cache_light_lists.at[list.cell].entries[list.count];
         if (entry == 0u) { break; }
         LightNode node = light_tree.at[light_leaves.at[entry_leaf(entry)].node];
-        list.weights[i] = max(importance(node, receiver) * visibility_of_entry(entry), MIN_IMPORTANCE);
-        list.sum += list.weights[i];
+        float weight = max(importance(node, receiver) * entry_factor(entry), MIN_IMPORTANCE);
+        list.weights[list.count] = weight;
+        list.sum += weight;
     }
+    if (list.count > 0u) { list.share = clamp(world_cache_light_lists.at[list.cell].coverage, 0.1, 1.0 - TREE_SHARE); }
     return list;
 }
 
 // ---- choice ------------------------------------------------------------------------------------------
 
-// The entry of a leaf, or LIGHT_LIST_SIZE.
+// The entry of a leaf, or list.count.
 uint find_entry(LightList list, uint leaf) {
     uint i = 0u;
-    while (i < LIGHT_LIST_SIZE && list.weights[i] > 0.0
-        && entry_leaf(world_cache_light_lists.at[list.cell].entries[i]) != leaf) { i++; }
-    return i < LIGHT_LIST_SIZE && list.weights[i] > 0.0 ? i : LIGHT_LIST_SIZE;
+    while (i < list.count && entry_leaf(world_cache_light_lists.at[list.cell].entries[i]) != leaf) { i++; }
+    return i;
 }
-
-float list_share(LightList list) { return list.sum > 0.0 ? 1.0 - TREE_SHARE : 0.0; }
 
 struct ListedLeaf {
     ChosenLeaf chosen;  // probability 0: the sample is dropped, since lists alone choose this leaf
-    float visibility;   // expected
+    float factor;       // by which the surface's choice among several samples weighs this one
 };
 
-float unlisted_visibility(LightList list) {
-    return list.sum > 0.0 ? max(1.0 - world_cache_light_lists.at[list.cell].unlisted_occlusion, MIN_VISIBILITY) : 1.0;
+float unlisted_factor(LightList list) {
+    return list.count > 0u ? visibility_factor(world_cache_light_lists.at[list.cell].unlisted_occlusion) : 1.0;
 }
 
 // `turn`, uniform in [0, 1), decides between list and tree.
@@ -111,24 +111,19 @@ ListedLeaf choose_leaf(Receiver receiver, LightList list, float turn, inout uint
     uint row = choose_leaf(rng);
     LightLeaf leaf = light_leaves.at[row];
     if (leaf.node == NO_INDEX) { return ListedLeaf(ChosenLeaf(row, leaf.by_power.probability), 1.0); }
-    float share = list_share(list);
     ListedLeaf listed;
-    if (turn < share) {
+    if (turn < list.share) {
         float left = rand_f(rng) * list.sum;
-        uint i = 0u, last = 0u;
-        for (; i < LIGHT_LIST_SIZE && list.weights[i] > 0.0; i++) {
-            last = i;
-            if (left < list.weights[i]) { break; }
-            left -= list.weights[i];
-        }
-        uint entry = world_cache_light_lists.at[list.cell].entries[last];
-        listed.chosen = ChosenLeaf(entry_leaf(entry), share * list.weights[last] / list.sum);
-        listed.visibility = visibility_of_entry(entry);
+        uint i = 0u;
+        while (i + 1u < list.count && left >= list.weights[i]) { left -= list.weights[i++]; }
+        uint entry = world_cache_light_lists.at[list.cell].entries[i];
+        listed.chosen = ChosenLeaf(entry_leaf(entry), list.share * list.weights[i] / list.sum);
+        listed.factor = entry_factor(entry);
     } else {
         listed.chosen = descend_light_tree(receiver, rng);
-        bool dropped = share > 0.0 && find_entry(list, listed.chosen.leaf) < LIGHT_LIST_SIZE;
-        listed.chosen.probability *= dropped ? 0.0 : 1.0 - share;
-        listed.visibility = unlisted_visibility(list);
+        bool dropped = find_entry(list, listed.chosen.leaf) < list.count;
+        listed.chosen.probability *= dropped ? 0.0 : 1.0 - list.share;
+        listed.factor = unlisted_factor(list);
     }
     listed.chosen.probability *= scene_info.finite_probability;
     return listed;
@@ -138,11 +133,10 @@ ListedLeaf choose_leaf(Receiver receiver, LightList list, float turn, inout uint
 float listed_leaf_probability(uint row, Receiver receiver) {
     LightLeaf leaf = light_leaves.at[row];
     LightList list = find_light_list(receiver, false);
-    if (list.sum == 0.0 || leaf.node == NO_INDEX) { return leaf_choice_probability(row, receiver); }
+    if (list.count == 0u || leaf.node == NO_INDEX) { return leaf_choice_probability(row, receiver); }
     uint i = find_entry(list, row);
-    float share = list_share(list);
-    float probability = i < LIGHT_LIST_SIZE ? share * list.weights[i] / list.sum
-        : (1.0 - share) * node_probability(leaf.node, receiver);
+    float probability = i < list.count ? list.share * list.weights[i] / list.sum
+        : (1.0 - list.share) * node_probability(leaf.node, receiver);
     return scene_info.finite_probability * probability;
 }
 #define LEAF_PROBABILITY listed_leaf_probability

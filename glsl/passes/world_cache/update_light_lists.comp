@@ -9,7 +9,7 @@ layout(local_size_x = GROUP_SIZE) in;
 const uint VOTE_COUNT = 4u;              // what a vote adds to a light's count
 const uint FIRST_OCCLUSION = 16u;        // of a light that is listed, which was seen once
 const uint MOVED_OCCLUSION = 32u;        // at most, of a light that has moved
-const float UNLISTED_SMOOTHING = 0.0625;
+const float SHARE_SMOOTHING = 0.0625;
 
 // A leaf of the previous frame in this frame, or NO_INDEX.
 uint translated(uint leaf) { return leaf < MAX_LEAF ? leaf_translation.at[leaf] : NO_INDEX; }
@@ -21,7 +21,7 @@ bool has_moved(uint leaf) {
 void clear_list(uint cell) {
     for (uint i = 0u; i < LIGHT_LIST_SIZE; i++) { world_cache_light_lists.at[cell].entries[i] = 0u; }
     for (uint i = 0u; i < LIGHT_VOTES; i++) { world_cache_light_lists.at[cell].votes[i] = 0u; }
-    world_cache_light_lists.at[cell].unlisted_occlusion = 0.0;
+    world_cache_light_lists.at[cell].unlisted_occlusion = world_cache_light_lists.at[cell].coverage = 0.0;
     world_cache_light_lists.at[cell].used = 0u;
 }
 
@@ -40,6 +40,13 @@ uint translate_entries(uint cell) {
     return count;
 }
 
+// Smooths a share to which a vote adds 0 or 1.
+float smoothed(float share, bool one) { return mix(share, one ? 1.0 : 0.0, SHARE_SMOOTHING); }
+
+void cover(uint cell, bool listed) {
+    world_cache_light_lists.at[cell].coverage = smoothed(world_cache_light_lists.at[cell].coverage, listed);
+}
+
 void count_vote(uint cell, uint leaf, bool seen, inout uint count) {
     uint least = 0u, least_count = MAX_COUNT + 1u;
     for (uint i = 0u; i < count; i++) {
@@ -49,6 +56,7 @@ void count_vote(uint cell, uint leaf, bool seen, inout uint count) {
             occlusion = seen ? occlusion - (occlusion + 3u) / 4u : occlusion + (FULL_OCCLUSION - occlusion + 3u) / 4u;
             votes = min(votes + VOTE_COUNT, MAX_COUNT);
             world_cache_light_lists.at[cell].entries[i] = pack_entry(leaf, occlusion, votes);
+            if (seen) { cover(cell, true); }
             return;
         }
         if (votes < least_count) {
@@ -57,8 +65,9 @@ void count_vote(uint cell, uint leaf, bool seen, inout uint count) {
         }
     }
     float occlusion = world_cache_light_lists.at[cell].unlisted_occlusion;
-    world_cache_light_lists.at[cell].unlisted_occlusion = mix(occlusion, seen ? 0.0 : 1.0, UNLISTED_SMOOTHING);
+    world_cache_light_lists.at[cell].unlisted_occlusion = smoothed(occlusion, !seen);
     if (!seen) { return; }
+    cover(cell, false);
     uint entry = pack_entry(leaf, FIRST_OCCLUSION, VOTE_COUNT);
     if (count < LIGHT_LIST_SIZE) {
         world_cache_light_lists.at[cell].entries[count++] = entry;

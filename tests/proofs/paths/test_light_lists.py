@@ -18,7 +18,7 @@ from solari_vk.scene.builtin import lamp, matte, place
 SAME = Rule("lists of the lights that cells see leave each tile of the picture as it is", SUITE, "Paths")
 SIZE = (32, 32)
 LISTS = {"paths_light_lists": True, "jitter": False}
-LEAF_BITS, SIZE_OF_LIST = 20, 16
+LEAF_BITS = 20
 
 
 def two_rooms():
@@ -97,8 +97,8 @@ def test_lights_that_are_removed(device):
 
 
 def test_lights_that_move(device):
-    """Right after all lamps have changed their rooms' lists' minds: the frame is as bright as without lists."""
-    scene, lamps = two_rooms(), []
+    """Right after all lamps have moved, frames are as bright as without lists."""
+    scene = two_rooms()
     lamps = [instance for instance in scene if instance.name.startswith("lamp")]
     before = [instance.transform.copy() for instance in lamps]
     means = []
@@ -123,8 +123,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
     SAME: (measure_means, Bug(LISTS_FILE, "listed_leaf_probability", """
         float probability = correct(row, receiver);
         LightList list = find_light_list(receiver, false);
-        return list.sum > 0.0 && find_entry(list, row) < LIGHT_LIST_SIZE ? probability / (1.0 - TREE_SHARE) : probability;
-        """)),
+        return find_entry(list, row) < list.count ? probability / list.share : probability;
+        """)),  # the density without the tree's share
     "removed lights": (check_removed_lights, Bug(
         "passes/world_cache/update_light_lists.comp", "translated", "return min(leaf, scene_info.leaf_count - 1u);")),
 })  # fmt: skip
