@@ -26,8 +26,8 @@ LOOKS = (1, 8, MOTION)  # frames after a reset
 INTRO = (
     "relMSE against the path tracer (its noise cancels out), of raw frames and of denoised ones, with the preset's "
     "settings (before) and with those named (after), and their ratios after / before; ± is half of the 95 % interval "
-    "of the ratio over runs with different seeds. ms: all passes of a settled frame, medians of frames in turns. The last "
-    "columns are ratios of error x time: below 1 the settings pay."
+    "of the ratio over runs with different seeds. ms: all passes of a settled frame, medians of frames in turns. The "
+    "last columns are ratios of error x time: below 1 the settings pay."
 )
 HEAD = ("scene", "case", "frame", "raw, before", "after", "ratio", "denoised, before", "after", "ratio",
         "ms, before", "after", "raw error x time", "denoised error x time")  # fmt: skip
@@ -41,10 +41,11 @@ def run(
 ) -> None:  # fmt: skip
     """Measure and print a table for each of `change`, KEY=VALUE[,KEY=VALUE...] each.
 
-    base: settings of both sides. scene: names of built-in scenes, by default SCENES. references: a folder that keeps the
-    path tracer's pictures for the next run, for as long as the scenes are the same. still: no motion. size: of the pictures, (width, height). timed_size: of the frames whose time is taken.
-    samples: of the path tracer's pictures. quick: tiny pictures, the first scene standing still. Raises SolariError
-    without changes, for unknown settings, and without a folder for the page.
+    base: settings of both sides. scene: names of built-in scenes, by default SCENES. references: a folder that keeps
+    the path tracer's pictures for the next run, for as long as the scenes are the same. still: no motion. size: of the
+    pictures, (width, height). timed_size: of the frames whose time is taken. samples: of the path tracer's pictures.
+    quick: tiny pictures, the first scene standing still. Raises SolariError without changes, for unknown scenes and
+    settings, and without a folder for the page.
     """
     if not change:
         raise SolariError("bench settings: name the settings to judge, such as --change restir=on")

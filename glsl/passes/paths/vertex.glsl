@@ -92,7 +92,6 @@ RisLightSample sample_light_by_ris(
         turn = fract(turn + list.share);
         ListedLeaf listed = choose_leaf(receiver(vertex), list, turn, rng);
         ChosenLeaf chosen = listed.chosen;
-        if (chosen.probability == 0.0) { continue; }
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);

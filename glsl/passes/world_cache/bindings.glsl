@@ -44,7 +44,7 @@ layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; 
 
 // The lights that a cell sees, by leaf: passes/world_cache/light_lists.glsl packs entries and votes. Entries that hold
 // no light come last.
-const uint LIGHT_LIST_SIZE = 24u, LIGHT_VOTES = 4u;
+const uint LIGHT_LIST_SIZE = 22u, LIGHT_VOTES = 6u;
 struct WorldCacheLightList {
     uint entries[LIGHT_LIST_SIZE];
     uint votes[LIGHT_VOTES];   // of this frame

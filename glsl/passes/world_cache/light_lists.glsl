@@ -4,8 +4,8 @@
 // depend on that of threads.
 //
 // A surface takes part of its light samples from the list of its cell, in proportion to what the tree of lights expects
-// of each light there times the light's visibility so far; and the others from the tree, without the lights of the list.
-// So each light has one density, and the mean is right whatever a list holds. Among several samples, those of lights
+// of each light there times the light's visibility so far, and the others from the tree. Each light has the density of
+// this mixture, so that the mean is right whatever a list holds. Among several samples, those of lights
 // that are seldom visible are chosen less often, as in AMD's neural visibility cache (Bokšanský and Meister, "Neural
 // Visibility Cache for Real-Time Light Sampling", 2025).
 #ifndef PASSES_WORLD_CACHE_LIGHT_LISTS_GLSL
@@ -97,8 +97,14 @@ uint find_entry(LightList list, uint leaf) {
     return i;
 }
 
+// Of the leaf of an entry, or of another leaf. `by_tree`: the probability with which the tree chooses it.
+float mixed_probability(LightList list, uint i, float by_tree) {
+    float by_list = i < list.count ? list.weights[i] / list.sum : 0.0;
+    return list.share * by_list + (1.0 - list.share) * by_tree;
+}
+
 struct ListedLeaf {
-    ChosenLeaf chosen;  // probability 0: the sample is dropped, since lists alone choose this leaf
+    ChosenLeaf chosen;
     float factor;       // by which the surface's choice among several samples weighs this one
 };
 
@@ -117,13 +123,15 @@ ListedLeaf choose_leaf(Receiver receiver, LightList list, float turn, inout uint
         uint i = 0u;
         while (i + 1u < list.count && left >= list.weights[i]) { left -= list.weights[i++]; }
         uint entry = world_cache_light_lists.at[list.cell].entries[i];
-        listed.chosen = ChosenLeaf(entry_leaf(entry), list.share * list.weights[i] / list.sum);
-        listed.factor = entry_factor(entry);
+        row = entry_leaf(entry);
+        float by_tree = node_probability(light_leaves.at[row].node, receiver);
+        listed = ListedLeaf(ChosenLeaf(row, mixed_probability(list, i, by_tree)), entry_factor(entry));
     } else {
         listed.chosen = descend_light_tree(receiver, rng);
-        bool dropped = find_entry(list, listed.chosen.leaf) < list.count;
-        listed.chosen.probability *= dropped ? 0.0 : 1.0 - list.share;
-        listed.factor = unlisted_factor(list);
+        uint i = find_entry(list, listed.chosen.leaf);
+        listed.chosen.probability = mixed_probability(list, i, listed.chosen.probability);
+        bool is_listed = i < list.count;
+        listed.factor = is_listed ? entry_factor(world_cache_light_lists.at[list.cell].entries[i]) : unlisted_factor(list);
     }
     listed.chosen.probability *= scene_info.finite_probability;
     return listed;
@@ -134,10 +142,8 @@ float listed_leaf_probability(uint row, Receiver receiver) {
     LightLeaf leaf = light_leaves.at[row];
     LightList list = find_light_list(receiver, false);
     if (list.count == 0u || leaf.node == NO_INDEX) { return leaf_choice_probability(row, receiver); }
-    uint i = find_entry(list, row);
-    float probability = i < list.count ? list.share * list.weights[i] / list.sum
-        : (1.0 - list.share) * node_probability(leaf.node, receiver);
-    return scene_info.finite_probability * probability;
+    float by_tree = node_probability(leaf.node, receiver);
+    return scene_info.finite_probability * mixed_probability(list, find_entry(list, row), by_tree);
 }
 #define LEAF_PROBABILITY listed_leaf_probability
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from support.frames import differing, settle, snapshot
 from support.measured import hold
 from support.realtime import PATHS, make_renderer, measure_significance, read_radiance
