@@ -142,7 +142,7 @@ class Renderer(PictureRenderer):
             self._settings_seen = seen
         lights = self.binder.lights
         cell_size = self.settings.world_cache_cell_size
-        if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size, lights.leaf_ids):
+        if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size):
             self._frame.bind(self._lights.buffers)
         self._changed_lights.update(lights.ids, lights.powers, lights.places, lights.positions, cell_size)
         try:

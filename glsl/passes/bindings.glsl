@@ -41,10 +41,9 @@ layout(set = 1, scalar) buffer PreviousInstancesBlock { PreviousInstance at[]; }
 // ---- lights -----------------------------------------------------------------------------------------
 
 // For each light of the previous frame its index in this frame's light_sources, or NO_INDEX; and for each light of this
-// frame its index in the previous one. The same as the former for the leaves of lights.
+// frame its index in the previous one.
 layout(set = 1, scalar) readonly buffer LightTranslationBlock { uint at[]; } light_translation;
 layout(set = 1, scalar) readonly buffer PreviousLightBlock { uint at[]; } previous_light;
-layout(set = 1, scalar) readonly buffer LeafTranslationBlock { uint at[]; } leaf_translation;
 
 // ---- results of the passes for each pixel: radiance towards the camera, linear, before exposure ------
 

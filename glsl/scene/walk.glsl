@@ -24,11 +24,6 @@
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
 
-// With what probability a receiver chooses a leaf: passes whose receivers know more than the tree of lights define it.
-#ifndef LEAF_PROBABILITY
-#define LEAF_PROBABILITY leaf_choice_probability
-#endif
-
 const uint FIRST_ROULETTE_BOUNCE = 3u;
 const uint MAX_SPECULAR_BOUNCES = 64u;  // bounces by delta lobes, which don't count as others do
 
@@ -118,7 +113,7 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
         if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
-        vec3 radiance = mis_weighted_radiance(light_hit, LEAF_PROBABILITY(light.first_leaf, receiver),
+        vec3 radiance = mis_weighted_radiance(light_hit, leaf_choice_probability(light.first_leaf, receiver),
             walk.bounce_pdf);
         RayTransmittance passes = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
@@ -180,7 +175,7 @@ float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3
     if (!(pdf > 0.0) || receiver.normal == vec3(0.0)) { return pdf; }
     LightSource light = light_sources.at[instances.at[hit.instance].light_index];
     uint leaf = part_of_leaf(light, hit.triangle).leaf;
-    return pdf * LEAF_PROBABILITY(leaf, receiver) / light_leaves.at[leaf].by_power.probability;
+    return pdf * leaf_choice_probability(leaf, receiver) / light_leaves.at[leaf].by_power.probability;
 }
 
 // Where rays that go in a direction leave a surface.

@@ -24,9 +24,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
     samples = 1 if settings.restir else settings.paths_short_history_samples
-    traced = brdf | {
-        "paths_reuse": settings.restir, "short_history_samples": samples, "light_lists": settings.paths_light_lists,
-    }  # fmt: skip
+    traced = brdf | {"paths_reuse": settings.restir, "short_history_samples": samples}
     first = Pass("paths/first_ray", threads=size, constants=traced)
     later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
     passes = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
@@ -33,16 +32,8 @@ CELL_BUFFERS = (
 def paths_stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The cache with cells that are sampled by paths; fewer cells for small pictures."""
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
-    cells = min(settings.world_cache_cells, cells)
-    lists = {"light_lists": settings.paths_light_lists}
-    sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings) | lists)
-    made = stage(cells, [sample])
-    update = Pass("world_cache/update_light_lists", threads=rows(cells // BLOCK_SIZE))
-    return replace(
-        made,
-        buffers={**made.buffers, "world_cache_light_lists": cells if settings.paths_light_lists else 1},
-        passes=[made.passes[0], *([update] if settings.paths_light_lists else []), *made.passes[1:]],
-    )
+    sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings))
+    return stage(min(settings.world_cache_cells, cells), [sample])
 
 
 def stage(cells: int, samples: Sequence[Pass]) -> Stage:

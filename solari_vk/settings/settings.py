@@ -76,10 +76,6 @@ class Settings(SeparatePasses):
         0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
 
-    paths_light_lists: bool = _paths(
-        False, "Surfaces learn which lights walls hide from them, and choose others. Less noise where many lights are "
-        "in many rooms; more memory.", rebuilds=True)  # fmt: skip
-
     denoise: bool = _denoise(
         True, "Average light over frames and pixels, as far as differences are noise. Less noise, slower.")
     denoise_max_history: int = _denoise(

@@ -163,7 +163,7 @@ bool advance(inout Path path) {
     RisLightSample ris_sample;
     ris_sample.contribution = NO_LIGHT;
     if (rand_f(path.rng) < probability) {
-        ris_sample = sample_light_by_ris(path.vertex, candidates, light_samples, first, path.rng);
+        ris_sample = sample_light_by_ris(path.vertex, candidates, light_samples, path.rng);
         ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
     }
 
@@ -197,9 +197,6 @@ bool advance(inout Path path) {
         bool transmits = SCENE_TRANSMISSION && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
         vec3 transmittance = trace_light(from, transmits ? path.medium_below : medium, ris_sample.resolved);
-        if (light_lists) {
-            vote_for_leaf(ris_sample.list, ris_sample.leaf, transmittance != vec3(0.0), path.rng);
-        }
         if (transmittance != vec3(0.0)) {
             if (first) {
                 path.direct = ris_sample.contribution;

@@ -5,7 +5,6 @@
 #include "passes/bindings.glsl"
 #include "passes/paths/lobe_radiance.glsl"
 #include "passes/ray_count.glsl"
-#include "passes/world_cache/light_lists.glsl"
 #include "scene/walk.glsl"
 
 struct Vertex {
@@ -71,33 +70,24 @@ struct RisLightSample {
     LightSample light_sample;
     ResolvedLightSample resolved;
     LobeRadiance contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
-    uint leaf;
-    uint list;                  // the cell that hears of its visibility, or NO_INDEX
 };
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
 
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
-// samples of lights, chosen by the luminance that the vertex reflects without occlusion, times the visibility that its
-// list of lights expects. `inserts`: as in find_light_list.
-RisLightSample sample_light_by_ris(
-    Vertex vertex, uint candidates, float light_samples, bool inserts, inout uint rng
-) {
+// samples of lights, chosen by the luminance that the vertex reflects without occlusion.
+RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float light_samples, inout uint rng) {
     RisLightSample ris_sample;
     ris_sample.contribution = NO_LIGHT;
-    LightList list = find_light_list(receiver(vertex), inserts);
-    float turn = light_lists ? rand_f(rng) : 0.0;
     float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
-        turn = fract(turn + list.share);
-        ListedLeaf listed = choose_leaf(receiver(vertex), list, turn, rng);
-        ChosenLeaf chosen = listed.chosen;
+        ChosenLeaf chosen = choose_leaf(receiver(vertex), rng);
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         LobeRadiance reflected = evaluate_next_event(vertex, resolved, light_samples);
-        float weight = luminance(sum(reflected)) * listed.factor;
+        float weight = luminance(sum(reflected));
         if (choose_weighted(weight_sum, weight, rng)) {
-            ris_sample = RisLightSample(light_sample, resolved, reflected, chosen.leaf, list.cell);
+            ris_sample = RisLightSample(light_sample, resolved, reflected);
             chosen_weight = weight;
         }
     }

@@ -42,18 +42,6 @@ const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't s
 layout(set = 1, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
 layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
 
-// The lights that a cell sees, by leaf: passes/world_cache/light_lists.glsl packs entries and votes. Entries that hold
-// no light come last.
-const uint LIGHT_LIST_SIZE = 22u, LIGHT_VOTES = 6u;
-struct WorldCacheLightList {
-    uint entries[LIGHT_LIST_SIZE];
-    uint votes[LIGHT_VOTES];   // of this frame
-    float unlisted_occlusion;  // how often other lights were occluded
-    float coverage;            // share of lights of the list among those that were seen
-    uint used;                 // 0: all else is 0
-};
-layout(set = 1, scalar) buffer WorldCacheLightListsBlock { WorldCacheLightList at[]; } world_cache_light_lists;
-
 // Counters of this frame.
 layout(set = 1, scalar) buffer WorldCacheCountersBlock {
     uint active_cells;

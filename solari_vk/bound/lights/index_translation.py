@@ -14,15 +14,14 @@ from solari_vk.gpu.device.device import Device
 
 CHANGE_DECAY = 0.9  # the factor of IndexTranslation.change per frame
 MIN_CHANGE = 1 / 64  # a smaller change counts as none
-NAMES = ("light_translation", "previous_light", "leaf_translation")
+NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]
-LeafIds = NDArray[np.uint64]
 Powers = NDArray[np.float64]
 Positions = NDArray[np.float64]
 
 
-def translate(ids: Ids | LeafIds, others: Ids | LeafIds) -> Ids:
+def translate(ids: Ids, others: Ids) -> Ids:
     """The index in `others` of each id, or NO_INDEX. No id occurs twice in either list."""
     if ids is others:
         return np.arange(len(ids), dtype=np.uint32)
@@ -74,8 +73,7 @@ def unmoved(ids: Ids, positions: Positions | None, old_ids: Ids, old_positions: 
 
 
 class IndexTranslation:
-    """The buffers `light_translation`, the current index of each light of the previous frame, and `previous_light`; and
-    `leaf_translation`, the current index of each leaf of the previous frame.
+    """The buffers `light_translation`, the current index of each light of the previous frame, and `previous_light`.
 
     `previous_light` is the previous index of each light, but NO_INDEX for one that has moved: pixels of the previous
     frame sampled it elsewhere. Where it was occluded there, their confidence would take its light away.
@@ -84,7 +82,6 @@ class IndexTranslation:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._ids: Ids = np.zeros(0, np.uint32)
-        self._leaf_ids: LeafIds = np.zeros(0, np.uint64)
         self._powers: Powers | None = None
         self._positions: Positions | None = None
         self.change = 0.0
@@ -93,14 +90,11 @@ class IndexTranslation:
         self.buffers: dict[str, Buffer] = {}
         self._reserve(1)
 
-    def update(
-        self, ids: Ids, powers: Powers, positions: Positions | None = None, cell_size: float = 1.0,
-        leaf_ids: LeafIds | None = None,
-    ) -> bool:  # fmt: skip
+    def update(self, ids: Ids, powers: Powers, positions: Positions | None = None, cell_size: float = 1.0) -> bool:
         """Update the buffers for a frame with these lights. Returns True if the buffers were replaced.
 
         ids, powers, positions: of each row of `light_sources`. An array that is the same object as in the previous call
-        is taken to be unchanged. cell_size: of the world cache, in meters. leaf_ids: numbers of the leaves of lights.
+        is taken to be unchanged. cell_size: of the world cache, in meters.
         """
         self.change *= CHANGE_DECAY
         if self.change <= MIN_CHANGE:
@@ -115,15 +109,13 @@ class IndexTranslation:
             self.change = max(self.change, moved)
         if ids is self._ids and self._is_identity and not moves:
             return False
-        leaf_ids = self._leaf_ids if leaf_ids is None else leaf_ids
-        replaced = self._reserve(max(len(ids), len(self._ids), len(self._leaf_ids)))
+        replaced = self._reserve(max(len(ids), len(self._ids)))
         previous = unmoved(ids, positions, self._ids, self._positions)
-        lists = translate(self._ids, ids), previous, translate(self._leaf_ids, leaf_ids)
-        for name, values in zip(NAMES, lists, strict=True):
+        for name, values in zip(NAMES, (translate(self._ids, ids), previous), strict=True):
             if len(values):
                 self.buffers[name].upload(values)
         self._is_identity = ids is self._ids and not moves
-        self._ids, self._positions, self._leaf_ids = ids, positions, leaf_ids
+        self._ids, self._positions = ids, positions
         return replaced
 
     def _reserve(self, count: int) -> bool:

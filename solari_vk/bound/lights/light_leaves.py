@@ -56,11 +56,6 @@ class LightLeaves:
         first = int(self.firsts[light])
         return slice(first, int(self.firsts[light + 1]) if light + 1 < len(self.firsts) else self.count)
 
-    def ids(self, light_ids: NDArray[np.uint32]) -> NDArray[np.uint64]:
-        """For each leaf a number that stays with the light, whose id is one of `light_ids`, and its place in it."""
-        places = np.arange(self.count) - self.firsts[self._lights]
-        return light_ids[self._lights].astype(np.uint64) << np.uint64(32) | places.astype(np.uint64)
-
     def choose(self, weights: Floats) -> None:
         """Write how often leaves are chosen by power. weights (N,): how often lights are."""
         records = self.table.records[: self.count]

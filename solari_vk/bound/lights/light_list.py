@@ -66,8 +66,6 @@ class LightList:
         self.ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
         """For each row of `sources` a number that stays with the light and is never used again. Each change of the list
         makes a new array."""
-        self.leaf_ids: NDArray[np.uint64] = np.zeros(0, np.uint64)
-        """The same for each leaf."""
         self._power_of: dict[Instance | Light, float] = {}
         self._powers_changed = True
         self.powers: NDArray[np.float64] = np.zeros(0)
@@ -234,7 +232,6 @@ class LightList:
             sources = self.sources.records[: len(listed)]
             self.leaves.arrange([*map(self._clusters.get, listed)], sources["part_count"])  # type: ignore[arg-type]
             sources["first_leaf"] = self.leaves.firsts
-            self.leaf_ids = self.leaves.ids(self.ids)
             self.sources.mark(range(len(listed)))
             self._moved = dict.fromkeys(self._clusters)
         self.leaves.choose(choice_weights(self.powers))
