@@ -72,5 +72,5 @@ def rooms(columns: int = 8, rows: int = 5, lamp_count: int = 25, seed: int = 1) 
             scene.add(ball, glows[int(random.integers(len(glows)))], place(random.uniform(0.03, 0.06), at), name="lamp")
     corner = side * np.array((columns // 2, 0, rows // 2))
     eye, target = corner + np.array((0.35, 1.75, side - 0.35)), corner + np.array((side - 0.6, 0.9, 0.6))
-    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(68), ev100=0.0))
+    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(68), ev100=2.0))
     return scene
