@@ -214,6 +214,25 @@ def test_quick_page_of_judged_settings(any_device, tmp_path):
     assert same[5].startswith("1.00")
     assert float(other[7]) > 2 * float(other[6]) == 2 * float(same[6])
     assert main([*judge, "denose=on"]) == 2
+    assert main([*judge, "denoise=on", "--scene", "cornel_box"]) == 2
+
+
+def test_judged_scenes_are_chosen_and_their_truth_is_kept(any_device, tmp_path):
+    """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
+    page, kept = tmp_path / "page.md", tmp_path / "kept"
+    judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change", "paths_candidates=1",
+             "--scene", "lamp_gap", "--references", str(kept)]  # fmt: skip
+    assert main(judge) == 0
+    (before,) = (cells(line) for line in page.read_text().splitlines() if line.startswith("| lamp_gap"))
+    (path,) = kept.iterdir()
+    held = dict(np.load(path))
+    np.savez(path, references=held["references"] * 2, view=held["view"])
+    assert main(judge) == 0
+    (after,) = (cells(line) for line in page.read_text().splitlines() if line.startswith("| lamp_gap"))
+    assert before[3] != after[3]
+    ratios = np.array([[before[at + 1], before[at], before[-2 + of]] for of, at in ((0, 3), (1, 6))], float)
+    spent = float(before[10]) / float(before[9])
+    assert ratios[:, 0] / ratios[:, 1] * spent == pytest.approx(ratios[:, 2], rel=0.05, abs=0.02)
 
 
 def test_page_of_loading(any_device, tmp_path):

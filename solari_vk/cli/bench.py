@@ -70,6 +70,9 @@ class JudgedSettings(Measurement):
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
     base: str = option("settings of both sides", "KEY=VALUE[,...]", default="")
     change: tuple[str, ...] = option("settings to judge (repeatable)", "KEY=VALUE[,...]", action="append", default=())
+    scene: tuple[str, ...] = option("a built-in scene (four of them; repeatable)", "NAME", action="append", default=())
+    references: Path | None = option("keep the path tracer's pictures there", "FOLDER", type=Path)
+    still: bool = flag("only the camera that stands still")
     timed_size: tuple[int, int] = option("of the frames whose time is taken (1920x1080)", "WxH", type=size,
                                          default=(1920, 1080))
     size: tuple[int, int] = option("of the pictures (256x256)", "WxH", type=size, default=(256, 256))

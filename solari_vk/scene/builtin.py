@@ -13,38 +13,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.scene import shapes
-from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene
+from solari_vk.scene.parts import lamp as lamp
+from solari_vk.scene.parts import matte as matte
+from solari_vk.scene.parts import place as place
+from solari_vk.scene.parts import rgb as rgb
+from solari_vk.scene.rooms import rooms
 
 EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # the exposure factor is 1
-
-
-def rgb(value: ArrayLike) -> FloatArray:
-    """One number or three as a color (3,)."""
-    return np.broadcast_to(np.asarray(value, np.float32), (3,))
-
-
-def matte(color: ArrayLike, name: str = "", **fields: Any) -> Material:
-    """A nearly Lambertian material: rough, with F0 = 0. A faint sheen remains at grazing angles."""
-    return Material(base_color=rgb(color), perceptual_roughness=1.0, reflectance=rgb(0), name=name, **fields)
-
-
-def lamp(radiance: ArrayLike, name: str = "lamp", **fields: Any) -> Material:
-    """A material that emits light and reflects almost none."""
-    return matte(0.0, name, emissive=rgb(radiance), **fields)
-
-
-def place(scale: ArrayLike = 1.0, at: ArrayLike = (0, 0, 0), turn: float = 0.0) -> NDArray[np.float64]:
-    """The matrix (4, 4) that scales, then turns about y by `turn` radians, then moves to `at` in meters."""
-    transform = np.eye(4)
-    transform[:3, :3] = rotation((0, 1, 0), turn) @ np.diag(np.broadcast_to(np.asarray(scale, np.float64), (3,)))
-    transform[:3, 3] = at
-    return transform
 
 
 def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> Scene:
@@ -267,8 +247,10 @@ def lamp_gap(gap: float = 0.03) -> Scene:
 
 SCENES: dict[str, Callable[..., Scene]] = {
     function.__name__: function
-    for function in (cornell_box, closed_box, many_lights, mirror_hall, thin_wall, sphere_grid, shiny_floor, lamp_gap)
-}
+    for function in (
+        cornell_box, closed_box, many_lights, rooms, mirror_hall, thin_wall, sphere_grid, shiny_floor, lamp_gap,
+    )
+}  # fmt: skip
 
 
 def builtin(name: str, **arguments: Any) -> Scene:

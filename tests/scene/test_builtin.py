@@ -55,8 +55,8 @@ def test_shapes_are_closed_and_face_outward_or_inward():
 
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_have_a_name_a_camera_a_light_and_unit_normals(name):
-    small = {"sphere_count": 9, "box_count": 20} if name == "many_lights" else {}
-    scene = builtin(name, **small)
+    small = {"many_lights": {"sphere_count": 9, "box_count": 20}, "rooms": {"columns": 2, "rows": 2}}
+    scene = builtin(name, **small.get(name, {}))
     assert scene.name == name
     assert scene.camera.vertical_fov > 0
     assert scene.lights or any(instance.material.emits for instance in scene)
@@ -96,6 +96,21 @@ def test_many_lights_repeats_and_scales():
     assert len(builtin("many_lights", sphere_count=0, box_count=0).instances) == 1
 
 
+def test_rooms_are_closed_but_for_doors():
+    """Lamps and the camera are inside, and walls leave out the doors' gaps and nothing else."""
+    scene = builtin("rooms", columns=3, rows=2, lamp_count=4)
+    by_name = [[instance for instance in scene if instance.name == name] for name in ("lamp", "door")]
+    assert [len(found) for found in by_name] == [24, 7]
+    places = np.array([instance.transform[:3, 3] for instance in by_name[0]])
+    assert (places > 0.2).all()
+    assert (places < (11.8, 2.7, 7.8)).all()
+    walls = [i.transform for i in scene if not i.name and np.isclose(np.diag(i.transform)[:3], 0.12).any()]
+    area = sum(float(np.prod(np.sort(np.diag(wall)[:3])[1:])) for wall in walls)
+    assert area == pytest.approx((3 * 3 + 2 * 4) * 4 * 2.8 - 7 * 0.9 * 2.1)
+    assert sum(instance.material.emits for instance in builtin("rooms")) == 1000
+    assert not any(instance.material.emits for instance in builtin("rooms", columns=1, rows=1, lamp_count=0))
+
+
 def test_the_floor_has_a_strip_for_each_roughness():
     scene = builtin("shiny_floor", roughness=(0.1, 0.3), metallic=0.9)
     first, second = (scene.instances[f"floor {i}"] for i in range(2))
@@ -120,6 +135,7 @@ def test_the_lamp_hangs_a_gap_below_the_ceiling():
         ("cornell", {}, r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"),
         ("cornell_box", {"color": 3}, "unexpected keyword argument 'color'; it takes size, radiance"),
         ("many_lights", {"box_count": -1}, "negative"),
+        ("rooms", {"rows": 0}, "rows must be at least 1"),
         ("sphere_grid", {"columns": 0}, "at least 1"),
         ("shiny_floor", {"roughness": ()}, "roughness must be"),
         ("lamp_gap", {"gap": 3}, "gap must be"),

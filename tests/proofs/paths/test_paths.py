@@ -73,8 +73,8 @@ def test_metals_have_the_path_tracers_means(device):
 
 # The frames of each of 16 runs, and the bar of the mean: about twice the interval. Small lights among many boxes are
 # found by chance alone with one sample a vertex, hence the wide bar.
-EFFORTS = {"many_lights": (64, 0.06), "shiny_floor": (128, 0.02), "mirror_hall": (128, 0.015)}
-CHANGED = {"many_lights": {"sphere_count": 49, "box_count": 300}}
+EFFORTS = {"many_lights": (64, 0.06), "rooms": (64, 0.06), "shiny_floor": (128, 0.02), "mirror_hall": (128, 0.015)}
+CHANGED = {"many_lights": {"sphere_count": 49, "box_count": 300}, "rooms": {"columns": 2, "rows": 1}}
 
 
 @pytest.mark.slow
