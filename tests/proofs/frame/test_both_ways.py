@@ -56,6 +56,18 @@ def check_frames(devices, name, **settings):
     assert not differing(pictures)
 
 
+def test_batches_are_equal(devices):
+    def pictures(way):
+        scene = sv.builtin("cornell_box")
+        cameras = [scene.camera, sv.Camera.look_at((1, 1.2, -2.5), (1, 1, 0))]
+        with sv.Batch(devices[way], scene, SIZE, 2, renderer="reference", outputs=sv.Batch.OUTPUTS) as batch:
+            batch.render(cameras, samples=2)
+            batch.render(cameras[::-1], samples=2)
+            return {name: batch[name] for name in batch}
+
+    assert not differing(pictures)
+
+
 def test_frames_and_paths_are_equal(devices):
     check_frames(devices, "cornell_box")
 
