@@ -258,6 +258,15 @@ def test_what_stands_still_has_no_flow(device, tracer, camera):
         assert not flow.state.any()
 
 
+def test_a_background_of_parallel_rays_has_no_flow(tracer, camera):
+    wide = sv.Camera(transform=camera.transform, orthographic_height=20)
+    forward, _ = sv.optical_flow(tracer, (wide, wide), SIZE)
+    empty = np.isnan(forward.flow).any(axis=-1)
+    assert 0.2 < empty.mean() < 1
+    assert (forward.state[empty] == 2).all()
+    assert np.abs(forward.flow[~empty]).max() < 1e-3
+
+
 def test_a_stereo_pair_has_disparity(device, scene, camera, tracer):
     baseline = 0.1
     right = sv.Camera(transform=camera.transform, vertical_fov=camera.vertical_fov)

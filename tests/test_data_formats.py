@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 import solari_vk as sv
 from solari_vk.annotate.bop import diameter
@@ -37,8 +38,8 @@ def test_flow_for_kitti(tmp_path):
     read = cv2.imread(str(tmp_path / "some.png"), cv2.IMREAD_UNCHANGED)
     assert read[..., 0].sum() == 4  # the first one isn't finite
     for wrong, valid, words in (
-        (flow + 20, None, "hold -512 to 512 pixels.*valid="), (flow[..., 0], None, "not \\(5, 7\\)"),
-        (flow, np.ones((5, 7)), "array of bool"),
+        (flow + 20, None, "hold -512 to 511.984 pixels, not -492 to 531.*valid="),
+        (flow[..., 0], None, "not \\(5, 7\\)"), (flow, np.ones((5, 7)), "array of bool"),
     ):  # fmt: skip
         with pytest.raises(SolariError, match=words):
             sv.save_kitti_flow(tmp_path / "wrong.png", wrong, valid)
@@ -53,8 +54,9 @@ def test_disparity_for_kitti(tmp_path):
     assert read[0, 0] == 0
     assert read[1, 1] == 1  # 0 would not count
     assert np.nanmax(np.abs(read / 256 - disparity)[disparity > 0]) <= 1 / 512
-    with pytest.raises(SolariError, match="hold 0 to 256"):
+    with pytest.raises(SolariError, match=r"hold 0 to 255\.996"):
         sv.save_kitti_disparity(tmp_path / "wrong.png", -disparity)
+    sv.save_kitti_disparity(tmp_path / "largest.png", [[255.99]])
 
 
 # ---- WebDataset -------------------------------------------------------------------------------------
@@ -79,8 +81,14 @@ def test_shards_are_read_by_webdataset(tmp_path):
     assert [hashlib.sha256(path.read_bytes()).digest() for path in again] == [
         hashlib.sha256(path.read_bytes()).digest() for path in paths
     ]
+    longer = "k" * 120, {"json": {"n": np.float32(0.5)}, "cls": np.int64(3)}
+    assert sv.save_shards(tmp_path / "again", [*samples, longer], per_shard=9) == again[:1], "others are removed"
+    assert [path.name for path in (tmp_path / "again").iterdir()] == ["000000.tar"]
+    read = list(webdataset.WebDataset(str(again[0]), shardshuffle=False).decode())
+    assert (read[-1]["__key__"], read[-1]["json"], read[-1]["cls"]) == ("k" * 120, {"n": 0.5}, 3)
     for wrong, words in (([("a.b", {})], "a dot or a slash"), ([("a", {}), ("a", {})], "is there already"),
-                         ([("a", {"txt": tmp_path / "none"})], "can't be read")):  # fmt: skip
+                         ([("a", {"txt": tmp_path / "none"})], "can't be read"),
+                         ([("a", {"x": object()})], "a.x: object can't be written as JSON")):  # fmt: skip
         with pytest.raises(SolariError, match=words):
             sv.save_shards(tmp_path / "wrong", wrong)
     assert not list((tmp_path / "wrong").glob("*.tar"))
@@ -165,6 +173,17 @@ def test_bop_models_are_where_the_instances_are(tmp_path):
 def normals_of(model):
     """As trimesh computes them of the triangles alone."""
     return trimesh.Trimesh(model.vertices, model.faces, process=False).vertex_normals
+
+
+@pytest.mark.parametrize("scale", [0.012345, 0.000125, 1.234565])
+def test_turned_instances_of_one_size_are_one_object(tmp_path, scale):
+    mesh, rng = sv.shapes.box((0, 0, 0), (1, 2, 3)), np.random.default_rng(1)
+    boxes = {number: sv.Instance(mesh, scale=scale) for number in range(30)}
+    for box in boxes.values():
+        box.rotation = Rotation.random(random_state=rng).as_matrix()
+    boxes[30] = sv.Instance(mesh, scale=1.004 * scale)
+    sv.BopWriter(tmp_path, boxes).finish()
+    assert set(json.loads((tmp_path / "objects.json").read_text())) == {"1", "2"}
 
 
 def test_what_bop_does_not_have(tmp_path):

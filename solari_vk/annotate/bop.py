@@ -25,7 +25,7 @@ from solari_vk.scene.model import Camera, Instance, Mesh
 
 MM = 1000.0
 DEPTH_SCALE = 0.1  # millimeters of a step, while the picture is less deep than 6.5 m
-DIGITS = 5  # of a mesh's stretch, to which instances have one model
+SAME_SIZE = 1e-4  # difference of a mesh's stretch, over the largest, up to which instances have one model
 NOTHING = [-1, -1, -1, -1]
 
 
@@ -54,7 +54,7 @@ class BopWriter:
         self._root = Path(folder)
         self._scene = self._root / split / f"{scene_id:06}"
         self._instances = dict(instances)
-        self._models: dict[tuple[Any, ...], _Model] = {}
+        self._models = list[_Model]()
         self._of = {number: self._model(number) for number in sorted(self._instances)}
         self._cameras, self._poses, self._infos = dict[str, Any](), dict[str, Any](), dict[str, Any]()
         for name in ("rgb", "depth", "mask", "mask_visib"):
@@ -67,9 +67,13 @@ class BopWriter:
             raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
                               "objects: take its label away")  # fmt: skip
         stretch = instance.rotation.T @ instance.transform[:3, :3]
-        key = (id(instance.mesh), *np.round(stretch.ravel(), DIGITS).tolist())
+        tolerance = SAME_SIZE * np.abs(stretch).max()
+        for model in self._models:
+            if model.mesh is instance.mesh and np.abs(model.stretch - stretch).max() <= tolerance:
+                return model
         label = self._labels.get(number, instance.label)
-        return self._models.setdefault(key, _Model(len(self._models) + 1, instance.mesh, stretch, instance.name, label))
+        self._models.append(_Model(len(self._models) + 1, instance.mesh, stretch, instance.name, label))
+        return self._models[-1]
 
     def add(
         self, number: int, camera: Camera, picture: bytes, depth: NDArray[Any], silhouettes: Mapping[int, Silhouette]
@@ -114,7 +118,7 @@ class BopWriter:
         for name, table in (("camera", self._cameras), ("gt", self._poses), ("gt_info", self._infos)):
             write_whole(self._scene / f"scene_{name}.json", _json(table))
         infos, names = dict[str, Any](), dict[str, Any]()
-        for model in self._models.values():
+        for model in self._models:
             points, infos[str(model.number)] = _placed(model)
             names[str(model.number)] = {"name": model.name, "label": model.label}
             write_whole(self._root / "models" / f"obj_{model.number:06}.ply", _ply(points, model))

@@ -76,7 +76,7 @@ class _Picture:
     """The points that a camera's pixels show."""
 
     def __init__(self, tracer: RayTracer, camera: Camera, size: tuple[int, int]) -> None:
-        self.size = size
+        self.size, self.camera = size, camera
         rows, columns = np.divmod(np.arange(size[0] * size[1]), size[0])
         self.pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
         origins, self.directions, starts = pixel_rays(camera, self.pixels, size)
@@ -99,7 +99,10 @@ class _Picture:
 
     def flow(self, tracer: RayTracer, camera: Camera, here: Floats, there: Floats) -> Flow:
         """To a camera's picture of the scene as it is now. here, there: positions at the two times."""
-        targets = np.where(self.found[:, None], there, camera.position + FAR * self.directions)
+        far = camera.position + FAR * self.directions
+        if self.camera.orthographic_height or camera.orthographic_height:
+            far[:] = np.nan  # parallel projections don't say which part of a background a pixel shows
+        targets = np.where(self.found[:, None], there, far)
         at = camera.project(targets, self.size)
         inside = ((at >= -0.5) & (at < np.array(self.size) - 0.5)).all(axis=-1)
         slack = OWN_SURFACE * np.linalg.norm(targets - camera.position, axis=-1)

@@ -64,7 +64,7 @@ class Views(Hints):
             return (read_pixels(file)[..., :3] / np.float32(255)).astype(np.float32)
         try:
             return np.asarray(np.load(file))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError) as error:
             raise SolariError(f"{file}: can't be read: {error}") from None
 
     def objects(self, number: int) -> list[dict[str, Any]]:

@@ -31,7 +31,7 @@ def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayL
     if given.ndim != 3 or given.shape[2] != 2:
         raise SolariError(f"{path}: flow has the shape (height, width, 2), not {given.shape}")
     counts = _valid(path, given.max(axis=2) - given.min(axis=2), valid)
-    codes = np.rint(_within(path, given, counts[..., None], -LARGEST_FLOW, LARGEST_FLOW) * 64) + (1 << 15)
+    codes = np.rint(_within(path, given, counts[..., None], -LARGEST_FLOW, LARGEST_FLOW, 64) * 64) + (1 << 15)
     pixels = np.where(counts[..., None], np.concatenate([codes, np.ones_like(codes[..., :1])], axis=2), 0)
     write_whole(Path(path), png_16(pixels.astype(np.uint16)))
 
@@ -46,7 +46,7 @@ def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, val
     if given.ndim != 2:
         raise SolariError(f"{path}: disparity has the shape (height, width), not {given.shape}")
     counts = _valid(path, given, valid)
-    codes = np.rint(_within(path, given, counts, 0.0, LARGEST_DISPARITY) * 256)
+    codes = np.rint(_within(path, given, counts, 0.0, LARGEST_DISPARITY, 256) * 256)
     write_whole(Path(path), png_16(np.where(counts, np.maximum(codes, 1), 0).astype(np.uint16)))  # 0: not valid
 
 
@@ -60,14 +60,14 @@ def _valid(path: str | os.PathLike[str], values: NDArray[np.float64], valid: Arr
 
 
 def _within(
-    path: str | os.PathLike[str], values: NDArray[np.float64], counts: NDArray[np.bool_], low: float, high: float
-) -> NDArray[np.float64]:
-    """The values where they count, and 0. Raises SolariError for those that the format doesn't have."""
+    path: str | os.PathLike[str], values: NDArray[np.float64], counts: NDArray[np.bool_], low: float, high: float,
+    steps: int,
+) -> NDArray[np.float64]:  # fmt: skip
+    """The values where they count, and 0. steps: in a pixel. Raises SolariError for what the format doesn't have."""
     kept = np.where(counts, values, 0.0)
-    step = 1 / 64
-    if not (kept.min(initial=0) >= low and kept.max(initial=0) <= high - step):
-        raise SolariError(f"{path}: KITTI's files hold {low:g} to {high:g} pixels, not {kept.min():.4g} to "
-                          f"{kept.max():.4g}: leave such pixels out by valid=")  # fmt: skip
+    if not (kept.min(initial=0) >= low and kept.max(initial=0) <= high - 1 / steps):
+        raise SolariError(f"{path}: KITTI's files hold {low:g} to {high - 1 / steps:g} pixels, not {kept.min():.8g} to "
+                          f"{kept.max():.8g}: leave such pixels out by valid=")  # fmt: skip
     return kept
 
 

@@ -25,8 +25,9 @@ def save_shards(
     """Write samples as numbered .tar files of a folder, which is made if need be; returns their paths.
 
     samples: for each its key, such as "00000", and contents by suffix, such as {"png": ..., "depth.npy": ...}: bytes,
-    text, paths of files, arrays (as .npy) and anything else as JSON. Equal samples give equal files. Raises SolariError
-    for keys with a dot or a slash, for one that comes twice, and for files that can't be read or written.
+    text, paths of files, arrays (as .npy) and anything else as JSON. Equal samples give equal files. Shards of the
+    folder with higher numbers, of earlier calls, are removed. Raises SolariError for keys with a dot or a slash, for
+    one that comes twice, for what JSON doesn't have, and for files that can't be read or written.
     """
     if per_shard < 1:
         raise SolariError(f"save_shards: per_shard is at least 1, not {per_shard}")
@@ -35,17 +36,23 @@ def save_shards(
     rest = iter(samples)
     while part := list(islice(rest, per_shard)):
         paths.append(root / SHARD.format(len(paths)))
-        with whole_file(paths[-1]) as temporary, tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as tar:
+        with whole_file(paths[-1]) as temporary, tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as tar:
             for key, contents in part:
                 if not key or set(key) & set("./\\") or key in keys:
                     raise SolariError(f"{paths[-1]}: the key {key!r} of a sample has a dot or a slash, or is there "
                                       "already")  # fmt: skip
                 keys.add(key)
                 for suffix, content in contents.items():
-                    data = _data(content)
+                    try:
+                        data = _data(content)
+                    except TypeError as error:
+                        raise SolariError(f"{paths[-1]}: {key}.{suffix}: {error}") from None
                     entry = tarfile.TarInfo(f"{key}.{suffix}")
                     entry.size, entry.mode = len(data), 0o644
                     tar.addfile(entry, io.BytesIO(data))
+    for path in root.glob("[0-9]" * 6 + ".tar"):
+        if path not in paths:
+            path.unlink()
     return paths
 
 
@@ -61,4 +68,11 @@ def _data(content: Any) -> bytes:
         file = io.BytesIO()
         np.save(file, content)
         return file.getvalue()
-    return (content if isinstance(content, str) else json.dumps(content)).encode()
+    return (content if isinstance(content, str) else json.dumps(content, default=_number)).encode()
+
+
+def _number(value: Any) -> Any:
+    """A number of numpy as one of Python, for JSON."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} can't be written as JSON")
