@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol, TypeVar
 
@@ -24,6 +24,8 @@ Result = TypeVar("Result")
 class Maker(Protocol):
     """What a hub needs of `Screens`."""
 
+    @property
+    def lost(self) -> bool: ...
     def open(self, tell: Tell, state: Message | None = None) -> Screen: ...
     def describe(self) -> dict[str, Any]: ...
     def close(self) -> None: ...
@@ -64,10 +66,10 @@ class View:
             page.offer(self.frame)
         self._wake.set()
 
-    async def tell_all(self, message: Message) -> None:
-        """Send a message to all pages."""
-        for page in tuple(self.pages):
-            await page.tell(message)
+    def tell(self, pages: Iterable[Page], message: Message) -> None:
+        """Send pages a message, without waiting for slow ones."""
+        for page in pages:
+            self._hub.keep(asyncio.ensure_future(page.tell(message)))
 
     async def picture(self) -> NDArray[np.uint8]:
         """The latest picture. Raises SolariError if there is none."""
@@ -79,7 +81,7 @@ class View:
         try:
             try:
                 await self._hub.call(self._open, self._state)
-            except (SolariError, TypeError, ValueError, KeyError, AttributeError) as error:
+            except Exception as error:
                 if self._state is None or isinstance(error, DeviceError):
                     raise
                 await self._hub.call(self._open, None)  # the page's state is of another scene
@@ -91,16 +93,17 @@ class View:
                 renders = any(page.waits for page in self.pages)
                 answers, shown = await self._hub.call(self._step, orders, renders)
                 for page, answer in answers:
-                    if "error" in answer or "picked" in answer:
-                        await page.tell(answer)
-                    else:
-                        await self.tell_all(answer)
+                    self.tell([page] if "error" in answer or "picked" in answer else self.pages, answer)
                 if isinstance(shown, Shown):
                     self._show(shown.codes, shown.about, shown.settled)
                 elif shown is not None:
-                    await self.tell_all({"error": shown})
+                    self.tell(self.pages, {"error": shown})
         except Exception as error:
-            self._hub.fail(error)
+            if self.screen is None and isinstance(error, SolariError) and not self._hub.maker.lost:
+                self.tell(self.pages, {"error": str(error), "final": True})  # such as too little memory
+                self._hub.forget(self)
+            else:
+                self._hub.fail(error)
 
     def _open(self, state: Message | None) -> None:
         """On the device's thread, so that `Hub` finds the screen there even if this view is dropped meanwhile."""
@@ -119,9 +122,9 @@ class View:
         for page, message in orders:
             try:
                 answer = self.screen.do(message)
-            except DeviceError:
-                raise
             except Exception as error:
+                if self._hub.maker.lost:
+                    raise
                 answer = {"error": _words(error)}
             if answer:
                 answers.append((page, answer))
@@ -134,9 +137,9 @@ class View:
             return answers, None
         try:
             return answers, self.screen.render()
-        except DeviceError:
-            raise
         except Exception as error:
+            if self._hub.maker.lost:
+                raise
             self._rests = True  # until somebody changes something
             return answers, _words(error)
 
@@ -151,7 +154,7 @@ class View:
         """From the device's thread: send pages a message and a picture."""
 
         def tell() -> None:
-            self._hub.keep(asyncio.ensure_future(self.tell_all(message)))
+            self.tell(self.pages, message)
             if codes is not None:
                 self._show(codes, {"preview": True}, False)
 
@@ -213,12 +216,22 @@ class Hub:
         """A page is gone. A view without pages renders nothing, and is dropped after a while."""
         view.pages.discard(page)
         if not view.pages:
-            name = next((name for name, other in self.views.items() if other is view), None)
+            name = self._name(view)
             if name is not None:
                 view.leaving = asyncio.get_running_loop().call_later(self.grace, self._drop, name)
 
+    def forget(self, view: View) -> None:
+        """Drop a view that failed, so that the next page of its session makes another."""
+        if (name := self._name(view)) is not None:
+            self._drop(name)
+
+    def _name(self, view: View) -> str | None:
+        return next((name for name, other in self.views.items() if other is view), None)
+
     def _drop(self, name: str) -> None:
         view = self.views.pop(name)
+        if view.leaving is not None:
+            view.leaving.cancel()
         view.task.cancel()
         self.keep(asyncio.ensure_future(self.call(view.free)))
 

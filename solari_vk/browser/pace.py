@@ -41,6 +41,8 @@ class Pace:
         if number not in self._sent:
             return
         began, length, level = self._sent.pop(number)
+        for earlier in [other for other in self._sent if other < number]:
+            del self._sent[earlier]  # a page that was hidden tells of the last one alone
         seconds = max(now - began, 1e-4)
         self.rate = length / seconds
         self._quickest = min(seconds, self._quickest + FORGET)

@@ -73,6 +73,11 @@ class Screens:
             with PathTracer(device, self.binder, METERING_SIZE) as tracer:
                 tracer.render(camera, samples=16)
 
+    @property
+    def lost(self) -> bool:
+        """Whether the device is lost."""
+        return self.device.lost
+
     def scale_control(self) -> ScaleControl:
         """A control of the share of the size that is rendered while the camera moves."""
         return ScaleControl(self._scale, 1 / self._fps)

@@ -6,6 +6,7 @@ import asyncio
 import errno
 import hmac
 import json
+import math
 import signal
 import socket
 from collections.abc import Awaitable, Callable
@@ -93,9 +94,13 @@ class Server:
 
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse requests without the token, and those that another site's page makes a browser send."""
-        host = urlsplit(f"//{request.host}").hostname or ""
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != request.host.lower():
+        try:
+            host = urlsplit(f"//{request.host}").hostname or ""
+            foreign = origin is not None and urlsplit(origin).netloc.lower() != request.host.lower()
+        except ValueError:
+            raise web.HTTPForbidden(text="the request has a wrong Host or Origin") from None
+        if foreign:
             raise web.HTTPForbidden(text="pages of other sites may not look in here")
         if self._token is None:
             if not is_loopback(host):  # a name of another site that leads to this machine
@@ -104,7 +109,7 @@ class Server:
         given = request.query.get("token")
         if given is not None and self._is_token(given) and request.path == "/":
             answer = web.HTTPFound("/")  # so that the token stays out of addresses
-            answer.set_cookie(self._cookie, given, httponly=True, samesite="Strict")
+            answer.set_cookie(self._cookie, given, httponly=True, samesite="Lax")
             raise answer
         if not self._is_token(request.cookies.get(self._cookie, "")):
             raise web.HTTPForbidden(text="open the address with ?token= that solari-vk serve prints")
@@ -113,7 +118,7 @@ class Server:
     _middleware = web.middleware(_guard)
 
     def _is_token(self, given: str) -> bool:
-        return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
+        return self._token is not None and hmac.compare_digest(given.encode(errors="replace"), self._token.encode())
 
     # ---- what is served -----------------------------------------------------------------------------
 
@@ -177,10 +182,16 @@ class Server:
         return line
 
 
+def _finite(number: str) -> float:
+    if not math.isfinite(value := float(number)):
+        raise ValueError(f"{number} is no number of JSON")
+    return value
+
+
 def _parsed(text: str) -> dict[str, Any]:
     """The object that a JSON text is; {} for any other text."""
     try:
-        message = json.loads(text)
+        message = json.loads(text, parse_constant=_finite, parse_float=_finite)
     except (ValueError, RecursionError):
         return {}
     return message if isinstance(message, dict) else {}

@@ -29,14 +29,15 @@ class Frame:
     about: dict[str, Any]
     settled: bool
     inputs: dict[Page, int]
-    _encodings: dict[tuple[str, int, tuple[int, int]], bytes] = field(default_factory=dict)
+    _encodings: dict[tuple[str, int, tuple[int, int]], asyncio.Future[bytes]] = field(default_factory=dict)
 
     async def encode(self, kind: str, quality: int, size: tuple[int, int]) -> bytes:
         """The bytes of the picture, made once for all pages that ask for the same."""
         key = kind, quality, size
         if key not in self._encodings:
-            self._encodings[key] = await asyncio.to_thread(encoded, self.codes, kind, quality, size)
-        return self._encodings[key]
+            making = asyncio.to_thread(encoded, self.codes, kind, quality, size)
+            self._encodings[key] = asyncio.ensure_future(making)
+        return await asyncio.shield(self._encodings[key])  # others wait for it too
 
 
 class Page:

@@ -7,6 +7,7 @@ import secrets
 import socket
 import sys
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlunsplit
 
@@ -54,7 +55,7 @@ def _make(job: ServeJob, subject: Subject) -> Screens:
     with ExitStack() as undo:
         device = undo.enter_context(open_device(job, CompileNotes()))
         screens = Screens(
-            device, subject.scene, camera, size=job.size, name=job.source, mode=job.mode, view=job.view,
+            device, subject.scene, camera, size=job.size, name=Path(job.source).name, mode=job.mode, view=job.view,
             tonemap=job.tonemap, settings=job.make_settings(), seed=job.seed, scale=job.scale, fps=job.fps,
             samples=job.samples,
         )  # fmt: skip

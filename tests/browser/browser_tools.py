@@ -62,6 +62,8 @@ class FakeScreen:
 class FakeScreens:
     """Counts frames; seconds: that each takes."""
 
+    lost = False
+
     def __init__(self, seconds=0.002, size=(64, 36)):
         self.seconds, self.size, self.rendered, self.screens, self.fault = seconds, size, 0, [], None
 

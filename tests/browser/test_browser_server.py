@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import math
 import socket
 import sys
 from unittest.mock import Mock
@@ -93,6 +94,12 @@ def test_frames_shrink_on_slow_lines_and_grow_on_quick_ones():
     assert pace.level == len(LEVELS) - 1
     assert pace.rate == pytest.approx(20_000)
     pace.shown(12345, now)  # a page that lies
+    for number in (50, 51):
+        pace.sent(number, 1000, now)
+    pace.shown(51, now)
+    assert pace.ready, "a page that was hidden tells of the last frame alone"
+    pace.sent(52, 1000, now)
+    pace.shown(52, now)
     for number in range(IN_FLIGHT):
         assert pace.ready
         pace.sent(100 + number, 1000, now)
@@ -135,7 +142,8 @@ def test_a_reload_goes_on_and_a_closed_page_stops_the_work():
             await asyncio.sleep(QUIET)
             assert site.maker.screens[0].closed, "a camera that nobody uses frees its memory"
             assert (await (await site.open("a", again.frames[-1]["state"])).settle())["state"] == {"angle": 3}
-            assert (await (await site.open("b", {"pose": "of another scene"})).settle())["state"] == {"angle": 0}
+            for number, state in enumerate(({"pose": "of another scene"}, {"angle": 10**400})):
+                assert (await (await site.open(f"b{number}", state)).settle())["state"] == {"angle": 0}
 
     asyncio.run(check())
 
@@ -169,7 +177,11 @@ def test_faults_are_told_and_a_lost_device_ends_the_server():
             site.maker.fault = None
             await client.say(move={"right": 1}, input=2)
             await client.until(lambda one: one.frames[-1]["input"] == 2)
-            site.maker.fault = DeviceError("the device is lost")
+            site.maker.fault = DeviceError("too little memory")
+            await client.say(move={"right": 1})
+            await client.until(lambda one: {"error": "too little memory"} in one.heard)
+            assert not site.hub.failed.done()
+            site.maker.fault, site.maker.lost = DeviceError("the device is lost"), True
             await client.say(move={"right": 1})
             with pytest.raises(DeviceError, match="lost"):
                 await asyncio.wait_for(site.hub.failed, 5)
@@ -183,11 +195,12 @@ def test_hostile_messages_do_no_harm():
             client = await site.open("a")
             for text in ("", "[]", "{", "[" * 5000, '{"move": 1}', '{"move": {}}', '{"move": {"right": "x"}}',
                          '{"shown": "x", "width": -1}', '{"set": {"a": 1}}', '{"grab": null}',
-                         '{"move": {"right": 1e999}, "input": "x"}'):  # fmt: skip
+                         '{"move": {"right": 1e999}, "input": "x"}', '{"move": {"right": NaN}}'):  # fmt: skip
                 await client.line.send_str(text)
             await client.say(move={"right": 0}, input=7)
             await client.until(lambda one: one.frames and one.frames[-1]["input"] == 7)
             assert {"error": "there is no option"} in client.heard
+            assert math.isfinite(client.frames[-1]["state"]["angle"]), "browsers can't read other numbers"
             for message in (b"\0", b"x" * (1 << 17)):
                 other = await site.open("b")
                 await other.line.send_bytes(message)
@@ -200,10 +213,18 @@ def test_hostile_messages_do_no_harm():
 def test_there_are_at_most_so_many_pages_and_cameras():
     async def check():
         async with serving() as site:
-            for number in range(MAX_VIEWS):
-                await (await site.open(f"s{number}")).settle()
+            clients = [await site.open(f"s{number}") for number in range(MAX_VIEWS)]
+            for client in clients:
+                await client.settle()
             extra = await site.open("one more")
             await extra.task
+            site.hub.grace = 0.3
+            old = site.hub.views["s0"]
+            await clients[0].line.close()
+            await asyncio.sleep(0.05)
+            await (await site.open("in its place")).settle()
+            assert old not in site.hub.views.values()
+            assert old.leaving is None or old.leaving.cancelled(), "or the next view of that name goes"
             assert f"{MAX_VIEWS} cameras are in use" in extra.heard[-1]["error"]
         async with serving(shared=True) as site:
             for number in range(MAX_PAGES):

@@ -36,6 +36,13 @@ float wavelength_number(uvec2 pixel) {
     return sobol_point(this_frame.index, seed_rng(pixel, 0u, this_frame.seed ^ WAVELENGTH_SALT)).x;
 }
 
+// Whether light of a surface depends on the wavelength that its pixel chose, so that other pixels and frames, which
+// chose others, can't use it.
+bool is_dispersive(GBufferSurface surface) {
+    return SCENE_DISPERSION && surface.material.base.solid
+        && materials.at[instances.at[surface.instance].material].dispersion > 0.0;
+}
+
 // A surface with the wavelength of a pixel's light.
 GBufferSurface dispersed(GBufferSurface surface, uvec2 pixel) {
     if (SCENE_DISPERSION) {

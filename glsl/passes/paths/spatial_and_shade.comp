@@ -28,12 +28,14 @@ void main() {
         uvec2 neighbor;
         GBufferSurface neighbor_surface, other_surface = surface;
         PathReservoir other = EMPTY_RESERVOIR;
-        if (find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, neighbor_surface)) {
+        if (!is_dispersive(surface)
+            && find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, neighbor_surface)
+            && !is_dispersive(neighbor_surface)) {
             other_surface = neighbor_surface;
             other = paths_temporal_reservoirs.at[pixel_index(neighbor, camera.size)];
         }
         merged = merge_reservoirs(
-            vertex, merged.reservoir, make_vertex(dispersed(other_surface, pixel)), other, false,
+            vertex, merged.reservoir, make_vertex(other_surface), other, false,
             vec2(other.confidence), rand_f(rng)
         );
         Demodulation albedo = demodulation(surface);

@@ -58,7 +58,8 @@ void main() {
         reservoir = choose_candidate(paths_reservoir_candidates.at[index], vertex, rand_f(rng));
         uvec2 neighbor;
         GBufferSurface neighbor_surface;
-        if (find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
+        if (!is_dispersive(surface) && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)
+            && !(SCENE_DISPERSION && neighbor_surface.instance != surface.instance)) {
             neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
             PathReservoir previous = load_previous_reservoir(neighbor);
             vec2 confidence = vec2(
