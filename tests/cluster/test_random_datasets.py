@@ -214,6 +214,7 @@ def test_wrong_keypoints(recipe, tmp_path, capsys, any_device):
     for text, more, words in (
         ('{"*block": {"a": 0}}', ("--annotations", "yolo"), "--keypoints: are part of --annotations coco or objects"),
         ('{"chair": {"a": 0}}', ("--annotations", "coco"), "keypoints: no instance is named 'chair'"),
+        ('{"distractor*": {"a": 0}}', ("--annotations", "coco"), "keypoints: no instance is named 'distractor*'"),
         ('{"tall block": {"a": 0}}', ("--annotations", "coco"), "instances of the class 'block' have other keypoints"),
         ('{"*block": {"a": 99}}', ("--annotations", "coco"), "'a' of Instance 'short block': is three numbers, or a"),
     ):
