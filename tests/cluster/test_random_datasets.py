@@ -221,6 +221,7 @@ def test_wrong_keypoints(recipe, tmp_path, capsys, any_device):
         (tmp_path / "points.json").write_text(text)
         run(recipe, tmp_path / "views", *more, "--keypoints", tmp_path / "points.json", code=2)
         assert words in capsys.readouterr().err
+    assert not any((tmp_path / "views").iterdir())  # refused before anything is rendered
     with pytest.raises(sv.SolariError, match="keypoints: a pattern of names is text, not 3"):
         find_keypoints(sv.builtin("cornell_box").instances[:], {3: {"a": 0}})
 
