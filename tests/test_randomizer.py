@@ -9,6 +9,7 @@ import yaml
 import solari_vk as sv
 from solari_vk.errors import SolariError
 from solari_vk.randomize.draws import check, draw
+from solari_vk.randomize.recipe import _radiance, _texture
 from solari_vk.scene.matrices import transform_points
 
 RECIPE = """
@@ -160,6 +161,18 @@ def test_a_further_key_leaves_the_others_values(make):
     ("materials: {red: {base_color_texture: c.png}}", "c.png: there is no such file"),
     ("a: [", "random.yaml: isn't YAML"),
     ("- a", "must have keys such as cameras"),
+    ("materials: {red: {base_color_texture: {log: [1, 2]}}}", "red: base_color_texture: takes names of files, not"),
+    ("environment: {image: [1, 2]}", "environment: image: takes names of files, not"),
+    ("instances: {7: {turn: 3}}", "instances: a pattern of names is text, not 7"),
+    ("materials: {1: {roughness: 1}}", "materials: a pattern of names is text, not 1"),
+    ("cameras:\n  fov: 2020-13-45", "isn't YAML: '2020-13-45' isn't of the kind timestamp.*line 2, column 8: fov"),
+    ("seed: !!int x", "isn't YAML: 'x' isn't of the kind int.*line 1"),
+    ("seed: !!bool x", "isn't YAML: 'x' isn't of the kind bool"),
+    ("cameras: {fov: 40}\ncameras: {roll: 1}", "isn't YAML: the key 'cameras' is there twice.* line 2, column 1"),
+    ("seed: true", "seed: must be a whole number from 0 on, not True"),
+    ("distractors: {count: true}", "distractors: count: is a number up to 1000, not True"),
+    ("distractors: {count: {choose: [2, x]}}", "distractors: count: is a number up to 1000"),
+    ("distractors: {count: [3, 1]}", "distractors: count: is a number up to 1000"),
 ])  # fmt: skip
 def test_wrong_recipes(make, text, words):
     if words is None:  # a vector of two
@@ -167,6 +180,60 @@ def test_wrong_recipes(make, text, words):
         return
     with pytest.raises(SolariError, match=words):
         make(text)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, True, None])
+def test_wrong_seeds(make, seed):
+    with pytest.raises(SolariError, match=r"random\.yaml: seed: must be a whole number from 0 on"):
+        make(seed=seed)
+
+
+def test_keys_that_are_merged_are_not_there_twice(make):
+    scene = box()
+    with make("materials: {red: &a {alpha: 0.5, metallic: 0}, '*': {<<: *a, metallic: 1}}").applied(scene, 0):
+        assert {(item.metallic, item.alpha) for item in scene.materials} == {(1, 0.5)}
+
+
+def test_pictures_are_those_that_were_read(make, tmp_path):
+    """A file that changes is neither taken from a cache nor rendered under the hash of the old one."""
+    scene = box()
+    for value in (0.2, 0.8):
+        sv.save_image(tmp_path / "a.png", np.full((2, 2, 3), value))
+        sv.save_image(tmp_path / "sky.exr", np.full((2, 4, 3), value))
+        randomizer = make("materials: {red: {base_color_texture: a.png}}\nenvironment: {image: sky.exr}")
+        randomizer.prepare(scene)
+        with randomizer.applied(scene, 0):
+            pixels = sv.Texture(tmp_path / "a.png").image.pixels
+            assert np.array_equal(scene.materials["red"].base_color_texture.image.pixels, pixels)
+            np.testing.assert_allclose(scene.environment.image, value, rtol=1e-3)
+    for name, other in (("a.png", np.zeros((2, 2, 3))), ("sky.exr", np.zeros((2, 4, 3)))):
+        randomizer = make("materials: {red: {base_color_texture: a.png}}\nenvironment: {image: sky.exr}")
+        sv.save_image(tmp_path / name, other)
+        _texture.cache_clear()
+        _radiance.cache_clear()
+        words = f"random.yaml: {name}: isn't the picture that it was"
+        with pytest.raises(SolariError, match=words), randomizer.applied(scene, 0):
+            pass
+
+
+def test_distractors_are_none_of_the_scenes_objects(make):
+    """Names like theirs are refused, or those of usual objects if there are no distractors; one is the default."""
+    scene = box()
+    own = scene.add(sv.shapes.sphere(0.1), name="distractor of mine")
+    before = state(scene)
+    with pytest.raises(SolariError, match=r"random\.yaml: distractors: .* has Instance 'distractor of mine' already"):
+        make("distractors: {count: 2}").prepare(scene)
+    assert state(scene) == before
+    plain = make("instances: {'distractor*': {visible: false}}", "plain.yaml")
+    plain.prepare(scene)
+    with plain.applied(scene, 0):
+        assert not own.visible
+    own.name = "mine"
+    one = make("distractors: {}")
+    one.prepare(scene)
+    assert set(scene.instances) - set(one.objects(scene)) == {scene.instances["distractor 0"]}
+    with one.applied(scene, 0):
+        assert scene.instances["distractor 0"].visible
 
 
 @pytest.mark.parametrize(("text", "words"), [

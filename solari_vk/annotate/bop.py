@@ -57,9 +57,6 @@ class BopWriter:
         self._models = list[_Model]()
         self._of = {number: self._model(number) for number in sorted(self._instances)}
         self._cameras, self._poses, self._infos = dict[str, Any](), dict[str, Any](), dict[str, Any]()
-        for name in ("rgb", "depth", "mask", "mask_visib"):
-            make_folder(self._scene / name)
-        make_folder(self._root / "models")
 
     def _model(self, number: int) -> _Model:
         instance = self._instances[number]
@@ -75,6 +72,18 @@ class BopWriter:
         self._models.append(_Model(len(self._models) + 1, instance.mesh, stretch, instance.name, label))
         return self._models[-1]
 
+    def check(self, camera: Camera) -> None:
+        """Raise SolariError if `add` would refuse this camera, or the visible instances as they are now."""
+        _check_camera(camera)
+        for number, instance in self._instances.items():
+            if instance.visible:
+                self._check_model(number)
+
+    def _check_model(self, number: int) -> None:
+        if self._model(number) is not self._of[number]:
+            raise SolariError(f"BOP: {self._instances[number].describe()} has another size than in other pictures, and "
+                              "an object has one: leave its scale as it is")  # fmt: skip
+
     def add(
         self, number: int, camera: Camera, picture: bytes, depth: NDArray[Any], silhouettes: Mapping[int, Silhouette]
     ) -> None:
@@ -85,8 +94,9 @@ class BopWriter:
         Raises SolariError for cameras that have no matrix K alone, and for an instance that has another scale than at
         first.
         """
-        if camera.has_lens or camera.orthographic_height:
-            raise SolariError(f"BOP: {camera.describe()}: cameras are perspective and without distortion")
+        _check_camera(camera)
+        for name in ("rgb", "depth", "mask", "mask_visib"):
+            make_folder(self._scene / name)
         size = depth.shape[1], depth.shape[0]
         depth_mm = np.where(np.isfinite(depth), depth, 0.0) * MM
         scale = max(DEPTH_SCALE, float(depth_mm.max()) / (2**16 - 1))
@@ -100,9 +110,7 @@ class BopWriter:
         poses, infos = list[Any](), list[Any]()
         for row in sorted(set(silhouettes) & set(self._instances)):
             instance, silhouette, model = self._instances[row], silhouettes[row], self._of[row]
-            if self._model(row) is not model:
-                raise SolariError(f"BOP: {instance.describe()} has another size than in other pictures, and an object "
-                                  "has one: leave its scale as it is")  # fmt: skip
+            self._check_model(row)
             ((_, box),) = boxes_3d([instance], camera, size).items()
             poses.append({
                 "cam_R_m2c": _numbers(box.rotation), "cam_t_m2c": _numbers(box.center * MM), "obj_id": model.number
@@ -115,6 +123,8 @@ class BopWriter:
 
     def finish(self) -> None:
         """Write the scene's tables and the models. Raises SolariError for a file that can't be written."""
+        make_folder(self._scene)
+        make_folder(self._root / "models")
         for name, table in (("camera", self._cameras), ("gt", self._poses), ("gt_info", self._infos)):
             write_whole(self._scene / f"scene_{name}.json", _json(table))
         infos, names = dict[str, Any](), dict[str, Any]()
@@ -124,6 +134,11 @@ class BopWriter:
             write_whole(self._root / "models" / f"obj_{model.number:06}.ply", _ply(points, model))
         write_whole(self._root / "models" / "models_info.json", _json(infos))
         write_whole(self._root / "objects.json", _json(names))
+
+
+def _check_camera(camera: Camera) -> None:
+    if camera.has_lens or camera.orthographic_height:
+        raise SolariError(f"BOP: {camera.describe()}: cameras are perspective and without distortion")
 
 
 def _info(silhouette: Silhouette, depth: NDArray[Any]) -> dict[str, Any]:

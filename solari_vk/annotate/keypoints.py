@@ -38,20 +38,21 @@ class Keypoint(NamedTuple):
 
 def keypoints(
     tracer: RayTracer, camera: Camera, size: tuple[int, int], points: Named | str | PathLike[str], *,
-    tolerance: float = 0.0,
+    tolerance: float = 0.0, instances: Sequence[Instance] | None = None,
 ) -> dict[Instance, dict[str, Keypoint]]:  # fmt: skip
     """Named points of the scene's visible instances in a camera's picture of this size.
 
     points: for patterns of instances' names, such as "Chair*", the points by name: (3,) in meters in the mesh's own
     space, or the number of a vertex, which follows joints and morph targets; or a JSON file of that. Of several
     patterns that fit, the first counts. tolerance: how far before a point, in meters, a surface counts as its own, as
-    for joints below skin; always a thousandth of the distance. Raises SolariError for a pattern that fits no name, and
-    for a point that is neither.
+    for joints below skin; always a thousandth of the distance. instances: those whose names count; None: all.
+    Raises SolariError for a pattern that fits no name, and for a point that is neither.
     """
     check_view("keypoints", tracer, camera, size)
     positions, names = list[NDArray[np.float64]](), list[tuple[Instance, str]]()
     tracer.trace(np.zeros((0, 3)), np.zeros((0, 3)))  # takes up the scene's edits
-    for instance, named in _found(list(tracer.instances.values()), points).items():
+    given = list(tracer.instances.values()) if instances is None else instances
+    for instance, named in _found(given, points).items():
         mesh = instance.posed_mesh()
         for name, point in named.items():
             local = _local(point, mesh.positions, f"keypoints: {name!r} of {instance.describe()}")
@@ -70,7 +71,7 @@ def keypoints(
     return found
 
 
-def _found(instances: list[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
+def _found(instances: Sequence[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
     return {instance: named for instance, named in find_keypoints(instances, points).items() if instance.visible}
 
 
@@ -85,6 +86,8 @@ def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance,
                           '0]}}')  # fmt: skip
     found = dict[Instance, Mapping[str, Point]]()
     for pattern, named in points.items():
+        if not isinstance(pattern, str):
+            raise SolariError(f"{who}: a pattern of names is text, not {quoted(pattern)}")
         fitting = [instance for instance in instances if fnmatchcase(instance.name, pattern)]
         if not fitting:
             raise unknown_name(f"{who}: no instance is named", pattern, [instance.name for instance in instances])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,6 +42,24 @@ class Annotating:
         self._labels = annotations.labels
         self._instances = {number: instances[number] for number in self._labels}
 
+    def check(self, kinds: Sequence[str], cameras: Sequence[Camera]) -> None:
+        """Raise SolariError, before anything is rendered, for what a format doesn't have. cameras: those of the views,
+        before the randomizer."""
+        if "bop" not in kinds:
+            return
+        bop, randomizer = self._bop(), self._style.randomizer
+        for number, given in enumerate(cameras):
+            camera = copy.deepcopy(given)
+            if randomizer is not None:
+                randomizer.camera(camera, number)
+            with self._style.randomized(self._scene, number):
+                bop.check(camera)
+
+    def _bop(self) -> BopWriter:
+        """The objects have the sizes of the first view."""
+        with self._style.randomized(self._scene, 0):
+            return BopWriter(self._folder / BOP, self._instances, labels=self._labels)
+
     def write(self, kinds: Sequence[str], views: Sequence[View]) -> None:
         """Write these of ANNOTATIONS. Raises SolariError for a file that can't be written, and for what a format
         doesn't have."""
@@ -57,7 +76,7 @@ class Annotating:
     ) -> Iterator[tuple[str, NDArray[Any], dict[int, NDArray[Any]]]]:
         """The name, the ids and the keypoints of each picture, whose other annotations are written on the way: each
         file is read once."""
-        bop = BopWriter(self._folder / BOP, self._instances, labels=self._labels) if "bop" in kinds else None
+        bop = self._bop() if "bop" in kinds else None
         for number, view in enumerate(views):
             ids, points = self._layer(view, "instance_id"), self._points(view)
             if "yolo" in kinds:

@@ -38,6 +38,8 @@ def run(job: DatasetJob) -> int:
     """Render the views that aren't in the folder yet; returns the exit code, 1 if some are missing."""
     check_time_limit(job.time_limit)
     randomizer = None if job.randomize is None else Randomizer.load(job.randomize, job.seed)
+    if randomizer is not None:
+        job = dataclasses.replace(job, seed=randomizer.seed)  # of cameras and noise too
     style = dataclasses.replace(_style(_with_layers(job)), randomizer=randomizer)
     folder = job.output.resolve()
     make_folder(folder)
@@ -48,13 +50,17 @@ def run(job: DatasetJob) -> int:
     if randomizer is not None:
         randomizer.prepare(subject.scene)
     instances = dict(enumerate(subject.scene.instances))
-    given = {} if job.labels is None else find_labels(subject.scene, job.labels)
+    objects = style.objects(subject.scene)
+    given = {} if job.labels is None else find_labels(objects, job.labels)
     labels = {number: given.get(instance, instance.label) for number, instance in instances.items()}
     points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
-    named = find_keypoints(subject.scene.instances[:], points)
+    named = find_keypoints(objects, points)
     style = dataclasses.replace(style, points=json.dumps(points))
     keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
-    annotations = Annotations(labels, keypoints) if job.annotations else None
+    annotating = None
+    if job.annotations:
+        annotating = Annotating(folder, Annotations(labels, keypoints), instances, style, subject.scene)
+        annotating.check(job.annotations, cameras)
     with open_pool(job) as pool:
         ev100 = subject.cameras[0].ev100
         if subject.auto_exposure:
@@ -72,8 +78,8 @@ def run(job: DatasetJob) -> int:
             write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
         if not render_files(pool, subject.scene, tasks, journal, job):
             return 1
-    if annotations is not None:
-        Annotating(folder, annotations, instances, style, subject.scene).write(job.annotations, views)
+    if annotating is not None:
+        annotating.write(job.annotations, views)
     if job.shards is not None:
         write_shards(folder, job.shards)
     return 0

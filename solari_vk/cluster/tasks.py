@@ -28,7 +28,7 @@ from solari_vk.frame_means import FrameMeans
 from solari_vk.output.picture import save_image, write_npy
 from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.reference import numbered_seed
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.settings import Settings
 
 BLOCK = 24  # pictures of the realtime renderer
@@ -81,6 +81,10 @@ class Style:
     def randomized(self, scene: Scene, number: int) -> AbstractContextManager[None]:
         """A context in which the scene is as view `number` has it."""
         return nullcontext() if self.randomizer is None else self.randomizer.applied(scene, number)
+
+    def objects(self, scene: Scene) -> list[Instance]:
+        """The instances that have labels."""
+        return list(scene.instances) if self.randomizer is None else self.randomizer.objects(scene)
 
     def files_of(self, view: View) -> list[str]:
         """The names of the files of a view: an .exr has the layers inside."""
@@ -183,7 +187,8 @@ class RenderTask:
             write_npy(folder / f"{Path(view.name).stem}.{SILHOUETTES}.npy", runs)
         if KEYPOINTS in self.style.layers:
             tracer = session.ray_tracer()
-            found = keypoints(tracer, view.camera, self.style.size, json.loads(self.style.points))
+            found = keypoints(tracer, view.camera, self.style.size, json.loads(self.style.points),
+                              instances=self.style.objects(session.scene))  # fmt: skip
             rows = [(number, *point.pixel, point.state) for number, instance in sorted(tracer.instances.items())
                     for point in found.get(instance, {}).values()]  # fmt: skip
             write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))

@@ -35,7 +35,7 @@ def check(value: Any, place: str) -> None:
         return
     values = value if isinstance(value, list) else [value]
     is_plain = all(isinstance(one, str | bool) for one in values) and values
-    if not (is_plain or value is None or _is_range(value) or _is_numbers(value)):
+    if not (is_plain or value is None or _is_range(value) or is_numbers(value)):
         raise SolariError(f"{place}: give a value, two numbers or two vectors from which to which, or "
                           f"{{choose: [...]}}, not {quoted(value)}")  # fmt: skip
 
@@ -58,14 +58,10 @@ def draw(value: Any, random: np.random.Generator) -> Any:
 def largest(value: Any) -> float:
     """The largest number that `draw` gives; 0 for none."""
     given = next(iter(value.values())) if isinstance(value, Mapping) else value
-    return float(np.max(given)) if _is_numbers(given) else 0.0
+    return float(np.max(given)) if is_numbers(given) else 0.0
 
 
-def _plain(value: Any) -> Any:
-    return float(value) if np.ndim(value) == 0 else value.tolist()
-
-
-def _is_numbers(value: Any) -> bool:
+def is_numbers(value: Any) -> bool:
     """Whether it is a finite number, or a list of them."""
     values = value if isinstance(value, list) else [value]
     return bool(values) and all(
@@ -73,9 +69,13 @@ def _is_numbers(value: Any) -> bool:
     )
 
 
+def _plain(value: Any) -> Any:
+    return float(value) if np.ndim(value) == 0 else value.tolist()
+
+
 def _is_range(value: Any) -> bool:
     """Whether it is two numbers, or two vectors of one length, lowest first."""
-    if not isinstance(value, list) or len(value) != 2 or not all(map(_is_numbers, value)):
+    if not isinstance(value, list) or len(value) != 2 or not all(map(is_numbers, value)):
         return False
     if len({np.shape(bound) for bound in value}) != 1:
         return False

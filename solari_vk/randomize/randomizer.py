@@ -17,9 +17,9 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.files import read_regular
 from solari_vk.randomize.draws import stream
-from solari_vk.randomize.recipe import Recipe, check_recipe, files_of
+from solari_vk.randomize.recipe import Recipe, check_recipe, check_seed, files_of
 from solari_vk.randomize.snapshot import Snapshot
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.model import Camera, Instance, Scene
 
 FUNCTIONS = ("prepare", "randomize", "camera")
 
@@ -48,6 +48,7 @@ class Randomizer:
         names with the file and the nearest key.
         """
         file = Path(path).absolute()
+        check_seed(seed, str(path))
         try:
             text = read_regular(file, f"{path}").decode()
         except UnicodeDecodeError:
@@ -66,11 +67,20 @@ class Randomizer:
     def _made(self) -> Any:
         if self.path.endswith(".py"):
             return _Functions(self.path, self.text, self.seed)
-        return Recipe(_read(self.path, self.text), Path(self.path).name, Path(self.path).parent, self.seed)
+        path = Path(self.path)
+        return Recipe(_read(self.path, self.text), path.name, path.parent, self.seed, dict(self.files))
 
     def prepare(self, scene: Scene) -> None:
-        """Add the objects that pictures show or hide. Raises SolariError for patterns that fit nothing."""
+        """Add the objects that pictures show or hide.
+
+        Raises SolariError for patterns that fit nothing, and for a scene that has objects of distractors' names.
+        """
         self._made.prepare(scene)
+
+    def objects(self, scene: Scene) -> list[Instance]:
+        """The instances of a prepared scene that have labels: all but distractors."""
+        found: list[Instance] = self._made.objects(scene)
+        return found
 
     @contextmanager
     def applied(self, scene: Scene, number: int) -> Iterator[None]:
@@ -91,14 +101,11 @@ class Randomizer:
 @lru_cache(maxsize=8)
 def _read(path: str, text: str) -> Any:
     try:
-        import yaml
+        from solari_vk.randomize.strict_yaml import read_yaml
     except ImportError:
         raise SolariError(f"{path}: YAML is read by the package pyyaml: pip install solari-vk[dataset]") from None
     who = Path(path).name
-    try:
-        recipe = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise SolariError(f"{who}: isn't YAML: {' '.join(str(error).split())}") from None
+    recipe = read_yaml(text, who)
     check_recipe(recipe, who)
     return recipe
 
@@ -141,6 +148,9 @@ class _Functions:
 
     def prepare(self, scene: Scene) -> None:
         self._call("prepare", scene)
+
+    def objects(self, scene: Scene) -> list[Instance]:
+        return list(scene.instances)
 
     def randomize(self, scene: Scene, number: int) -> None:
         self._call("randomize", scene, self._random(number, "scene"), number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,14 +14,17 @@ from typing import Any
 import numpy as np
 
 from solari_vk.errors import SolariError, quoted, unknown_name
-from solari_vk.randomize.draws import check, draw, largest, stream
+from solari_vk.files import read_regular
+from solari_vk.randomize.draws import check, draw, is_numbers, largest, stream
 from solari_vk.scene import shapes
+from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.images.radiance_files import read_radiance
 from solari_vk.scene.matrices import rotation, transform_points
-from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture
+from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Checked
 
 MOST_DISTRACTORS = 1000
+PREFIX = "distractor "  # of the names of those, by which workers know them
 DISTRACTORS = ("count", "shapes", "size", "within", "material")
 SHAPES = ("box", "sphere", "cylinder", "cone", "capsule", "torus")
 RELATIVE: dict[str, tuple[str, ...]] = {
@@ -43,6 +47,8 @@ def check_recipe(recipe: Any, who: str) -> None:
         if not isinstance(recipe.get(name, {}), Mapping):
             raise SolariError(f'{place}: must have patterns of names, such as "Chair*", not {quoted(recipe[name])}')
         for pattern, values in recipe.get(name, {}).items():
+            if not isinstance(pattern, str):
+                raise SolariError(f"{place}: a pattern of names is text, not {quoted(pattern)}: put it in quotes")
             known = {"instances": _known(name, Instance), "materials": _known(name, Material)}.get(name)
             _check_values(values, f"{place}: {pattern}", known)
     given = recipe.get("distractors", {})
@@ -55,13 +61,20 @@ def check_recipe(recipe: Any, who: str) -> None:
     for shape in wanted if isinstance(wanted, list) else [wanted]:
         if shape not in SHAPES:
             raise unknown_name(f"{place}: shapes: there is no shape", shape, SHAPES)
-    count = draw(given.get("count", 1), stream(0, 0, ""))
-    if not isinstance(count, int | float) or not largest(given.get("count", 1)) <= MOST_DISTRACTORS:
+    count = given.get("count", 1)
+    counts = next(iter(count.values())) if isinstance(count, Mapping) else count
+    is_number = is_numbers(counts) and np.ndim(draw(count, stream(0, 0, ""))) == 0
+    if not is_number or largest(count) > MOST_DISTRACTORS:
         raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(given['count'])}")
     if "within" in given and np.shape(given["within"]) != (2, 3):
         raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(given['within'])}")
-    if not isinstance(recipe.get("seed", 0), int) or recipe.get("seed", 0) < 0:
-        raise SolariError(f"{who}: seed: must be a whole number from 0 on, not {quoted(recipe['seed'])}")
+    check_seed(recipe.get("seed", 0), who)
+
+
+def check_seed(seed: Any, who: str) -> None:
+    """Raise SolariError for what isn't a whole number from 0 on."""
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise SolariError(f"{who}: seed: must be a whole number from 0 on, not {quoted(seed)}")
 
 
 def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:
@@ -87,6 +100,19 @@ def _check_values(given: Any, place: str, known: tuple[str, ...] | None) -> None
         _check_keys(_mapping(given, place), known, place)
     for name, value in _mapping(given, place).items():
         check(value, f"{place}: {name}")
+        if _is_picture(name) and not all(one is None or isinstance(one, str) for one in _choices(value)):
+            raise SolariError(f"{place}: {name}: takes names of files, not {quoted(value)}")
+
+
+def _is_picture(name: Any) -> bool:
+    """Whether the values of a key are names of files."""
+    return isinstance(name, str) and (name == "image" or name.endswith("_texture"))
+
+
+def _choices(value: Any) -> list[Any]:
+    """The values that a picture's key gives one of."""
+    given = next(iter(value.values())) if isinstance(value, Mapping) else value
+    return given if isinstance(given, list) else [given]
 
 
 def files_of(recipe: Mapping[str, Any]) -> list[str]:
@@ -96,11 +122,8 @@ def files_of(recipe: Mapping[str, Any]) -> list[str]:
     found = dict[str, None]()
     for values in places:
         for name, value in values.items():
-            if name == "image" or name.endswith("_texture"):
-                given = value["choose"] if isinstance(value, Mapping) else value
-                found |= dict.fromkeys(
-                    one for one in (given if isinstance(given, list) else [given]) if isinstance(one, str)
-                )
+            if _is_picture(name):
+                found |= dict.fromkeys(one for one in _choices(value) if one is not None)
     return list(found)
 
 
@@ -108,17 +131,19 @@ def files_of(recipe: Mapping[str, Any]) -> list[str]:
 
 
 class Recipe:
-    """A checked recipe at work. who: the file, for messages. folder: where its pictures are."""
+    """A checked recipe at work. who: the file, for messages. files: the SHA-256 of its pictures, by their names."""
 
-    def __init__(self, recipe: Mapping[str, Any], who: str, folder: Path, seed: int) -> None:
-        self._recipe, self._who, self._folder, self._seed = recipe, who, folder, seed
+    def __init__(self, recipe: Mapping[str, Any], who: str, folder: Path, seed: int, files: Mapping[str, str]) -> None:
+        self._recipe, self._who, self._folder, self._seed, self._files = recipe, who, folder, seed, files
 
     def prepare(self, scene: Scene) -> None:
         """Add what pictures show or hide: distractors, and an environment; check the patterns and the lights' keys."""
-        given = self._recipe.get("distractors", {})
-        if given:
-            for number in range(max(math.ceil(largest(given.get("count", 1))), 0)):
-                scene.add(Instance(_shape("box"), name=f"distractor {number}", visible=False))
+        if "distractors" in self._recipe:
+            for taken in (item for item in scene.instances if item.name.startswith(PREFIX)):
+                raise SolariError(f"{self._who}: distractors: {scene.describe()} has {taken.describe()} already: "
+                                  f"prepare a scene once, and call its own objects otherwise")  # fmt: skip
+            for number in range(max(math.ceil(largest(self._recipe["distractors"].get("count", 1))), 0)):
+                scene.add(Instance(_shape("box"), name=f"{PREFIX}{number}", visible=False))
         if "environment" in self._recipe and not isinstance(scene.environment, Environment):
             scene.environment = Environment(0.0)
         for section in PATTERNS:
@@ -131,11 +156,16 @@ class Recipe:
                 for item in fitting if section == "lights" else ():
                     _check_keys(values, _known("lights", type(item)), f"{place}: {pattern}")
 
+    def objects(self, scene: Scene) -> list[Instance]:
+        """The instances that aren't distractors."""
+        is_mixed = "distractors" in self._recipe
+        return [item for item in scene.instances if not (is_mixed and item.name.startswith(PREFIX))]
+
     def _items(self, scene: Scene, section: str) -> list[Any]:
         if section == "instances":
-            return [item for item in scene.instances if not item.name.startswith("distractor ")]
+            return self.objects(scene)
         if section == "materials":
-            return list(dict.fromkeys(item.material for item in self._items(scene, "instances")))
+            return list(dict.fromkeys(item.material for item in self.objects(scene)))
         return [light for light in scene.lights if light is not scene.environment]
 
     def randomize(self, scene: Scene, number: int) -> None:
@@ -161,8 +191,9 @@ class Recipe:
         drawn = {name: self._draw(value, number, f"{place}/{name}") for name, value in values.items()}
         fields = {name: value for name, value in drawn.items() if name not in _RELATIVELY}
         for name, value in fields.items():
-            if isinstance(value, str) and (name == "image" or name.endswith("_texture")):
-                fields[name] = (_radiance if name == "image" else _texture)(self._folder / value)
+            if _is_picture(name) and value in self._files:
+                read = _radiance if name == "image" else _texture
+                fields[name] = read(self._folder / value, self._files[value], f"{self._who}: {value}")
         with self._blame(place):
             item.update(**fields)
             for name in drawn:
@@ -179,8 +210,8 @@ class Recipe:
 
     def _place_distractors(self, scene: Scene, number: int) -> None:
         given = {"count": 1, "shapes": list(SHAPES), "size": 0.1, "material": {}, **self._recipe["distractors"]}
-        added = [item for item in scene.instances if item.name.startswith("distractor ")]
-        low, high = _bounds(scene) if "within" not in given else given["within"]
+        added = [item for item in scene.instances if item.name.startswith(PREFIX)]
+        low, high = _bounds(self.objects(scene)) if "within" not in given else given["within"]
         count = round(self._draw(given["count"], number, "distractors/count"))
         for index, item in enumerate(added):
             place = f"distractors/{index}"
@@ -197,9 +228,8 @@ class Recipe:
             self._apply(item.material, given["material"], number, f"{place}/material")
 
 
-def _bounds(scene: Scene) -> Any:
-    shown = [item for item in scene.instances if not item.name.startswith("distractor ")]
-    return Scene(*(Instance(item.mesh, transform=item.transform) for item in shown)).bounds
+def _bounds(items: Iterable[Instance]) -> Any:
+    return Scene(*(Instance(item.mesh, transform=item.transform) for item in items)).bounds
 
 
 def _move(item: Any, offset: Any) -> None:
@@ -238,13 +268,21 @@ _RELATIVELY: dict[str, Callable[[Any, Any], None]] = {
 
 
 @lru_cache(maxsize=64)
-def _texture(path: Path) -> Texture:
-    return Texture(path)  # type: ignore[arg-type]
+def _texture(path: Path, sha256: str, who: str) -> Texture:
+    return Texture(TextureImage(read_pixels(path, _content(path, sha256, who))))
 
 
 @lru_cache(maxsize=16)
-def _radiance(path: Path) -> Any:
-    return read_radiance(path)
+def _radiance(path: Path, sha256: str, who: str) -> Any:
+    return read_radiance(path, _content(path, sha256, who))
+
+
+def _content(path: Path, sha256: str, who: str) -> bytes:
+    """The content of a picture that is the one which was there when the recipe was read."""
+    data = read_regular(path, who)
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise SolariError(f"{who}: isn't the picture that it was when the recipe was read: read the recipe again")
+    return data
 
 
 @lru_cache

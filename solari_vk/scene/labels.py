@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from os import PathLike
 from pathlib import Path
@@ -23,12 +23,12 @@ def label_instances(scene: Scene, classes: Classes) -> None:
     characters, `?` for one, `[ab]` for one of some; of several patterns that fit a name the first counts. Raises
     SolariError for a file that isn't such an object, and for a pattern that fits no name.
     """
-    for instance, label in find_labels(scene, classes).items():
+    for instance, label in find_labels(scene.instances[:], classes).items():
         instance.label = label
 
 
-def find_labels(scene: Scene, classes: Classes) -> dict[Instance, str]:
-    """The labels that `label_instances` assigns."""
+def find_labels(instances: Sequence[Instance], classes: Classes) -> dict[Instance, str]:
+    """The labels that `label_instances` assigns, of these instances."""
     who = "labels"
     given: Any = classes
     if isinstance(classes, str | PathLike):
@@ -43,14 +43,14 @@ def find_labels(scene: Scene, classes: Classes) -> dict[Instance, str]:
         except ValueError as error:
             raise SolariError(f"{who}: a class {error}") from None
     found, unused = dict[Instance, str](), dict(given)
-    for instance in scene.instances:
+    for instance in instances:
         fitting = [pattern for pattern in given if pattern == instance.name or fnmatchcase(instance.name, pattern)]
         for pattern in fitting:
             unused.pop(pattern, None)
         if fitting:
             found[instance] = given[fitting[0]]
     if unused:
-        names = sorted({instance.name for instance in scene.instances if instance.name})
+        names = sorted({instance.name for instance in instances if instance.name})
         raise SolariError(f"{who}: no instance is named {quoted(next(iter(unused)))}; names are "
                           f"{', '.join(map(quoted, names[:8]))}{', ...' if len(names) > 8 else ''}")  # fmt: skip
     return found

@@ -195,6 +195,16 @@ def poses(path, text, views=None, aspect=1.5):
     return cameras_for(str(path), scene, scene.camera, views, aspect, 0)
 
 
+def test_views_of_poses_can_be_made_longer_with_a_given_exposure(make, tmp_path):
+    """As the guide says; a measured one is that of all poses."""
+    poses = [{"position": [0.6 + 0.2 * n, 1, -2.5], "target": [1, 0.7, 1]} for n in range(3)]
+    (tmp_path / "poses.json").write_text(json.dumps(poses))
+    given = "--cameras", tmp_path / "poses.json", "--exposure", 3
+    (_, short), (_, long) = (make(*given, "--views", count, name=f"{count}") for count in (1, 3))
+    for path in short.glob("0*"):
+        assert (long / path.name).read_bytes() == path.read_bytes()
+
+
 def test_cameras_of_files(tmp_path):
     path = tmp_path / "poses.json"
     two = [{"position": [1, 1, 5 + n], "target": [1, 1, 0], "vertical_fov_degrees": 40} for n in range(2)]

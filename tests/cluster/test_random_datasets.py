@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import solari_vk as sv
+from solari_vk.annotate.keypoints import find_keypoints
 from solari_vk.cli import main
 from solari_vk.cluster.dataset import cameras_for
 
@@ -213,12 +214,16 @@ def test_wrong_keypoints(recipe, tmp_path, capsys, any_device):
     for text, more, words in (
         ('{"*block": {"a": 0}}', ("--annotations", "yolo"), "--keypoints: are part of --annotations coco or objects"),
         ('{"chair": {"a": 0}}', ("--annotations", "coco"), "keypoints: no instance is named 'chair'"),
+        ('{"distractor*": {"a": 0}}', ("--annotations", "coco"), "keypoints: no instance is named 'distractor*'"),
         ('{"tall block": {"a": 0}}', ("--annotations", "coco"), "instances of the class 'block' have other keypoints"),
         ('{"*block": {"a": 99}}', ("--annotations", "coco"), "'a' of Instance 'short block': is three numbers, or a"),
     ):
         (tmp_path / "points.json").write_text(text)
         run(recipe, tmp_path / "views", *more, "--keypoints", tmp_path / "points.json", code=2)
         assert words in capsys.readouterr().err
+    assert not any((tmp_path / "views").iterdir())  # refused before anything is rendered
+    with pytest.raises(sv.SolariError, match="keypoints: a pattern of names is text, not 3"):
+        find_keypoints(sv.builtin("cornell_box").instances[:], {3: {"a": 0}})
 
 
 def test_ids_are_read_once(recipe, views, monkeypatch):
@@ -257,3 +262,45 @@ def test_cameras_are_those_of_the_recipe(recipe, views):
         assert camera.vertical_fov != before
         assert frames[number]["fl_y"] == pytest.approx(camera.intrinsics((40, 32))[1, 1])
         np.testing.assert_allclose(frames[number]["transform_matrix"], camera.transform, atol=1e-9)
+
+
+def refused(recipe, folder, capsys, text, *more):
+    """What `dataset` says of this recipe, before anything is rendered."""
+    (folder / "random.yaml").write_text(text)
+    run(recipe, folder / "views", "--views", 2, "--randomize", folder / "random.yaml", *more, code=2)
+    assert not list((folder / "views").iterdir())
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("instances: {'tall block': {scale: [0.5, 1]}}", "BOP: Instance 'tall block' has another size"),
+    ("cameras: {projection: fisheye}", "cameras are perspective and without distortion"),
+    ("cameras: {orthographic_height: 2}", "cameras are perspective and without distortion"),
+])  # fmt: skip
+def test_what_bop_lacks_is_refused_first(recipe, tmp_path, capsys, monkeypatch, text, words):
+    monkeypatch.setattr("solari_vk.cli.dataset.open_pool", lambda job: pytest.fail("renders"))
+    assert words in refused(recipe, tmp_path, capsys, text, "--annotations", "bop")
+
+
+def test_distractors_have_neither_labels_nor_keypoints(recipe, tmp_path, any_device):
+    """Patterns that fit all leave them out; a fixed scale is BOP's size; the recipe's seed is that of the cameras."""
+    for name, table in (("classes", {"*": "thing"}), ("points", {"*": {"first": 0, "last": 3}})):
+        (tmp_path / f"{name}.json").write_text(json.dumps(table))
+    (tmp_path / "random.yaml").write_text(
+        "seed: 5\ninstances: {'tall block': {scale: 0.5}}\ndistractors: {count: 3, shapes: cone}"
+    )
+    folder = run(recipe, tmp_path / "views", "--views", 1, "--cameras", "random", "--keypoints",
+                 tmp_path / "points.json", "--labels", tmp_path / "classes.json", "--randomize",
+                 tmp_path / "random.yaml", "--annotations", "coco,bop")  # fmt: skip
+    table = {row["name"]: row for row in json.loads((folder / "instances.json").read_text())["instances"]}
+    assert {name for name, row in table.items() if not row["label"]} == {f"distractor {number}" for number in range(3)}
+    rows = np.load(folder / "00000.keypoints.npy")
+    assert set(rows[:, 0]) == {row["id"] for row in table.values() if row["label"]}
+    names = json.loads((folder / "bop" / "objects.json").read_text())
+    (number,) = (number for number, row in names.items() if row["name"] == "tall block")
+    model = json.loads((folder / "bop" / "models" / "models_info.json").read_text())[number]
+    assert model["size_y"] == pytest.approx(500 * table["tall block"]["size"][1], rel=1e-3)
+    scene = sv.builtin("cornell_box")
+    (camera,) = cameras_for("random", scene, scene.camera, 1, 40 / 32, 5)
+    (frame,) = json.loads((folder / "transforms.json").read_text())["frames"]
+    np.testing.assert_allclose(frame["transform_matrix"], camera.transform, atol=1e-6)

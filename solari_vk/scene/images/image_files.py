@@ -46,11 +46,14 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
     return image
 
 
-def read_pixels(path: str | os.PathLike[str]) -> Pixels:
-    """The pixels (height, width, 4) of a file. Raises SolariError for one that is missing, damaged or too large."""
+def read_pixels(path: str | os.PathLike[str], data: bytes | None = None) -> Pixels:
+    """The pixels (height, width, 4) of a file. data: its content, if that is read already.
+
+    Raises SolariError for a file that is missing, damaged or too large.
+    """
     who = os.fspath(path)
     with load_budget():
-        return decode(open_image(read_regular(Path(who), who), who), who)
+        return decode(open_image(read_regular(Path(who), who) if data is None else data, who), who)
 
 
 def working_bytes(image: Any) -> int:

@@ -30,11 +30,11 @@ _BYTES_PER_PIXEL = 48
 _LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
 
 
-def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
+def read_radiance(path: str | os.PathLike[str], data: bytes | None = None) -> FloatArray:
     """Linear colors (height, width, 3) of a picture of all directions.
 
-    Warns of a picture that isn't twice as wide as high. Raises SolariError for files that are missing, damaged, too
-    large or of another kind.
+    data: the file's content, if that is read already. Warns of a picture that isn't twice as wide as high. Raises
+    SolariError for files that are missing, damaged, too large or of another kind.
     """
     source = Path(path)
     readers = {".hdr": _read_hdr, ".exr": _read_exr, ".png": _read_8_bits, ".jpg": _read_8_bits, ".jpeg": _read_8_bits}
@@ -43,7 +43,7 @@ def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
         raise SolariError(f"{source}: an environment is a file of {', '.join(readers)}, not '{source.suffix}'")
     try:
         with load_budget():
-            image = reader(source)
+            image = reader(read_regular(source, str(source)) if data is None else data, source)
     except MemoryError:
         raise SolariError(f"{source} is too large for this machine's memory: scale it down") from None
     height, width = image.shape[:2]
@@ -85,16 +85,16 @@ def _check_size(width: int, height: int, source: Path) -> None:
     charge(_BYTES_PER_PIXEL * width * height, str(source), f"the picture of {width} x {height} pixels")
 
 
-def _read_8_bits(source: Path) -> FloatArray:
-    opened = image_files.open_image(read_regular(source, str(source)), str(source))
+def _read_8_bits(data: bytes, source: Path) -> FloatArray:
+    opened = image_files.open_image(data, str(source))
     _check_size(opened.width, opened.height, source)
     pixels = image_files.decode(opened, str(source))
     linear: FloatArray = LINEAR_OF_SRGB[pixels[..., :3]]
     return linear
 
 
-def _read_exr(source: Path) -> FloatArray:
-    picture = exr.ExrImage(read_regular(source, str(source)), str(source))
+def _read_exr(data: bytes, source: Path) -> FloatArray:
+    picture = exr.ExrImage(data, str(source))
     _check_size(picture.width, picture.height, source)
     return picture.colors(str(source))[..., :3]
 
@@ -102,8 +102,7 @@ def _read_exr(source: Path) -> FloatArray:
 # ---- Radiance: Ward, "Real Pixels", Graphics Gems II (1991) ------------------------------------------
 
 
-def _read_hdr(source: Path) -> FloatArray:
-    data = read_regular(source, str(source))
+def _read_hdr(data: bytes, source: Path) -> FloatArray:
     found = _HEADER.match(data[:_LONGEST_HEADER])
     if found is None:
         raise SolariError(f"{source} is not a Radiance picture: its header is missing")
