@@ -9,7 +9,8 @@ import pytest
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
-from solari_vk.scene.builtin import place, rotation
+from solari_vk.scene.builtin import place
+from solari_vk.scene.matrices import rotation
 
 # At a distance of 1: within triangles of the squares, on their diagonals, and where eight triangles meet.
 AIMS = [(0.2, 0.1), (-0.06, 0.16), (0.125, 0.125), (-0.0625, -0.0625), (1 / 6, 1 / 6), (0.1875, -0.1875), (0, 0),
