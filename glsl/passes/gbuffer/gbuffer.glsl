@@ -141,7 +141,7 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
 
 // Whether an instance was there in the previous frame and is where it was, with a mesh of its in the same pose.
-bool is_static(uint instance_index, Mesh mesh) {
+bool is_mesh_static(uint instance_index, Mesh mesh) {
     PreviousInstance before = previous_instances.at[instance_index];
     Instance now = instances.at[instance_index];
     return now.id == before.id && now.world_from_object == before.world_from_object && !changes_pose(mesh);
@@ -149,7 +149,7 @@ bool is_static(uint instance_index, Mesh mesh) {
 
 bool is_static(uint instance_index) {
     uint mesh = instances.at[instance_index].mesh;
-    return mesh != NO_INDEX && is_static(instance_index, meshes.at[mesh]);
+    return mesh != NO_INDEX && is_mesh_static(instance_index, meshes.at[mesh]);
 }
 
 // The point of a hit in object space. positions: those of the mesh, or its previous ones, from which the result is the
@@ -165,7 +165,7 @@ vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {
 // or is new.
 vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[hit.instance];
-    if (previous.id != instances.at[hit.instance].id || is_static(hit.instance, mesh)) {
+    if (previous.id != instances.at[hit.instance].id || is_mesh_static(hit.instance, mesh)) {
         return world_position;
     }
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }

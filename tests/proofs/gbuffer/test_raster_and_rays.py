@@ -241,7 +241,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "orthographic rays from one point": (lambda device: check_raster(device, zoo(ORTHOGRAPHIC[1])), Bug(
         "scene/camera.glsl", "view_line", "ViewLine line = correct(position, from); line.start = vec3(0.0); "
         "return line;")),
-    "motion": (check_motion, Bug(GBUFFER_FILE, "is_static", "return true;")),
+    "motion": (check_motion, Bug(GBUFFER_FILE, "is_mesh_static", "return true;")),
     "rest": (check_still, Bug(
         GBUFFER_FILE, "motion_vector", "return correct(world_position, previous_world_position) + 1e-7;")),
     "frustum culling": (check_culling, Bug(CULL, "is_beyond", "return correct(box, normal, distance - 0.2);")),
