@@ -83,13 +83,13 @@ class Batch(SceneUser):
             self._tensors = 0  # that somebody has
             self._buffer = device.buffer(self.views * record.itemsize, "views")
             self._owned.callback(self._buffer.destroy)
-            self._orders = TriangleOrders(device, self.binder)
-            self._owned.callback(self._orders.destroy)
             self.binder.update()
-            self._orders.update()
             self._capacity = self.binder.instance_capacity
             self._labels: SceneFrame | None = None
             if names:
+                self._orders = TriangleOrders(device, self.binder)
+                self._owned.callback(self._orders.destroy)
+                self._orders.update()
                 external = {"views": self._buffer, **self._orders.buffers}
                 frame = SceneFrame(device, self.binder, self._stages(), external=external)
                 self._labels = self._owned.enter_context(frame)

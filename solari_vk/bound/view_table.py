@@ -95,7 +95,7 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
 
 
 def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """`half` and `shift` of `write_poses` from vertical fields of view (N,) in radians."""
+    """`half` and `principal_shift` of `write_poses` from vertical fields of view (N,) in radians."""
     check_all((fov >= NARROWEST) & (fov <= WIDEST), "the vertical field of view",
               f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians")  # fmt: skip
     half_height = _each(math.tan, fov / 2)
@@ -104,7 +104,7 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
 
 
 def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """`half` and `shift` of `write_poses` from OpenCV's matrices (N, 3, 3), as `Camera.from_opencv` reads them."""
+    """`half` and `principal_shift` of `write_poses` from matrices (N, 3, 3), as `Camera.from_opencv` reads them."""
     fx, fy, cx, cy = K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]
     plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
     check_all(plain, "K", "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew")

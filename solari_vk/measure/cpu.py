@@ -85,10 +85,9 @@ def _motion(ours: Result, folder: Path, limit: float, child: Path) -> tuple[floa
 
 def rows(found: Comparison, motion: tuple[float, float] | str) -> list[list[str]]:
     """The cells below HEAD."""
-    table = []
+    table, ours = [], _seconds(found.results[OURS], COARSE)
     for name, result in found.results.items():
         coarse, fine, denoised = (_seconds(result, goal) for goal in (COARSE, FINE, DENOISED))
-        ours = _seconds(found.results[OURS], COARSE)
         known = _seconds(result, COARSE, FINE)
         cells = ["" if value is None else f"{value:.2f}" for value in (coarse, fine, denoised)]
         ratio = "" if coarse is None or ours is None else f"{coarse / ours:.2f}"
