@@ -22,6 +22,7 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
+from solari_vk.passes.many_views import tiled
 from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
@@ -56,6 +57,7 @@ class Renderer(PictureRenderer):
                "display")  # fmt: skip
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
+    _grid = (1, 1)  # columns and rows of views in the frame's pictures
 
     @checked_keywords(_GIVE_SETTINGS)
     def __init__(
@@ -85,8 +87,7 @@ class Renderer(PictureRenderer):
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
-            external = self._tables | self._lights.buffers
-            frame = SceneFrame(device, self.binder, self._stages(self.size), external=external)
+            frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
@@ -105,20 +106,33 @@ class Renderer(PictureRenderer):
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
-        settings, instances = self.settings, self.binder.instance_capacity
-        size = taa.render_size(picture, settings)
+        settings, instances, grid = self.settings, self._instance_rows, self._grid
+        size, picture = (tiled(one, grid) for one in (taa.render_size(picture, settings), picture))
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
-            *lighting.stages(size, settings),
+            *lighting.stages(size, settings, grid),
             taa.stage(picture),
-            display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
+            display.show_stage(picture, self._debug_view_pass),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
             stages, self.counted_passes = ray_count.counting(stages)
         return stages
+
+    @property
+    def _instance_rows(self) -> int:
+        """The number of rows in the shaders' `instances`."""
+        return self.binder.instance_capacity
+
+    @property
+    def _debug_view_pass(self) -> str:
+        return lighting.debug_view_pass(self.settings.lighting)
+
+    def _inputs(self) -> dict[str, Any]:
+        """What the stages' shaders are given beside the scene, by name."""
+        return self._tables | self._lights.buffers
 
     def render(self, camera: Camera | None = None) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
@@ -131,6 +145,18 @@ class Renderer(PictureRenderer):
         if camera.aperture:
             raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
+        self._prepare()
+        try:
+            projection = self._write_uniforms(camera)
+            submission = self._frame.submit_applied()
+        except BaseException:
+            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
+            raise
+        self.frame_count += 1
+        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
+
+    def _prepare(self) -> None:
+        """Have the next frame show the scene and the settings as they are."""
         self._frame.apply_edits()
         self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
@@ -145,19 +171,11 @@ class Renderer(PictureRenderer):
         if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size):
             self._frame.bind(self._lights.buffers)
         self._changed_lights.update(lights.ids, lights.powers, lights.places, lights.positions, cell_size)
-        try:
-            projection = self._write_uniforms(camera)
-            submission = self._frame.submit_applied()
-        except BaseException:
-            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
-            raise
-        self.frame_count += 1
-        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
         has_lobes = bool(LOBES & self.binder.features)
-        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
+        return self.size, self._instance_rows, self.settings.built_in, has_lobes, self.gbuffer
 
     def _note_build(self) -> None:
         self._built = self._build_key()

@@ -239,7 +239,7 @@ def test_arrays_give_the_numbers_of_cameras(kind):
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
     one_by_one, together = np.zeros((2, count), element)
-    assert view_table.write(one_by_one, cameras, size, {}) == []
+    assert view_table.write(one_by_one, cameras, size, {}).lenses == []
     view_table.write(together, poses, size, {kind: K if kind == "K" else fov})
     for name in element.names:
         np.testing.assert_array_equal(together[name], one_by_one[name], err_msg=name)
@@ -379,9 +379,9 @@ def test_wrong_input_is_named(three, arguments, said):
 
 def test_wrong_options_are_named(device, binder, three):
     limit = device.properties.limits.maxStorageBufferRange
-    most, records = limit // 12 // (64 * 64), limit // three._record.itemsize
+    most, records = limit // 12 // (64 * 64), limit // three._layout.element.itemsize
     for options, said in (
-        ({"renderer": "realtime"}, "renderer is one of labels, reference"),
+        ({"renderer": "real"}, "renderer is one of labels, reference, realtime"),
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
         ({"renderer": "reference", "sead": 4}, "did you mean 'seed'"),
         ({"renderer": "reference", "seed": -1}, "seed must lie between"),

@@ -27,7 +27,7 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
-    "annotate", "randomize",
+    "batch_options", "view_renderers", "annotate", "randomize",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -63,7 +63,9 @@ MAY_IMPORT = {
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},
-    "batch": {"reference", "gpu.acceleration", "gpu.shaders", *RENDERING},
+    "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
+    "batch_options": {"renderer", "gpu.acceleration", *RENDERING},
+    "batch": {"batch_options", "reference", "view_renderers", "gpu.acceleration", "gpu.shaders", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,

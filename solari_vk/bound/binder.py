@@ -95,6 +95,20 @@ class SceneBinder:
         return {self._instance_rows[instance]: instance for instance in self._uses}
 
     @property
+    def instance_records(self) -> NDArray[Any]:
+        """The rows of the shaders' `instances`, as of the latest `update`."""
+        return self._instances.records
+
+    @property
+    def traced(self) -> TracedInstances:
+        """The instances as rays see them, as of the latest `update`."""
+        return self._traced
+
+    def row(self, instance: Instance) -> int | None:
+        """The row of an instance as of the latest `update`, or None if the scene doesn't have it."""
+        return self._instance_rows.get(instance)
+
+    @property
     def instance_capacity(self) -> int:
         """The number of rows in the shaders' `instances`."""
         return len(self._instances.records)

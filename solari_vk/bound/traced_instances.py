@@ -83,6 +83,10 @@ class TracedInstances:
         self._mesh_centers.pop(row, None)
         self._sorted = False
 
+    def place(self, row: int) -> int:
+        """The index of a row's record in `table`."""
+        return self._indices[row]
+
     def _centers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """The centers of instances (N, 3), in world space."""
         transforms = self.table.records["transform"][[self._indices[row] for row in rows.tolist()]].astype(np.float64)

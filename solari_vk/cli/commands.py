@@ -55,6 +55,7 @@ COMMANDS = (
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
             _part("cpu", "processor time to an error on software devices, beside other renderers", bench.Cpu),
             _part("batch", "views a second of batches, beside the same views one by one", bench.Batch),
+            _part("first-frames", "errors of first frames after cuts, alone and in batches", bench.FirstFrames),
         ),
     ),
     Command(

@@ -58,7 +58,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
-    camera; with "trace_views" the picture is a strip of the pictures of `views`, each with a seed of its own.
+    camera.
     Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]

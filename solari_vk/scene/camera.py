@@ -295,7 +295,12 @@ class Camera(Checked, Placed, Calibrated):
     @property
     def exposure(self) -> float:
         """The factor by which pictures multiply radiance."""
-        return float(1.0 / (1.2 * 2.0**self.ev100))
+        return exposure_of(self.ev100)
+
+
+def exposure_of(ev100: float) -> float:
+    """`Camera.exposure`."""
+    return float(1.0 / (1.2 * 2.0**ev100))
 
 
 def _listed(numbers: tuple[int, ...]) -> str:
