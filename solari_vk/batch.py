@@ -15,7 +15,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.worlds import Worlds, WorldTransforms
-from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.buffer import Buffer
@@ -209,8 +209,15 @@ class Batch(SceneUser):
         if self._realtime is not None and name in LIGHT["realtime"]:
             if isinstance(frame.resource(resource), Image):
                 return self._realtime.picture_of(values)
-            values = values[: self._strip[0] * self._strip[1]]  # the grid may have more places than views
+            values = values[: self._pixels(name)]  # the grid may have more places than views
         return self._shaped(name, values)
+
+    def _size_of(self, name: str) -> tuple[int, int]:
+        """The width and height of a result of a view: what is rendered is smaller than the picture with upscale."""
+        return self._realtime.render_size if self._realtime is not None and name == "raw_radiance" else self.size
+
+    def _pixels(self, name: str) -> int:
+        return self.views * math.prod(self._size_of(name))
 
     def tensor(self, name: str) -> NDArray[Any]:
         """A result of the latest frame in the device's own memory, (N, height, width[, channels]), without a copy.
@@ -230,7 +237,7 @@ class Batch(SceneUser):
         element = frame.binding(resource).element
         assert element is not None
         self.device.sync_host()
-        memory = buffer.view(element.base, self._strip[0] * self._strip[1] * math.prod(element.shape))
+        memory = buffer.view(element.base, self._pixels(name) * math.prod(element.shape))
         self._tensors += 1
         self.device.lent.lend(memory, self._release_tensor)
         return self._shaped(name, memory)
@@ -258,8 +265,8 @@ class Batch(SceneUser):
     def _shaped(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
         if name == "primitive":
             values = values.view(np.int32)  # -1 for none, as hits of RayTracer have it
-        channels = values.size // (self._strip[0] * self._strip[1])
-        return values.reshape(self.views, self.size[1], self.size[0], *((channels,) if channels > 1 else ()))
+        channels, (width, height) = values.size // self._pixels(name), self._size_of(name)
+        return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))
 
     @property
     def instances(self) -> dict[int, Instance]:
@@ -295,4 +302,3 @@ class Batch(SceneUser):
         whole = (given == np.floor(given)) & (given >= 0) & (given < 2**32)
         view_table.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")
         return given.astype(np.uint32)
-

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
     return mask
 
 
-def checked_names(renderer: Any, outputs: Any, options: Sequence[str]) -> tuple[str, ...]:
+def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[str, ...]:
     """The names of the labels among the outputs; raises SolariError for wrong ones, and for wrong options."""
     if renderer not in OPTIONS:
         raise SolariError(f"Batch: renderer is one of {', '.join(OPTIONS)}, not {quoted(renderer)}")

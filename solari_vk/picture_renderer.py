@@ -214,3 +214,14 @@ class PictureRenderer(SceneUser, ABC):
                 "pixels in all; solari_vk.render_large renders larger pictures, by the path tracer in bands"
             )
         return width, height
+
+
+def checked_seed(seed: Any) -> int:
+    """A seed of noise; raises SolariError for anything but whole numbers from 0 to 2^32 - 1."""
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**32:
+        raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {quoted(seed)}")
+    return number

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from contextlib import closing
 from typing import Any
 
@@ -23,7 +22,7 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled
-from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
+from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer, checked_seed
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
@@ -57,7 +56,7 @@ class Renderer(PictureRenderer):
                "display")  # fmt: skip
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
-    _grid = (1, 1)  # columns and rows of views in the frame's pictures
+    _grid, _world_count = (1, 1), 1  # columns and rows of views in the frame's pictures; and of how many worlds
 
     @checked_keywords(_GIVE_SETTINGS)
     def __init__(
@@ -106,7 +105,7 @@ class Renderer(PictureRenderer):
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
-        settings, instances, grid = self.settings, self._instance_rows, self._grid
+        settings, instances, grid = self.settings, self._world_count * self.binder.instance_capacity, self._grid
         size, picture = (tiled(one, grid) for one in (taa.render_size(picture, settings), picture))
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
@@ -114,21 +113,12 @@ class Renderer(PictureRenderer):
             guides.stage(size, settings),
             *lighting.stages(size, settings, grid),
             taa.stage(picture),
-            display.show_stage(picture, self._debug_view_pass),
+            display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
             stages, self.counted_passes = ray_count.counting(stages)
         return stages
-
-    @property
-    def _instance_rows(self) -> int:
-        """The number of rows in the shaders' `instances`."""
-        return self.binder.instance_capacity
-
-    @property
-    def _debug_view_pass(self) -> str:
-        return lighting.debug_view_pass(self.settings.lighting)
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
@@ -175,7 +165,7 @@ class Renderer(PictureRenderer):
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
         has_lobes = bool(LOBES & self.binder.features)
-        return self.size, self._instance_rows, self.settings.built_in, has_lobes, self.gbuffer
+        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
 
     def _note_build(self) -> None:
         self._built = self._build_key()
@@ -185,7 +175,7 @@ class Renderer(PictureRenderer):
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
         key = self._build_key()
-        grown = self.frame_count > 0 and key[1] > self._built[1]
+        grown = self.frame_count > 0 and key[1] > self._built[1] and self._world_count == 1
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
@@ -237,12 +227,7 @@ class Renderer(PictureRenderer):
 
     @seed.setter
     def seed(self, seed: int) -> None:
-        try:
-            self._seed = operator.index(seed)
-        except TypeError:
-            self._seed = -1
-        if not 0 <= self._seed < 2**32:
-            raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {quoted(seed)}")
+        self._seed = checked_seed(seed)
 
     @property
     def view(self) -> str:
@@ -267,7 +252,9 @@ class Renderer(PictureRenderer):
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:
-        self._tonemap = _index_of(name, TONEMAPS, "tone mapping")
+        if name not in TONEMAPS:
+            raise unknown_name("Renderer: there is no tone mapping", name, TONEMAPS)
+        self._tonemap = TONEMAPS.index(name)
 
     def resize(self, size: tuple[int, int]) -> None:
         """Change the picture's size to (width, height) in pixels, from the next frame on. The history is dropped.
@@ -325,9 +312,3 @@ class Renderer(PictureRenderer):
                 if values.shape[:1] == (width * height,):
                     return values.reshape(height, width, *values.shape[1:])
         return values
-
-
-def _index_of(name: str, names: tuple[str, ...], what: str) -> int:
-    if name not in names:
-        raise unknown_name(f"Renderer: there is no {what}", name, names)
-    return names.index(name)

@@ -67,7 +67,7 @@ class ViewRenderer(Renderer):
         options: dict[str, Any],
     ) -> None:  # fmt: skip
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
-        self._worlds = worlds
+        self._worlds, self._world_count = worlds, worlds.count
         self._change = np.zeros(count)  # IndexTranslation.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
         self.views = ViewTable(device, layout, count, self._grid[0])
@@ -88,10 +88,6 @@ class ViewRenderer(Renderer):
         """How the surface of a pixel is found: raster draws one view at a time."""
         return "traced"
 
-    @property
-    def _instance_rows(self) -> int:
-        return self._worlds.count * self._worlds.rows
-
     def _checked_size(self, size: Size) -> Size:
         super()._checked_size(tiled(size, self._grid))
         return size
@@ -105,10 +101,6 @@ class ViewRenderer(Renderer):
             if wrong:
                 raise SolariError(f"Batch: views are rendered with the setting {said}")
         return over_views(super()._stages(picture))
-
-    @property
-    def _debug_view_pass(self) -> str:
-        return ""
 
     def _inputs(self) -> dict[str, Any]:
         return super()._inputs() | {"views": self.views.buffer, **self._worlds.resources}

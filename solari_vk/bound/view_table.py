@@ -50,7 +50,7 @@ class ViewTable:
         self.records = np.zeros(count, layout.element)
         self._begin = layout.element_offset
         self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
-        self.buffer.upload(np.uint32([columns]))
+        self.buffer.upload(np.array([columns], np.uint32))
         self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
         self._shown = False
 
@@ -62,7 +62,7 @@ class ViewTable:
         return rows[:, begin : begin + dtype.itemsize]
 
     def show(self, current: NDArray[Any], cut: NDArray[np.bool_]) -> None:
-        """Make these the cameras of the next frame, and those so far the previous ones; but not of views that are cut."""
+        """Make these the cameras of the next frame, and those so far the previous ones, but for views that are cut."""
         now = current.view(np.uint8).reshape(self._current.shape)
         if self._shown:
             self._previous[:] = self._current
@@ -92,7 +92,7 @@ def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.r
 
 
 def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batch.render", of: str = "view") -> None:
-    """Raise SolariError that names the first view, or what it is `of`, for which a rule doesn't hold. right (N, ...)."""
+    """Raise SolariError that names the first view, or what it is `of`, for which a rule isn't `right` (N, ...)."""
     if not right.all():
         wrong = np.flatnonzero(~right.reshape(len(right), -1).all(axis=1))
         more = f", as of {len(wrong) - 1} more {of}s" if len(wrong) > 1 else ""
@@ -107,8 +107,8 @@ def check_transforms(given: Floats, what: str = "the pose", where: str = "Batch.
     (a, b, c), (d, e, f), (g, h, i) = np.ascontiguousarray(np.moveaxis(given[:, :3, :3], 0, -1))
     volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)
     lengths = np.sqrt((a * a + d * d + g * g) * (b * b + e * e + h * h) * (c * c + f * f + i * i))
-    check_all(np.abs(volume) > 1e-9 * lengths,
-              "be invertible: no axis may have a scale of 0, and the axes may not lie in one plane", *names)  # fmt: skip
+    rule = "be invertible: no axis may have a scale of 0, and the axes may not lie in one plane"
+    check_all(np.abs(volume) > 1e-9 * lengths, rule, *names)
 
 
 def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
@@ -142,7 +142,8 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
     """Write the records (N,) of cameras of any kind, one after the other."""
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
-    written = Written([], *np.zeros((2, len(cameras), 2)), np.zeros(len(cameras)))
+    offsets = np.zeros((2, len(cameras), 2))
+    written = Written([], offsets[0], offsets[1], np.zeros(len(cameras)))
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))

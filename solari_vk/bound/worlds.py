@@ -81,7 +81,7 @@ class WorldTransforms(MutableMapping[str | Instance, NDArray[np.float64]]):
 
     def by_row(self) -> dict[int, NDArray[np.float64]]:
         """The transforms by the instance's row; those of instances that left the scene are forgotten."""
-        rows = {instance: self._binder.row(instance) for instance in self._given}
+        rows = {instance: self._binder.instance_rows.get(instance) for instance in self._given}
         self._given = {instance: given for instance, given in self._given.items() if rows[instance] is not None}
         for instance in self._given:
             self.check_light(instance)
@@ -113,7 +113,7 @@ class Worlds:
         return self._binder.instance_capacity
 
     def number(self, records: NDArray[Any]) -> None:
-        """Write to the records (N,) of views which world each shows: as many views to each, one world after the other."""
+        """Write to the records (N,) of views which world each shows: as many views to each, one after the other."""
         records["world"] = np.arange(len(records)) // (len(records) // self.count)
         records["first_instance"] = records["world"] * self.rows
 
@@ -134,7 +134,7 @@ class Worlds:
     def _write(self, moved: Mapping[int, NDArray[np.float64]]) -> bool:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         self._check_room()
-        records = np.tile(binder.instance_records, (worlds, 1))
+        records = np.tile(binder.instance_table.records, (worlds, 1))
         instances = np.tile(traced.table.records[: traced.count], (worlds, 1))
         instances["custom_index_and_mask"] += (np.arange(worlds, dtype=np.uint32) * self.rows)[:, None]
         for row, transforms in moved.items():
@@ -153,7 +153,7 @@ class Worlds:
 
     def _check_room(self) -> None:
         binder, limit = self._binder, self._device.properties.limits.maxStorageBufferRange
-        most = min(MAX_INSTANCES // self.rows, limit // (self.rows * binder.instance_records.dtype.itemsize))
+        most = min(MAX_INSTANCES // self.rows, limit // (self.rows * binder.instance_table.records.dtype.itemsize))
         if self.count > most:
             raise SolariError(f"Batch: {self.count:,} worlds of {binder.scene.describe()}, with {self.rows:,} rows of "
                               f"instances each: this device holds at most {most:,}")  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio
 
 Work = Callable[[], object]
 Works = Iterator[tuple[str, Work, Work, Work | None]]
-"""For each row, while they are needed: its name, the work of a batch without and with reading, the same one by one."""
+"""Rows, while they are needed: a name, the work of a batch without and with reading, the same one by one."""
 
 
 def run(
@@ -86,15 +87,15 @@ def _cameras(binder: SceneBinder, count: int) -> tuple[list[Camera], NDArray[np.
 
 def _works(device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str) -> Works:
     cameras, poses, fov = _cameras(binder, count)
-    options = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
+    options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
     with Batch(device, binder, size, count, renderer=renderer, **options) as batch:
-        samples = {"samples": SAMPLES} if renderer == "reference" else {}
+        samples = SAMPLES if renderer == "reference" else None
 
-        def render(**more: bool) -> None:
-            batch.render(poses, vertical_fov=fov, **samples, **more)
+        def render(cut: bool = False) -> None:
+            batch.render(poses, vertical_fov=fov, samples=samples, reset=cut)
 
-        def read(**more: bool) -> None:
-            render(**more)
+        def read(cut: bool = False) -> None:
+            render(cut)
             for name in NAMES if renderer == "labels" else ("radiance",):
                 batch[name]
 
@@ -126,14 +127,14 @@ def _works(device: Device, binder: SceneBinder, count: int, size: tuple[int, int
 
                 moves: list[None] = []
                 yield "realtime, moving", render, move, lambda: follow(False)
-                yield "realtime, cut", lambda: render(reset=True), lambda: read(reset=True), lambda: follow(True)
+                yield "realtime, cut", lambda: render(True), lambda: read(True), lambda: follow(True)
 
 
 def _works_in_worlds(device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str) -> Works:
     _, poses, fov = _cameras(binder, count)
-    options = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
+    options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
     with Batch(device, binder, size, count, renderer=renderer, worlds=count, **options) as batch:
-        samples = {"samples": SAMPLES} if renderer == "reference" else {}
+        samples = SAMPLES if renderer == "reference" else None
         places = {name: batch.transforms[name] for name in MOVED}
         rng = np.random.default_rng(1)
 
@@ -141,7 +142,7 @@ def _works_in_worlds(device: Device, binder: SceneBinder, count: int, size: tupl
             for name, place in places.items():
                 place[:, ::2, 3] += rng.uniform(-1e-3, 1e-3, (count, 2))
                 batch.transforms[name] = place
-            batch.render(poses, vertical_fov=fov, **samples)
+            batch.render(poses, vertical_fov=fov, samples=samples)
 
         def read() -> None:
             render()

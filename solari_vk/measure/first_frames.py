@@ -1,4 +1,4 @@
-"""`solari-vk bench first-frames`: errors of first frames after a cut, alone and in a batch that shares the world cache."""
+"""`solari-vk bench first-frames`: errors of first frames after a cut, alone and in batches."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ LATER = 8
 
 
 def run(
-    select: str | None, views: int, size: tuple[int, int], samples: int, scenes: Sequence[str], markdown: Path | None, *,
-    rays: str | None = None,
+    select: str | None, views: int, size: tuple[int, int], samples: int, scenes: Sequence[str], markdown: Path | None,
+    *, rays: str | None = None,
 ) -> None:  # fmt: skip
     """Measure and report. views: of the batch. size: of a view. samples: of the path tracer's pictures."""
     with measuring(select, rays, markdown, "First frames", *INTRO) as (device, report):
@@ -64,7 +64,9 @@ def _errors(device: Device, name: str, views: int, size: tuple[int, int], sample
         shared = batch.render(places, reset=True)["radiance"]
     binder.destroy()
     pictures = (alone[0], shared, alone[1], few)
-    return tuple(np.mean([true_relative_mse(*of) for of in zip(found, *truths, strict=True)]) for found in pictures)
+    return tuple(
+        float(np.mean([true_relative_mse(*of) for of in zip(found, *truths, strict=True)])) for found in pictures
+    )
 
 
 def _alone(batch: Batch, places: Sequence[Camera]) -> list[NDArray[np.float32]]:

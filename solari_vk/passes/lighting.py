@@ -8,8 +8,8 @@ from solari_vk.settings import FIELDS, Settings
 
 
 def stages(size: tuple[int, int], settings: Settings, grid: tuple[int, int] = (1, 1)) -> list[Stage]:
-    """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and rows
-    of views."""
+    """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
+    rows of views."""
     if settings.lighting == "split":
         light, scratch = solari019.stages(size, settings), {}
     else:

@@ -26,7 +26,8 @@ def tiled(size: Size, of: Size) -> Size:
 
 
 def over_views(stages: Sequence[Stage]) -> list[Stage]:
-    """The stages of one view's frame, as those of a frame of all `views`. Their sizes are those of the grid.
+    """The stages of one view's frame, as those of a frame of all `views`, without debug views. Their sizes are those of
+    the grid.
 
     Inputs: `views`, and where rays are traced `world_structures`. Raises SolariError for stages that draw.
     """
@@ -38,4 +39,7 @@ def over_views(stages: Sequence[Stage]) -> list[Stage]:
             return item
         return dataclasses.replace(item, header=f"{MANY_VIEWS}\n{item.header}".rstrip())
 
-    return [dataclasses.replace(stage, passes=[of_views(item) for item in stage.passes]) for stage in stages]
+    return [
+        dataclasses.replace(stage, passes=[of_views(one) for one in stage.passes if "debug_view" not in one.name])
+        for stage in stages
+    ]

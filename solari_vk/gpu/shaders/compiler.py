@@ -158,12 +158,13 @@ _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for o
 MANY_VIEWS = "#define MANY_VIEWS"  # the header of shaders for many views: glsl/passes/views.glsl
 _VIEWS = "passes/views.glsl"
 # What draws, looks at or measures one picture.
-_FOR_ONE_VIEW = re.compile(r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)"
-                           r"|display/debug_view)")
+_FOR_ONE_VIEW = re.compile(
+    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view)"
+)
 
 
 def has_many_views(path: str, sources: Sources | None = None) -> bool:
-    """Whether a compute shader has a variant for many views, with the header MANY_VIEWS. A shader that is for many views
+    """Whether a compute shader has a variant for many views, with the header MANY_VIEWS. One that is for many views
     alone has none."""
     texts = (Sources(roots()) if sources is None else sources).closure(path)
     many = _VIEWS in texts and MANY_VIEWS.encode() not in texts[path] and not _FOR_ONE_VIEW.match(path)
