@@ -4,7 +4,7 @@ import sys
 
 import mujoco
 import numpy as np
-from mujoco_scene import load, make_scene, poses  # the program beside this one
+from mujoco_scene import MODEL, make_scene, poses  # the program beside this one
 
 import solari_vk as sv
 
@@ -26,7 +26,7 @@ def frames(device, model, worlds=64, size=(64, 64)):
 
 
 if __name__ == "__main__":
-    model = load(sys.argv[1:])
+    model = mujoco.MjModel.from_xml_path((sys.argv[1:] or [MODEL])[0])
     with sv.Device() as device:
         *_, last = (found[:, 0] for found, _ in zip(frames(device, model, 16), range(8), strict=False))
     sheet = np.hstack([np.vstack(column) for column in np.split(last, 4)])

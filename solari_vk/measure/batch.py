@@ -45,8 +45,8 @@ def run(
     select: str | None, views: Sequence[int], size: tuple[int, int], markdown: Path | None, *, rays: str | None = None,
     renderers: Sequence[str] = (), worlds: bool = False,
 ) -> None:  # fmt: skip
-    """Measure and report. views: of each batch. size: of a view. renderers: all, if there are none. worlds: batches with
-    a world for each view too. Raises SolariError for an unknown renderer."""
+    """Measure and report. views: of each batch. size: of a view. renderers: all, if there are none. worlds: batches
+    with a world for each view too. Raises SolariError for an unknown renderer."""
     for name in renderers:
         if name not in OPTIONS:
             raise SolariError(f"bench batch: there is no renderer '{name}': give some of {', '.join(OPTIONS)}")

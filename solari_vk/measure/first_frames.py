@@ -24,8 +24,8 @@ SCENES = ("cornell_box", "mirror_hall", "shiny_floor", "thin_wall")
 INTRO = (
     "relMSE of denoised views after a cut, against the path tracer: the noise of its two pictures of each view cancels "
     "out. Alone: the world cache is empty, as after a reset of a `Renderer`. In a batch: all views are cut in each "
-    "frame and show the scene from new places, but share the world cache of earlier frames. The same places, with "
-    "samples at the same positions in each pixel, are measured in both. Light: without the pixels at edges of surfaces, "
+    "frame and show the scene from new places, but share the world cache of earlier frames. The same places, with"
+    " samples at the same positions in pixels, are measured in both. Light: without the pixels at edges of surfaces, "
     "of which one frame has too few samples, whatever their light.",
 )
 HEAD = ("scene", "frame 1 alone", "in a batch", "ratio", "light alone", "in a batch", "ratio", "frame 8 alone",
