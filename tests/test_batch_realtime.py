@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.cli import main
 from solari_vk.reference import numbered_seed
 from solari_vk.settings import Settings
 
@@ -194,3 +195,10 @@ def test_wrong_input_is_named(device, options, arguments, said):
     with pytest.raises(sv.SolariError, match=said):  # noqa: SIM117
         with sv.Batch(device, sv.builtin("cornell_box"), (16, 9), **options) as batch:
             batch.render(**{"cameras": [sv.Camera()] * 2, **arguments})
+
+
+def test_bench_of_first_frames(tmp_path):
+    page, small = tmp_path / "page.md", ["--views", "2", "--size", "8x8", "--samples", "2"]
+    assert main(["bench", "first-frames", *small, "--scenes", "cornell_box", "--markdown", str(page)]) == 0
+    [row] = [line for line in page.read_text().splitlines() if line.startswith("| cornell_box")]
+    assert len([float(cell) for cell in row.split("|")[2:-1]]) == 8

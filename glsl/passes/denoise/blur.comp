@@ -60,7 +60,8 @@ bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
     vec2 deviations = vec2(signals.diffuse.standard_error, signals.specular.standard_error);
     if (min(deviations.x, deviations.y) < 0.0) { return false; }
-    vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, texel_of(pixel)).g, imageLoad(guides_specular_albedo, texel_of(pixel)).g);
+    ivec2 at = texel_of(pixel);
+    vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, at).g, imageLoad(guides_specular_albedo, at).g);
     if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }
     return length(albedos * deviations) < CONVERGED_NOISE * dot(albedos, values);
 }

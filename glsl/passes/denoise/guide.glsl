@@ -76,7 +76,8 @@ Guide load_previous_guide(ivec2 pixel) {
 
 // The share of light that the surface reflects which the pixel shows by itself or in mirrors.
 vec3 guide_albedo(ivec2 pixel) {
-    vec3 albedo = imageLoad(guides_diffuse_albedo, texel_of(pixel)).rgb + imageLoad(guides_specular_albedo, texel_of(pixel)).rgb;
+    ivec2 at = texel_of(pixel);
+    vec3 albedo = imageLoad(guides_diffuse_albedo, at).rgb + imageLoad(guides_specular_albedo, at).rgb;
     return min(albedo, vec3(1.0));
 }
 

@@ -101,7 +101,8 @@ bool is_blended(ivec2 center) {
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
-        uint now = imageLoad(gbuffer_surface, texel_of(pixel)).y, before = imageLoad(previous_gbuffer_surface, texel_of(pixel)).y;
+        ivec2 at = texel_of(pixel);
+        uint now = imageLoad(gbuffer_surface, at).y, before = imageLoad(previous_gbuffer_surface, at).y;
         if (shows_blended(now) || shows_blended(before)) { return true; }
     }
     return false;
