@@ -18,6 +18,7 @@ from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output import oidn
+from solari_vk.output.adaptive import SamplePlan
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
 from solari_vk.picture_renderer import PictureRenderer
@@ -76,7 +77,7 @@ class PathTracer(PictureRenderer):
         first_sample: int = 0,
     ) -> None:
         self.samples: int
-        """The number of samples per pixel in the picture so far."""
+        """The number of samples per pixel in the picture so far, of the pixel that has most."""
         self.settings = pathtracer.Settings(
             max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
         )
@@ -144,13 +145,14 @@ class PathTracer(PictureRenderer):
 
     def _begin_picture(self, denoises: bool) -> None:
         self.samples = 0
+        self._plan: SamplePlan | None = None  # where pixels may have different numbers of samples
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides: list[NDArray[Any]] | None = None
         self._set_denoising(denoises)
 
     def _set_denoising(self, denoises: bool) -> None:
         self._denoises = denoises
-        self._estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoises else 1)
+        self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if denoises else 1, self.samples))
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -165,8 +167,10 @@ class PathTracer(PictureRenderer):
         changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
         the number of samples per pixel after each dispatch. denoise: `frame["radiance"]` is denoised when it is read,
         by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
-        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Raises
-        SolariError for a sample count below 1, a negative target, and if OIDN isn't installed.
+        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Unless
+        the picture is denoised, pixels that need fewer samples than others get fewer, which biases pixels in which
+        bright samples are rarer than one in a few thousand. Raises SolariError for a sample count below 1, a negative
+        target, and if OIDN isn't installed.
         """
         self._frame.check_open()
         camera = self._camera_or_default(camera)
@@ -183,17 +187,49 @@ class PathTracer(PictureRenderer):
         self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
-        while self.samples < samples:
-            next_look = samples if target_error is None else min(samples, self._estimate.next_count)
-            self.advance(camera, max(next_look - self.samples, 1))
-            if target_error is not None and self._estimate_error() <= target_error:
-                break
+        adapts = bool(target_error) and not denoise
+        if adapts and self._plan is None:
+            self._plan = SamplePlan(self.size, self.samples)
+        elif not adapts:
+            self._even_out(camera)
+        while wanted := self._samples_to_look(samples, target_error):
+            self.advance(camera, wanted)
             if progress is not None:
                 progress(self.samples)
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
         return self._finish(self._latest)
+
+    def _samples_to_look(self, samples: int, target_error: float | None) -> int:
+        """The samples per pixel up to the next estimate of the error; 0 when the picture is done."""
+        if target_error is None:
+            return max(samples - self.samples, 0)
+        if self._plan is None:
+            if self._estimate_error() <= target_error:
+                return 0
+            return max(min(samples, self._estimate.next_count) - self.samples, 0)
+        if not self._plan.remaining:
+            if self.samples:
+                self._plan.look(self.read("raw_radiance"), self._frame["ray_count"].reshape(self.size[::-1]))
+            self._plan.go_on(samples, target_error)
+            self._write_sample_ranges(self._plan)
+        return self._plan.remaining
+
+    def _even_out(self, camera: Camera) -> None:
+        """Give all pixels as many samples as the one that has most."""
+        if self._plan is not None:
+            self._plan.even_out()
+            self._write_sample_ranges(self._plan)
+            while self._plan.remaining:
+                self.advance(camera, self._plan.remaining)
+            self._plan = None
+            self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
+            self._set_denoising(self._denoises)
+
+    def _write_sample_ranges(self, plan: SamplePlan) -> None:
+        self._frame.resource("sample_ranges").upload(np.stack([plan.begins, plan.ends], axis=1).astype(np.uint32))
+        self._frame.uniforms["path_sampling.has_sample_ranges"] = 1
 
     def _estimate_error(self) -> float:
         estimate, samples = self._estimate, self.samples
@@ -209,6 +245,8 @@ class PathTracer(PictureRenderer):
         """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
+        if self._plan is not None and not self._plan.remaining:
+            self._even_out(camera)
         submission = self._add_samples(min(self._batch, max_samples))
         self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
@@ -225,11 +263,12 @@ class PathTracer(PictureRenderer):
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
             self._frame.uniforms["path_sampling.row_count"] = self._band_rows
+            self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
 
     def _add_samples(self, count: int) -> int:
         """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
         uniforms = self._frame.uniforms
-        uniforms["path_sampling.sample_index"] = self.samples
+        uniforms["path_sampling.sample_index"] = self.samples if self._plan is None else self._plan.taken
         uniforms["path_sampling.samples_per_dispatch"] = count
         try:
             for row in range(0, self.size[1], self._band_rows):
@@ -239,7 +278,11 @@ class PathTracer(PictureRenderer):
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
-        self.samples += count
+        if self._plan is None:
+            self.samples += count
+        else:
+            self._plan.taken += count
+            self.samples = self._plan.samples
         return submission
 
     def _adapt(self) -> None:
@@ -270,7 +313,7 @@ class PathTracer(PictureRenderer):
         if name in ("radiance", "raw_radiance"):
             return pathtracer.read_mean(self._frame, self.size)
         if name == "variance":
-            return pathtracer.read_variance(self._frame, self.size, self.samples)
+            return pathtracer.read_variance(self._frame, self.sample_counts)
         if name not in self._frame:
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
@@ -293,7 +336,12 @@ class PathTracer(PictureRenderer):
         inf before there are enough samples, and if `render` is called without target_error. For a denoised picture, it
         is the error with at most half as many samples, and bias counts; the picture is compared with later samples.
         """
-        return self._estimate.error
+        return self._estimate.error if self._plan is None else self._plan.error
+
+    @property
+    def sample_counts(self) -> NDArray[np.int64]:
+        """The number of samples (height, width) of each pixel; they differ where `target_error` chose them."""
+        return np.full(self.size[::-1], self.samples) if self._plan is None else self._plan.counts
 
     @property
     def rays(self) -> int:
