@@ -15,6 +15,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import CameraUniforms, Projection
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output import oidn
@@ -317,6 +318,14 @@ class PathTracer(PictureRenderer):
         if name not in self._frame:
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        if (name == "radiance" and self._denoises) or name == "variance":
+            raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
+        if name not in ("radiance", "raw_radiance"):
+            raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
+        width, height = self.size
+        return self._frame.tensor("radiance_mean").reshape(height, width, 3)
 
     def read_guides(self) -> list[NDArray[Any]]:
         """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""
