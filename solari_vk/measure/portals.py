@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.denoised import Case, Picture, measure, path_traced
-from solari_vk.measure.judged_settings import SEED, milliseconds
+from solari_vk.measure.denoised import SEED, Case, Look, Picture, measure, path_traced
+from solari_vk.measure.judged_settings import milliseconds
 from solari_vk.measure.report import measuring
 from solari_vk.measure.statistics import interval, true_relative_mse
 from solari_vk.reference import PathTracer
@@ -21,7 +20,7 @@ from solari_vk.scene.lights.environment import Environment, EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.sky import Sky
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.parts import matte, place
+from solari_vk.scene.parts import matte, place, rgb
 from solari_vk.settings import Settings
 
 Errors = NDArray[np.float64]
@@ -47,7 +46,7 @@ def run(
         ("one color", lambda: Environment(1000.0)), ("clear sky", lambda: Environment(Sky().image)),
         *((path.name, lambda path=path: Environment(path, rotation=1.5)) for path in files),
     ]  # fmt: skip
-    frames = FRAMES
+    frames: tuple[int, ...] = FRAMES
     if quick:
         skies, frames, size, samples, converged, seeds = skies[:1], (2,), (16, 16), 4, 16, 2
     with measuring(select, rays, markdown, "Portals", INTRO) as (device, report):
@@ -81,7 +80,7 @@ def window_room(environment: EnvironmentLight, *, with_portal: bool) -> Scene:
     scene.add(shapes.sphere(0.3), matte((0.2, 0.4, 0.7), "ball"), place(at=(2.8, 1.05, 1.8)), name="ball")
     scene.environment = environment
     if with_portal:
-        scene.add(Portal((5.1, 1.4, 2), (0, 0.4, 0), (0, 0, 0.5), name="window"))
+        scene.add(Portal(rgb((5.1, 1.4, 2)), rgb((0, 0.4, 0)), rgb((0, 0, 0.5)), name="window"))
     scene.add(Camera.look_at((0.4, 1.7, 3.6), (4, 0.9, 1.2), vertical_fov=1.0, ev100=7.0))
     return scene
 
@@ -108,9 +107,13 @@ def _frames(device: Device, scene: Scene, truths: Picture, frames: Sequence[int]
     """Errors (seeds,) of realtime frames, in the order of `_titles`."""
     case = Case("still", lambda frame: scene.camera, frames)
     size = truths.shape[2], truths.shape[1]
-    runs: list[Any] = [measure(device, scene, case, size, frames, Settings(), SEED + seed) for seed in range(seeds)]
-    return [np.array([true_relative_mse(picture(look), *truths) for look in looks])
-            for looks in zip(*runs, strict=True) for picture in (lambda look: look.raw, lambda look: look.denoised)]
+    runs = [measure(device, scene, case, size, frames, Settings(), SEED + seed) for seed in range(seeds)]
+
+    def errors(looks: Sequence[Look]) -> list[Errors]:
+        return [np.array([true_relative_mse(picture, *truths) for picture in pictures])
+                for pictures in ([look.raw for look in looks], [look.denoised for look in looks])]  # fmt: skip
+
+    return [found for looks in zip(*runs, strict=True) for found in errors(looks)]
 
 
 def _cells(before: Errors, time_before: float, after: Errors, time_after: float) -> list[str]:

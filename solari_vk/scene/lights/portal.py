@@ -107,7 +107,7 @@ class Portal(Light):
         return matrix
 
     @staticmethod
-    def placed(transform: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    def placed(transform: NDArray[np.float64]) -> dict[str, Any]:
         """The fields of the portal that has this `transform`."""
         return dict(zip(("half_u", "half_v", "center"), transform[:3, (0, 1, 3)].T, strict=True))
 
