@@ -13,6 +13,7 @@ from support.lamp_over_floor import ALBEDO, floor_scene
 from support.measured import hold
 from support.oracles import environments
 from support.oracles.closed_forms import polygon_irradiance
+from support.paths import Profile, measure_means
 from support.pictures import compare_picture, take_picture
 from support.realtime import Effort, make_renderer, measure_mean, run_pictures, trace
 from support.seeded_bugs import Bug, bug_tests
@@ -38,7 +39,7 @@ LOOSE = {
 }  # fmt: skip
 MEANS = Rule("a frame of a room with portals has the path tracer's mean without them", SUITE, "Portals")
 GAIN = Rule("error (relMSE) of the path tracer with a portal over that without it", SUITE, "Portals")
-EFFORT = Effort(6, 16, 32, 8192)
+EFFORT = Effort(6, 16, 32, 2048)
 
 
 def add_portals(scene, portals):
@@ -86,8 +87,8 @@ def measure_open_floor(device, strategy):
     yield from compare_picture(f"an open floor with portals, {strategy}", _CLOSED, made, expected, 0.01)
 
 
-def room(portals=()):
-    """A room with a window, with metal, glass, a mirror, a lamp and a sun beside the sky."""
+def room(portals=(), *, glass=True):
+    """A room with a window, with metal, a mirror, a lamp and a sun beside the sky; glass: with a pane."""
     sky = sv.Environment(np.random.default_rng(3).random((4, 8, 3)).astype(np.float32) ** 3 * 3000)
     scene = window_room(sky, with_portal=False)
     metal = sv.Material(base_color=rgb(0.9), metallic=1.0, roughness=0.3)
@@ -95,7 +96,8 @@ def room(portals=()):
     pane = sv.Material(base_color=rgb((0.9, 1, 0.9)), transmission=1.0, roughness=0.0, double_sided=True)
     scene.add(shapes.sphere(0.4), metal, place(at=(1.5, 0.4, 1)))
     scene.add(shapes.quad((2, 1.2, 0.05), (0.8, 0, 0), (0, 0.8, 0)), mirror)
-    scene.add(shapes.quad((5.05, 1.4, 2), (0, 0.4, 0), (0, 0, 0.5)), pane)
+    if glass:
+        scene.add(shapes.quad((5.05, 1.4, 2), (0, 0.4, 0), (0, 0, 0.5)), pane)
     scene.add(sv.PointLight((1, 2, 3), intensity=20))
     scene.add(sv.DirectionalLight((-1, -0.3, 0.2), illuminance=2000))
     add_portals(scene, portals)
@@ -128,6 +130,12 @@ def _expected(device):
     return trace(device, room(), EFFORT.samples).mean(axis=(0, 1))
 
 
+def measure_paths(device):
+    """Paths without the world cache, with several light samples each, tile by tile."""
+    profile = Profile(Effort(8, 0, 256, 4096), Effort(8, 24, 64), (0.02, 0.02))
+    yield from measure_means(device, profile, room(IN_ROOM, glass=False), kinds=("several",))
+
+
 def measure_frames(device, **settings):
     scene = room(IN_ROOM)
     with make_renderer(device, scene, **settings) as renderer:
@@ -150,6 +158,7 @@ def _floor(device):
     _floor, measure_gain,
     pytest.param(lambda device: measure_open_floor(device, "nee"), id="floor by light samples", marks=pytest.mark.slow),
     pytest.param(measure_room, id="room", marks=pytest.mark.slow),
+    pytest.param(measure_paths, id="paths", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_rules_hold(device, measure):
     hold(measure(device))
