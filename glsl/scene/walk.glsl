@@ -3,7 +3,7 @@
 //     Walk walk = start_walk(origin, direction);
 //     while (true) {
 //         Segment segment = trace_segment(walk, receiver, rng);
-//         if (!accumulate_segment(walk, segment, radiance)) { break; }
+//         if (!accumulate_segment(walk, segment, receiver, radiance)) { break; }
 //         SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
 //         radiance += emitted_light(walk, surface, light_pdf);
 //         radiance += sample_light(walk, ...), if its shadow ray says so
@@ -137,11 +137,12 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
 
 // Adds what lights emit along a segment, and lights at infinity if it hits no surface, and multiplies the throughput by
 // its transmittance. Returns whether there is a surface.
-bool accumulate_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
+bool accumulate_segment(inout Walk walk, Segment segment, Receiver receiver, inout vec3 radiance) {
     radiance += walk.throughput * segment.along_ray.radiance;
     walk.throughput *= segment.transmittance.weight;
     if (segment.hit.instance != NO_INDEX) { return true; }
-    radiance += walk.throughput * mis_weighted_radiance_at_infinity(walk.direction, walk.mis_pdf);
+    radiance += walk.throughput
+        * mis_weighted_radiance_at_infinity(walk.origin, walk.direction, walk.mis_pdf, receiver);
     return false;
 }
 

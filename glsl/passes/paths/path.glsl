@@ -223,7 +223,7 @@ bool advance(inout Path path) {
         segment.transmittance = FULL_TRANSMITTANCE;
     }
     vec3 emitted = vec3(0.0);
-    bool hits = accumulate_segment(path.walk, segment, emitted);
+    bool hits = accumulate_segment(path.walk, segment, receiver(path.vertex), emitted);
     add_light(path, emitted, path.diffuse_at_x2);
     if (!hits) { return false; }
     path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;

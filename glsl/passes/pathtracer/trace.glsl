@@ -40,7 +40,7 @@ float mis_pdf(float pdf) {
 bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     Segment segment = trace_segment(path.walk, path.receiver, rng);
     path.rays += segment.rays;
-    if (!accumulate_segment(path.walk, segment, path.radiance)) { return false; }
+    if (!accumulate_segment(path.walk, segment, path.receiver, path.radiance)) { return false; }
     SurfaceInteraction surface = arrive_at_surface(path.walk, segment.hit);
     if (path.bounce == 0u) {
         path.radiance += path.walk.throughput * shown_emission(surface);

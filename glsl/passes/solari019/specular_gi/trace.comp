@@ -54,7 +54,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         Segment segment = trace_segment(walk, receiver, rng);
         count_rays(segment.rays);
         first_t = first_t == 0.0 ? segment.hit.t : first_t;
-        if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
+        if (!accumulate_segment(walk, segment, receiver, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
         SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
