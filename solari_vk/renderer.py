@@ -128,8 +128,8 @@ class Renderer(PictureRenderer):
         """
         camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
         if camera.aperture and camera.projection != "perspective":
-            raise SolariError(f"{camera.describe()}: only PathTracer renders the depth of field of a {camera.projection} "
-                              "camera: set the aperture to 0")  # fmt: skip
+            raise SolariError(f"{camera.describe()}: only PathTracer renders the depth of field of a "
+                              f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._frame.apply_edits()
         self._warn_of_darkness()

@@ -87,9 +87,11 @@ def _views(job: MovieJob, subject: Subject, clip: int | None, suffix: str) -> li
             subject.scene.animate(time + job.shutter[0], clip)
             closing = copy.deepcopy(camera)
         elif job.shutter is not None:
-            before, after = subject.cameras[max(number - 1, 0)], subject.cameras[min(number + 1, len(subject.cameras) - 1)]
-            share = job.shutter[0] * job.fps
-            closing = between(shown, after, share) if after is not camera else between(before, shown, 1 + share)
+            share, last = job.shutter[0] * job.fps, len(subject.cameras) - 1
+            if number < last:
+                closing = between(shown, subject.cameras[number + 1], share)
+            elif last:
+                closing = between(subject.cameras[last - 1], shown, 1 + share)
         views.append(View(f"{job.output.stem}.{number:04}{suffix}", shown, time, closing))
     if clip is not None:
         subject.scene.animate(0.0, clip)

@@ -105,8 +105,8 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
     if "bop" in job.annotations and job.format != "png":
         raise SolariError("--annotations bop: its pictures are .png files: give --format png")
     if FLOWS & set(job.aov) and (job.randomize is not None or job.format == "exr"):
-        raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: leave "
-                          "--randomize out, and give --format png or npy")  # fmt: skip
+        raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
+                          "leave --randomize out, and give --format png or npy")  # fmt: skip
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):
         raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
     if job.keypoints is not None:

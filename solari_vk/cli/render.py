@@ -79,7 +79,7 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
     output, view, viewing, still = job.output, job.view, job.view != "picture", isinstance(job, StillJob)
     if job.is_movie:
         yield still, f"{output}: {output.suffix} is for animations: give --animate, or write a .png"
-        yield job.sensor is not None, f"--sensor: a movie has no raw numbers: write numbered files, such as {output.stem}.png"
+        yield job.sensor, f"--sensor: a movie has no raw numbers: write numbered files, such as {output.stem}.png"
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
     if job.mode == "reference":
         yield not still and job.target_error is not None, "--target-error: each picture of an animation has --samples"

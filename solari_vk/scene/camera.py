@@ -83,22 +83,22 @@ class Camera(Checked, Placed, Calibrated, Focused):
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
     which the constructor takes too. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
-    angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
-    closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
+    angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
+    than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
-    focused at focus_distance, in meters along the view axis, of wide lenses along the ray; with 0 all is sharp. It is
-    a disk, or with aperture_blades from 3 on a regular polygon with its corners on that circle, turned by
-    aperture_rotation in radians. `focus_on` sets both as photographers do. auto_exposure: the first picture that a renderer makes with the
-    camera chooses ev100, for which `render` waits (realtime: the first four frames); then it stays, as a number that is
-    assigned does.
+    focused at focus_distance, in meters along the view axis, of wide lenses along the ray; with 0 all is sharp. It is a
+    disk, or with aperture_blades from 3 on a regular polygon with its corners on that circle, turned by
+    aperture_rotation in radians. `focus_on` sets both as photographers do. auto_exposure: the first picture that a
+    renderer makes with the camera chooses ev100, for which `render` waits (realtime: the first four frames); then it
+    stays, as a number that is assigned does.
 
-    projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic";
-    "equirectangular", a panorama of 360 x 180 degrees; or "cube", the six faces of `CameraRig.cube` in a row, for
-    pictures six times as wide as high. eye_offset: of a panorama, how far in meters the eye is right of the camera, in
-    whichever direction it looks: two of them are omnidirectional stereo. vertical_fov is the picture's without distortion. pixel_aspect
-    is fx / fy. principal_point (2,) is where the view axis is, in shares of the picture from its top left corner.
-    distortion: OpenCV's numbers, see `from_opencv`. image_circle: the angle in radians that a fisheye or stereographic
-    lens sees; beyond it the picture is black.
+    projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic"; "equirectangular", a
+    panorama of 360 x 180 degrees; or "cube", the six faces of `CameraRig.cube` in a row, for pictures six times as wide
+    as high. eye_offset: of a panorama, how far in meters the eye is right of the camera, in whichever direction it
+    looks: two of them are omnidirectional stereo. vertical_fov is the picture's without distortion. pixel_aspect is fx
+    / fy. principal_point (2,) is where the view axis is, in shares of the picture from its top left corner. distortion:
+    OpenCV's numbers, see `from_opencv`. image_circle: the angle in radians that a fisheye or stereographic lens sees;
+    beyond it the picture is black.
     """
 
     _: KW_ONLY

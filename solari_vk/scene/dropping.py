@@ -1,8 +1,8 @@
 """Things that fall until they rest: by MuJoCo, a kept engine of rigid bodies with wheels for all platforms.
 
 pybullet, the other candidate, has no wheels for current Pythons. MuJoCo's bodies are convex: what falls collides as its
-convex hull, which contains the mesh, so that meshes don't meet either. What lies still is exact: a convex mesh is itself,
-and of others each triangle is a slab behind its front.
+convex hull, which contains the mesh, so that meshes don't meet either. What lies still is exact: a convex mesh is
+itself, and of others each triangle is a slab behind its front.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ def drop(
         if not np.isfinite(pose).all() or pose[1] < low[1] - 1:
             raise SolariError(f"Scene.drop: {body.instance.describe()} fell through: nothing is below it in the region")
     for body, pose in zip(bodies, poses, strict=True):
-        body.apply(pose[:3], np.array(quaternion_rotation(*pose[4:], pose[3])))
+        w, x, y, z = pose[3:].tolist()
+        body.apply(pose[:3], np.array(quaternion_rotation(x, y, z, w)))
 
 
 class _Body:
@@ -109,8 +110,8 @@ def _place(bodies: list[_Body], low: Floats, high: Floats, rng: np.random.Genera
         body.quaternion = numbers / np.linalg.norm(numbers)
         room = high - low - 2 * body.radius
         if not min(room[0], room[2]) > 0:
-            raise SolariError(f"Scene.drop: {body.instance.describe()}, {2 * body.radius:.3g} m long, doesn't fit into a "
-                              f"region of {high[0] - low[0]:.3g} x {high[2] - low[2]:.3g} m")  # fmt: skip
+            raise SolariError(f"Scene.drop: {body.instance.describe()}, {2 * body.radius:.3g} m long, doesn't fit into "
+                              f"a region of {high[0] - low[0]:.3g} x {high[2] - low[2]:.3g} m")  # fmt: skip
         for _ in range(TRIES):
             at = low + body.radius + rng.uniform(size=3) * room
             if all(math.dist(at[::2], other.position[::2]) > body.radius + other.radius + MARGIN for other in layer):
@@ -145,7 +146,7 @@ def _still(supports: list[Instance], top: float) -> list[Floats]:
         count += len(corners)
         if count > MOST_TRIANGLES:
             raise SolariError(f"Scene.drop: more than {MOST_TRIANGLES:,} triangles, with those of "
-                              f"{instance.describe()}: give `on`, the instances to fall on, or simpler meshes")  # fmt: skip
+                              f"{instance.describe()}: give `on`, what to fall on, or simpler meshes")  # fmt: skip
         behind = corners - SLAB * normals[:, None]
         parts += list(np.concatenate([corners, behind], axis=1))
     return parts
@@ -172,7 +173,8 @@ def _document(bodies: list[_Body], still: list[Floats], low: Floats, high: Float
         assets.append(f'<mesh name="still{number}" inertia="shell" vertex="{_numbers(points - middle)}"/>')
         world.append(f'<geom type="mesh" mesh="still{number}" pos="{_numbers(middle)}"/>')
     for corner, turns in ((low, ((0, 90, 0), (0, 0, 0))), (high, ((0, -90, 0), (0, 180, 0)))):
-        world += [f'<geom type="plane" size="1 1 1" pos="{_numbers(corner)}" euler="{_numbers(turn)}"/>' for turn in turns]
+        at = _numbers(corner)
+        world += [f'<geom type="plane" size="1 1 1" pos="{at}" euler="{_numbers(turn)}"/>' for turn in turns]
     for number, body in enumerate(bodies):
         x, y, z, w = body.quaternion
         assets.append(f'<mesh name="body{number}" inertia="convex" vertex="{_numbers(body.points)}"/>')
@@ -194,8 +196,8 @@ class Dropping:
 
     @checked_keywords()
     def drop(
-        self: Any, *items: Instance | Group | str, on: Sequence[Instance] | None = None, region: ArrayLike | None = None,
-        seed: int = 0, upright: bool = False, seconds: float = 20.0,
+        self: Any, *items: Instance | Group | str, on: Sequence[Instance] | None = None,
+        region: ArrayLike | None = None, seed: int = 0, upright: bool = False, seconds: float = 20.0,
     ) -> None:  # fmt: skip
         """Let things fall until they rest on what is there and on each other, without meeting.
 
@@ -211,8 +213,9 @@ class Dropping:
         """
         falling = list[Instance]()
         for item in items:
-            found = item.items if isinstance(item, Group) else [self.instances[item] if isinstance(item, str) else item]
-            falling += [one for one in found if isinstance(one, Instance)]
-            if not any(isinstance(one, Instance) for one in found):
+            one = self.instances[item] if isinstance(item, str) else item
+            found = one.items if isinstance(one, Group) else [one]
+            falling += (things := [thing for thing in found if isinstance(thing, Instance)])
+            if not things:
                 raise SolariError(f"{self.describe()}: drop takes instances, not {quoted(item)}")
         drop(self.instances[:], falling, on=on, region=region, seed=seed, upright=upright, seconds=seconds)

@@ -46,7 +46,7 @@ class Shutter:
     def __post_init__(self) -> None:
         for name in ("open", "close", "readout"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(value) < 1e9:
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not abs(float(value)) < 1e9:
                 raise SolariError(f"Shutter: {name} is a number of seconds, not {quoted(value)}")
         if not self.open <= self.close:
             raise SolariError(f"Shutter: it must open, at {self.open:g} s, before it closes, at {self.close:g} s")

@@ -172,15 +172,13 @@ class Lidar:
         channels, steps = along.shape[:2]
         rng = np.random.default_rng(seed)
         keep = found.distance >= self.min_range
-        found = Echoes(*(column[keep] for column in found))
-        beam = found.ray // self.rays_per_beam
-        order = np.lexsort((found.distance, beam))
-        beam, distance, strength, instance = (
-            column[order] for column in (beam, found.distance, found.strength / self.rays_per_beam, found.instance)
-        )
-        power = strength / distance**2
+        rays = found.ray[keep] // self.rays_per_beam
+        order = np.lexsort((found.distance[keep], rays))
+        beam, distance, instance = rays[order], found.distance[keep][order], found.instance[keep][order]
+        power = found.strength[keep][order] / self.rays_per_beam / distance**2
         # Echoes of a beam that follow each other within the separation are one.
-        begins = np.flatnonzero((np.diff(beam, prepend=-1) != 0) | (np.diff(distance, prepend=-np.inf) > self.separation))
+        apart = np.diff(distance, prepend=-np.inf) > self.separation
+        begins = np.flatnonzero((np.diff(beam, prepend=-1) != 0) | apart)
         total = _sums(power, begins)
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.where(total > 0, _sums(power * distance, begins) / total, distance[begins])
@@ -228,13 +226,14 @@ class Lidar:
 
 
 def _beam_profile(count: int) -> Floats:
-    """Places (N, 2) of rays of equal power in a Gaussian beam of the standard deviation 1, on a spiral: Vogel, "A Better
-    Way to Construct the Sunflower Head" (1979)."""
+    """Places (N, 2) of rays of equal power in a Gaussian beam of the standard deviation 1, on a spiral: Vogel, "A
+    Better Way to Construct the Sunflower Head" (1979)."""
     if count == 1:
         return np.zeros((1, 2))
     number = np.arange(count)
     radius = np.sqrt(-2 * np.log1p(-(number + 0.5) / count))
-    return radius[:, None] * np.stack([np.cos(number * GOLDEN_ANGLE), np.sin(number * GOLDEN_ANGLE)], -1)
+    around = np.stack([np.cos(number * GOLDEN_ANGLE), np.sin(number * GOLDEN_ANGLE)], -1)
+    return np.asarray(radius[:, None] * around, np.float64)
 
 
 def _sums(values: Floats, begins: NDArray[np.int64]) -> Floats:

@@ -75,7 +75,7 @@ class LidarScan:
 
 
 def _ply(points: NDArray[Any]) -> bytes:
-    fields = points.dtype.fields or {}
+    fields: Any = points.dtype.fields
     properties = (f"property {PLY_TYPES[fields[name][0].str]} {name}" for name in points.dtype.names or ())
     header = ("ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties, "end_header\n")
     return "\n".join(header).encode() + points.tobytes()

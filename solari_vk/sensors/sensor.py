@@ -36,10 +36,11 @@ GREEN = 1
 class Sensor:
     """An image sensor behind a lens: it turns radiance in cd/m² into raw digital numbers.
 
-    A pixel of radiance L has the exposure H = q L t / N² in lx s, with the f-number N and exposure_time t in seconds;
-    q is 0.65, as of ISO 12232. Without an exposure_time it is that at which the camera's ev100 makes the same radiance
-    white as in pictures. Each color counts as light of 555 nm: pixel_pitch² * H * 4.09e15 photons/(lm s) * quantum_efficiency electrons. pixel_pitch is
-    in meters; quantum_efficiency is one number, or three for red, green and blue.
+    A pixel of radiance L has the exposure H = q L t / N² in lx s, with the f-number N and exposure_time t in seconds; q
+    is 0.65, as of ISO 12232. Without an exposure_time it is that at which the camera's ev100 makes the same radiance
+    white as in pictures. Each color counts as light of 555 nm: pixel_pitch² * H * 4.09e15 photons/(lm s) *
+    quantum_efficiency electrons. pixel_pitch is in meters; quantum_efficiency is one number, or three for red, green
+    and blue.
 
     full_well: electrons that a pixel holds. gain: DN for each electron; or iso, with which white (78 / iso lx s) is
     the largest number; by default the sensor's own speed, `base_iso`, at which the well is full then. bit_depth: of
@@ -48,11 +49,11 @@ class Sensor:
     the sensor numbered pattern_seed, as standard deviations: of the relative response, and of the dark signal in
     electrons.
 
-    vignetting: "none"; "cos4", the natural one of a perspective camera; or the coefficients a1, a2, ... of
-    1 + a1 r² + a2 r⁴ + ..., where r is 1 at half the picture's diagonal from the principal point (Goldman, "Vignette
-    and Exposure Calibration and Compensation", 2010). chromatic_aberration: by how much red and blue are magnified
-    more than green, such as (0.001, -0.001). bayer: "RGGB", "BGGR", "GRBG", "GBRG", the colors of the first two rows; ""
-    for three colors at each pixel. Raises SolariError for numbers out of range.
+    vignetting: "none"; "cos4", the natural one of a perspective camera; or the coefficients a1, a2, ... of 1 + a1 r² +
+    a2 r⁴ + ..., where r is 1 at half the picture's diagonal from the principal point (Goldman, "Vignette and Exposure
+    Calibration and Compensation", 2010). chromatic_aberration: by how much red and blue are magnified more than green,
+    such as (0.001, -0.001). bayer: "RGGB", "BGGR", "GRBG", "GBRG", the colors of the first two rows; "" for three
+    colors at each pixel. Raises SolariError for numbers out of range.
     """
 
     iso: float | None = None
@@ -105,10 +106,10 @@ class Sensor:
                               f"{self.bit_depth:g} bits")  # fmt: skip
 
     @classmethod
-    def load(cls, given: str | os.PathLike[str]) -> Sensor:
+    def load(cls, source: str | os.PathLike[str]) -> Sensor:
         """The sensor of a JSON file, or of a JSON object as text, whose keys are the fields. Raises SolariError for an
         unknown key and for numbers out of range, which names the file."""
-        text = str(given)
+        text = str(source)
         if text.lstrip().startswith("{"):
             who = "Sensor"
             try:
@@ -124,8 +125,9 @@ class Sensor:
         for name in values:
             if name not in known:
                 raise unknown_name(f"{who}: a sensor has no", name, known)
+        given: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
         try:
-            return cls(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+            return cls(**given)
         except SolariError as error:
             raise SolariError(str(error).replace("Sensor", who, 1)) from None
 
@@ -191,9 +193,9 @@ class Sensor:
         """Raw digital numbers, (height, width) with a Bayer pattern, else (height, width, 3).
 
         radiance: (height, width, 3) in cd/m², such as a frame, whose camera is taken. camera: which took it, for its
-        ev100, the principal point and vignetting. The same seed gives the same numbers: `rng = numpy.random.default_rng(seed)` draws
-        `rng.poisson` of all pixels and then `rng.standard_normal`. Raises SolariError for wrong shapes, radiance that
-        isn't finite, and vignetting that needs a camera.
+        ev100, the principal point and vignetting. The same seed gives the same numbers: `rng =
+        numpy.random.default_rng(seed)` draws `rng.poisson` of all pixels and then `rng.standard_normal`. Raises
+        SolariError for wrong shapes, radiance that isn't finite, and vignetting that needs a camera.
         """
         mean = self.mean_electrons(radiance, camera)
         rng, pattern = np.random.default_rng(seed), np.random.default_rng(self.pattern_seed)

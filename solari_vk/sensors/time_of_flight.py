@@ -23,7 +23,8 @@ class DepthImage(NamedTuple):
     """What a depth camera measured, (height, width) each."""
 
     depth: Floats
-    """As `frame["depth"]`: in meters along the view axis, of wide lenses along the ray; NaN where nothing was measured."""
+    """In meters along the view axis, of wide lenses along the ray, as `frame["depth"]`; NaN where nothing was
+    measured."""
     distance: Floats
     """In meters from the camera."""
     amplitude: Floats
@@ -75,8 +76,8 @@ class TimeOfFlightCamera:
             "max_range": (0, 1e6, "m"), "rays_per_pixel": (1, 64, ""), "max_surfaces": (1, 64, ""),
         })  # fmt: skip
         if len(frequencies) == 1 and self.max_range > self.unambiguous_range:
-            raise SolariError(f"TimeOfFlightCamera: max_range, {self.max_range:g} m, is beyond the unambiguous range of "
-                              f"one frequency, {self.unambiguous_range:g} m: give a second frequency")  # fmt: skip
+            raise SolariError(f"TimeOfFlightCamera: max_range, {self.max_range:g} m, is beyond the unambiguous range "
+                              f"of one frequency, {self.unambiguous_range:g} m: give a second frequency")  # fmt: skip
 
     @property
     def unambiguous_range(self) -> float:
@@ -111,7 +112,8 @@ class TimeOfFlightCamera:
         for frequency in self.frequencies:
             turn = 4 * math.pi * frequency / SPEED_OF_LIGHT * found.distance
             cosine, sine = (
-                self.contrast * np.bincount(pixel, electrons * wave, pixel_count) for wave in (np.cos(turn), np.sin(turn))
+                self.contrast * np.bincount(pixel, electrons * wave, pixel_count)
+                for wave in (np.cos(turn), np.sin(turn))
             )
             samples = offset + np.stack([cosine, sine, -cosine, -sine])
             if noise:
@@ -135,14 +137,15 @@ class TimeOfFlightCamera:
         """The distance (N,) that fits the phases (frequencies, N) best, up to the range."""
         meters = SPEED_OF_LIGHT / (2 * np.array(self.frequencies))  # of a turn
         finest = int(meters.argmin())
-        base = phases[finest] / (2 * math.pi) * meters[finest]
+        base: Floats = phases[finest] / (2 * math.pi) * meters[finest]
         if len(meters) == 1:
             return base
         farthest = self.max_range or self.unambiguous_range
-        best, least = base, np.full(base.shape, np.inf)
+        best, least = base.copy(), np.full(base.shape, np.inf)
         for turns in range(math.ceil(farthest / meters[finest])):
             candidate = base + turns * meters[finest]
             turned = phases / (2 * math.pi) - candidate / meters[:, None]
             error = (((turned - np.round(turned)) * meters[:, None]) ** 2).sum(axis=0)
-            best, least = np.where(error < least, candidate, best), np.minimum(error, least)
+            best[error < least] = candidate[error < least]
+            least = np.minimum(error, least)
         return best

@@ -89,11 +89,11 @@ def check_returns_through_panes(device):
     pane = sv.Material(transmission=1.0, roughness=0.0, base_color=1.0)
     solid = shapes.box((-50, -50, -4.02), (50, 50, -4))
     glass = sv.Material(transmission=1.0, roughness=0.0, base_color=1.0, solid=True)
-    fresnel = 0.04
-    for thing, expected in ((wall(4, pane), ((1 - fresnel) / (1 + fresnel)) ** 2), (sv.Instance(solid, glass), (1 - fresnel) ** 4)):
+    thin, thick = (1 - 0.04) ** 2, (1 - 0.04) ** 4  # there and back, past one boundary and past two
+    for thing, expected in ((wall(4, pane), thin), (sv.Instance(solid, glass), thick)):
         found = scan(device, sv.Scene(thing, wall(7, matte(0.8))), lidar)
         np.testing.assert_allclose(found.distance[0, 0], (7, np.nan, np.nan), rtol=1e-5)
-        assert found.intensity[0, 0, 0] / 0.8 == pytest.approx(expected, abs=0.05)
+        assert found.intensity[0, 0, 0] / 0.8 == pytest.approx(expected, abs=1e-3)
 
 
 def test_returns_through_panes(device):

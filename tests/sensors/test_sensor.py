@@ -66,15 +66,17 @@ def test_speed_and_saturation(fields):
 
 def test_more_gain_than_the_well_needs_and_less():
     """Above the base speed the numbers end first, below it the well does."""
-    assert sv.Sensor(iso=4 * sv.Sensor().base_iso).saturation_radiance < 0.3 * sv.Sensor().saturation_radiance
-    slow = sv.Sensor(iso=sv.Sensor().base_iso / 2, shot_noise=False, read_noise=0.0)
+    base = sv.Sensor(exposure_time=0.01)
+    fast = sv.Sensor(exposure_time=0.01, iso=4 * base.base_iso)
+    assert fast.saturation_radiance == pytest.approx(base.saturation_radiance / 4)
+    slow = sv.Sensor(iso=base.base_iso / 2, shot_noise=False, read_noise=0.0)
     full = slow.expose(even(1e6))
     assert full.max() == pytest.approx(64 + (4095 - 64) / 2, abs=1)
 
 
 def test_numbers_are_numpys_by_the_seed():
     sensor = sv.Sensor(bayer="GRBG", iso=500)
-    light = np.random.default_rng(1).uniform(0, 400, (*SIZE, 3))
+    light = np.random.default_rng(1).uniform(0, 1.2 * sensor.saturation_radiance, (*SIZE, 3))
     rng = np.random.default_rng(7)
     mean = sensor.mean_electrons(light)
     electrons = np.minimum(rng.poisson(mean), sensor.full_well) + sensor.read_noise * rng.standard_normal(SIZE)

@@ -1,6 +1,6 @@
 """A fisheye lens: 180 degrees in a circle.
 
-`sv.Camera(projection="fisheye")`, equidistant here; OpenCV's distortion may be added. Beyond the circle nothing is seen.
+`sv.Camera(projection="fisheye")`, equidistant here; OpenCV's distortion may be added. Beyond the circle is nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import solari_vk as sv
 def scene(assets: Path | None) -> sv.Scene:
     """A room with pillars, tiles and a lamp, seen from its middle."""
     made = sv.Scene()
-    made.add(sv.shapes.box((-3, 0, -3), (3, 2.6, 3), inward=True), sv.Material(base_color=(0.7, 0.68, 0.6)), name="room")
+    room = sv.shapes.box((-3, 0, -3), (3, 2.6, 3), inward=True)
+    made.add(room, sv.Material(base_color=(0.7, 0.68, 0.6)), name="room")
     for x in range(-5, 6):
         for z in range(-5, 6):
             if (x + z) % 2 == 0:
@@ -24,7 +25,8 @@ def scene(assets: Path | None) -> sv.Scene:
         angle = math.tau * number / 10
         color = [(0.8, 0.2, 0.15), (0.2, 0.5, 0.8), (0.85, 0.65, 0.2)][number % 3]
         at = (2.1 * math.sin(angle), 0.9, 2.1 * math.cos(angle))
-        made.add(sv.shapes.cylinder(0.16, 1.8, 24), sv.Material(base_color=color, roughness=0.4), at, name=f"pillar {number}")
+        paint = sv.Material(base_color=color, roughness=0.4)
+        made.add(sv.shapes.cylinder(0.16, 1.8, 24), paint, at, name=f"pillar {number}")
     lamp = sv.shapes.quad((0, 2.59, 0), (0.7, 0, 0), (0, 0, 0.7))
     made.add(lamp, sv.Material(emissive=(14, 13, 12)), name="lamp")
     made.camera = sv.Camera.look_at((0.4, 1.2, 0.6), (0, 1.15, -2), ev100=1.0)

@@ -21,7 +21,8 @@ def scene(assets: Path | None) -> sv.Scene:
     made.add(sv.shapes.quad((0, 3.5, 1), (0.8, 0, 0), (0, 0, 0.8)), sv.Material(emissive=(22, 21, 20)), name="lamp")
     for spoke in range(8):
         color = (0.85, 0.2, 0.1) if spoke % 2 else (0.9, 0.8, 0.6)
-        made.add(sv.shapes.box((-0.06, 0.15, -0.05), (0.06, 0.85, 0.05)), sv.Material(base_color=color), name=f"spoke {spoke}")
+        shape = sv.shapes.box((-0.06, 0.15, -0.05), (0.06, 0.85, 0.05))
+        made.add(shape, sv.Material(base_color=color), name=f"spoke {spoke}")
     ball = sv.Material(base_color=(0.1, 0.35, 0.8), roughness=0.15)
     made.add(sv.shapes.sphere(0.28, 48), ball, name="ball")
     made.camera = sv.Camera.look_at((0.3, 1.4, 4.2), (0.3, 0.95, 0), vertical_fov=0.65, ev100=0.3)

@@ -78,7 +78,7 @@ def test_blades_are_turned(device):
     {"vertical_fov": FOV, "distortion": (-0.1, 0.01, 0, 0)},
 ], ids=["fisheye", "panorama", "distorted"])  # fmt: skip
 def test_other_lenses_have_apertures_too(device, fields):
-    """A disk of confusion of the angle that the aperture has from the lamp, less that from the focus; sharp in focus."""
+    """A disk of confusion of the angle that the aperture has from the lamp, less that from the focus."""
     size = (192, 96)
     widths = []
     for aperture, focus in ((0.0, 1.0), (APERTURE, DISTANCE), (APERTURE, 2.0)):
