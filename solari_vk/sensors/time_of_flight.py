@@ -43,18 +43,18 @@ class TimeOfFlightCamera:
     range, and farther surfaces seem nearer. With several the distance up to max_range is taken that fits all best.
     signal: electrons in a sample from a white Lambertian surface that faces the camera 1 m away; it falls with the
     squared distance, and the BRDF and the angle count. background: electrons from other light and the dark signal.
-    contrast: A over the signal. min_amplitude: electrons, below which nothing is measured; full_well: electrons, above
-    which a sample is saturated, and nothing is measured. min_range, max_range: in meters; max_range 0 is the
-    unambiguous range. rays_per_pixel: along each axis; at edges, and through glass, light of several surfaces adds up
-    to one phase between them ("flying pixels"). max_surfaces: that a ray meets, through glass. Raises SolariError for
-    numbers out of range.
+    contrast: A over the signal. min_amplitude: electrons, below which nothing is measured, such as six times
+    sqrt(background / 2), its noise; full_well: electrons, above which a sample is saturated, and nothing is measured.
+    min_range, max_range: in meters; max_range 0 is the unambiguous range. rays_per_pixel: along each axis; at edges,
+    and through glass, light of several surfaces adds up to one phase between them ("flying pixels"). max_surfaces: that
+    a ray meets, through glass. Raises SolariError for numbers out of range.
     """
 
     frequencies: tuple[float, ...] = (20e6,)
     signal: float = 50_000.0
     background: float = 2_000.0
     contrast: float = 0.8
-    min_amplitude: float = 50.0
+    min_amplitude: float = 200.0
     full_well: float = 1e6
     min_range: float = 0.1
     max_range: float = 0.0

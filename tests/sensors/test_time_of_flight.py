@@ -64,7 +64,7 @@ def test_ambiguity_and_a_second_frequency(device):
     scene, camera = sv.Scene(wall(9.0)), sv.Camera(vertical_fov=0.02)
     one = sv.TimeOfFlightCamera(frequencies=(20e6,))
     assert one.unambiguous_range == pytest.approx(C / 40e6)
-    np.testing.assert_allclose(capture(device, scene, one, camera, noise=False).distance, 9 - C / 40e6, rtol=1e-4)
+    np.testing.assert_allclose(capture(device, scene, one, camera, noise=False).distance, 9 - C / 40e6, atol=2e-3)
     two = sv.TimeOfFlightCamera(frequencies=(100e6, 80e6), max_range=7.4)
     nearer = sv.Scene(wall(6.2))
     np.testing.assert_allclose(capture(device, nearer, two, camera, seed=1).distance, 6.2, atol=0.1)
@@ -104,7 +104,7 @@ def test_mixed_pixels(device):
 def test_what_is_no_camera(device):
     for fields, message in (
         ({"frequencies": ()}, "frequencies are numbers between"), ({"contrast": 0}, "contrast is a number between"),
-        ({"max_range": 10.0}, "beyond the unambiguous range of one frequency, 7.495 m: give a second frequency"),
+        ({"max_range": 10.0}, "beyond the unambiguous range of one frequency, 7.49481 m: give a second frequency"),
     ):  # fmt: skip
         with pytest.raises(SolariError, match=message):
             sv.TimeOfFlightCamera(**fields)

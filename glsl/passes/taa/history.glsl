@@ -79,10 +79,7 @@ vec2 lens_shift(Camera from, float inverse_depth) {
 // The motion in uv without that of the point of the lens through which a frame sees: the picture is the mean over the
 // lens, which stays.
 vec2 motion_without_lens(ivec2 pixel, vec2 motion) {
-    uint instance = imageLoad(gbuffer_surface, pixel).y;
-    bool rests = camera.world_from_view == previous_camera.world_from_view
-        && camera.focus_distance == previous_camera.focus_distance && camera.tan_half_fov == previous_camera.tan_half_fov;
-    if (rests && (instance == NO_INDEX || is_static(instance))) { return vec2(0.0); }
+    if (rests_behind_lens(imageLoad(gbuffer_surface, pixel).y)) { return vec2(0.0); }
     float inverse_depth = max(imageLoad(depth, pixel).x, 1e-9) / camera.near;
     return motion + lens_shift(camera, inverse_depth) - lens_shift(previous_camera, inverse_depth);
 }

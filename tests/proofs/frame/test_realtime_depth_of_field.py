@@ -66,7 +66,7 @@ def test_points_are_where_the_lens_shows_them(device):
         frame = renderer.render()
         assert renderer.gbuffer == "traced"
         motion = np.abs(frame["motion_vectors"] * SIZE).max(axis=-1)
-        depth = scene.camera.near / np.maximum(frame["gbuffer_depth"], 1e-9)
+        depth = scene.camera.near / np.maximum(frame["gbuffer_depth"].reshape(SIZE), 1e-9)
     # The parallax of two points of the lens is 0 in focus, and grows with the difference of inverse depths.
     apart = np.abs(1 / depth - 1 / 3.5)
     assert motion[apart < 1e-3].max() < 0.05

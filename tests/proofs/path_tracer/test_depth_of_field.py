@@ -68,9 +68,10 @@ def test_blades_are_turned(device):
                                    aperture_rotation=turn))  # fmt: skip
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
         light = trace(device, scene, 256, SIZE, seed=8, max_bounces=0)[..., 0].sum(axis=0)
-        at = np.flatnonzero(light > 0.02 * light.max())
-        middle = (SIZE[0] - 1) / 2
-        assert (at.max() - middle > 1.5 * (middle - at.min())) == right
+        along, at = light / light.sum(), np.arange(SIZE[0]) - (SIZE[0] - 1) / 2
+        radius = APERTURE / 2 / (2 * DISTANCE * math.tan(FOV / 2) / SIZE[1])
+        # The third moment of an equilateral triangle of the circumradius R about its center is R^3 / 40.
+        assert along @ at**3 == pytest.approx((1 if right else -1) * radius**3 / 40, rel=0.15)
 
 
 @pytest.mark.parametrize("fields", [
@@ -81,14 +82,14 @@ def test_other_lenses_have_apertures_too(device, fields):
     """A disk of confusion of the angle that the aperture has from the lamp, less that from the focus."""
     size = (192, 96)
     widths = []
-    for aperture, focus in ((0.0, 1.0), (APERTURE, DISTANCE), (APERTURE, 2.0)):
+    for aperture, focus in ((0.0, 1.0), (2 * APERTURE, DISTANCE), (2 * APERTURE, 2.0)):
         camera = sv.Camera(**fields, aperture=aperture, focus_distance=focus)
         scene = sv.Scene(camera)
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
         light = trace(device, scene, 256, size, seed=8, max_bounces=0).sum(axis=(0, 2))
         along, at = light / light.sum(), np.arange(size[0])
         widths.append((along * (at - (along * at).sum()) ** 2).sum())
-    edge = camera.project((APERTURE / 2 * abs(1 - DISTANCE / 2.0), 0, -DISTANCE), size)[0] - (size[0] - 1) / 2
+    edge = camera.project((APERTURE * abs(1 - DISTANCE / 2.0), 0, -DISTANCE), size)[0] - (size[0] - 1) / 2
     assert widths[1] == pytest.approx(widths[0], abs=0.15)
     assert widths[2] - widths[0] == pytest.approx(edge**2 / 4, rel=0.1)
 
