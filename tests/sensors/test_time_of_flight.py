@@ -68,7 +68,7 @@ def test_ambiguity_and_a_second_frequency(device):
     two = sv.TimeOfFlightCamera(frequencies=(100e6, 80e6), max_range=7.4)
     nearer = sv.Scene(wall(6.2))
     np.testing.assert_allclose(capture(device, nearer, two, camera, seed=1).distance, 6.2, atol=0.1)
-    three = sv.TimeOfFlightCamera(frequencies=(100e6, 80e6, 16e6), max_range=9.3)
+    three = sv.TimeOfFlightCamera(frequencies=(100e6, 80e6, 16e6), max_range=9.3, signal=500_000)
     np.testing.assert_allclose(capture(device, scene, three, camera, seed=1).distance, 9, atol=0.1)
 
 
@@ -80,6 +80,8 @@ def test_missing_returns(device):
         found = capture(device, sv.Scene(wall(distance, color)), tof, sv.Camera(vertical_fov=0.02))
         assert np.isfinite(found.depth).all() == np.isfinite(found.depth).any() == there, distance
     assert not np.isfinite(capture(device, sv.Scene(), tof).depth).any()
+    faint = sv.TimeOfFlightCamera(signal=0)
+    assert np.isfinite(capture(device, sv.Scene(wall(3.0)), faint).depth).mean() < 1e-3  # noise alone
 
 
 def check_mixed_pixels(device):

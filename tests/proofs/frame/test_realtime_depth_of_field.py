@@ -23,8 +23,8 @@ def balls():
     scene = sv.builtin("cornell_box")
     for z, color in ((-0.3, (0.8, 0.2, 0.1)), (0.9, (0.2, 0.7, 0.2)), (1.7, (0.2, 0.3, 0.8))):
         scene.add(sv.Instance(shapes.sphere(0.22, 24), matte(color), transform=place(1.0, (0.6 + 0.4 * z, 0.3, z))))
-    scene.camera = sv.Camera.look_at((1, 0.9, -2.6), (1, 0.7, 1), vertical_fov=0.7, ev100=scene.camera.ev100)
-    scene.camera.update(aperture=0.12, focus_distance=3.5)
+    scene.camera = sv.Camera.look_at((1, 0.9, -2.6), (1, 0.9, 1), vertical_fov=0.8, ev100=scene.camera.ev100)
+    scene.camera.update(aperture=0.25, focus_distance=3.5)
     return scene
 
 
@@ -77,10 +77,10 @@ def test_points_are_where_the_lens_shows_them(device):
 
 @pytest.mark.slow
 def test_denoised_frames_converge_as_sharp_ones_do(device):
-    """The mean of frames within 2 % of the path tracer's, also of its sixteenths within 5 %; the error of frame 32 at
-    most twice a sharp picture's."""
-    errors = {}
-    for aperture in (0.0, 0.12):
+    """The mean of frames within 2 % of the path tracer's, sixteenths nearly as a sharp picture's; the error of frame 32
+    at most twice a sharp picture's."""
+    errors, worst = {}, {}
+    for aperture in (0.0, 0.25):
         scene = balls()
         scene.camera.aperture = aperture
         truth = trace(device, scene, 1024, SIZE)
@@ -90,11 +90,12 @@ def test_denoised_frames_converge_as_sharp_ones_do(device):
         mean = np.mean(frames[32:], axis=0)
         off = mean.mean() / truth.mean() - 1
         tiles = [picture.reshape(4, 16, 4, 16, 3).mean(axis=(1, 3, 4)) for picture in (mean, truth)]
-        worst = np.abs(tiles[0] / tiles[1] - 1).max()
-        print(f"aperture {aperture}: relMSE of frame 32 {errors[aperture]:.4f}, mean {off:+.2%}, tiles {worst:.2%}")
+        worst[aperture] = np.abs(tiles[0] / tiles[1] - 1).max()
+        print(f"aperture {aperture}: relMSE of frame 32 {errors[aperture]:.4f}, mean {off:+.2%}, "
+              f"tiles {worst[aperture]:.2%}")  # fmt: skip
         assert abs(off) < 0.02
-        assert worst < 0.06
-    assert errors[0.12] <= 2 * errors[0.0]
+    assert errors[0.25] <= 2 * errors[0.0]
+    assert worst[0.25] < worst[0.0] + 0.04
 
 
 def test_what_realtime_refuses(device):
