@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import gbuffer, pathtracer
@@ -36,6 +37,13 @@ class FirstHits:
     def read(self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True) -> NDArray[Any]:
         """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
         return pathtracer.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
+
+    def tensor(
+        self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True
+    ) -> NDArray[Any] | CudaTensor:
+        """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
+        values = self._found(projection, size, (0.0, 0.0), proxies).tensor(f"aov_{name}")
+        return values.reshape(size[1], size[0], *values.shape[1:])
 
     def read_means(self, names: Sequence[str], projection: Projection, size: tuple[int, int]) -> list[NDArray[Any]]:
         """Means over the area of each pixel, (height, width[, channels]) each, with proxies."""

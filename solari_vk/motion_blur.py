@@ -69,6 +69,7 @@ class ShutterRenderer(PictureRenderer):
                     self._begin_picture(self._denoises)
                     self._frame.apply_edits()
                     pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+                    self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
                 CameraUniforms(self._frame.uniforms).write(shown, self.size)
                 submission = self._trace_rows(*moment.rows, *moment.samples)
                 if denoise:

@@ -16,6 +16,7 @@ from solari_vk.bound.features import LENSES
 from solari_vk.errors import SolariError, quoted
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Row, Stage
 from solari_vk.output.tone_mapping import auto_exposure
@@ -138,6 +139,10 @@ class PictureRenderer(SceneUser, ABC):
     @abstractmethod
     def read(self, name: str) -> NDArray[Any]:
         """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
+
+    @abstractmethod
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
 
     def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float:
         """The EV100 that suits the latest picture: surfaces count, and an environment behind them doesn't.

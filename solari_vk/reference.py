@@ -15,10 +15,12 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import CameraUniforms, Projection
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.motion_blur import ShutterRenderer
 from solari_vk.output import oidn
+from solari_vk.output.adaptive import SamplePlan
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
 from solari_vk.rendered import RenderedFrame
@@ -77,7 +79,7 @@ class PathTracer(ShutterRenderer):
         first_sample: int = 0,
     ) -> None:
         self.samples: int
-        """The number of samples per pixel in the picture so far."""
+        """The number of samples per pixel in the picture so far, of the pixel that has most."""
         self.settings = pathtracer.Settings(
             max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
         )
@@ -145,13 +147,14 @@ class PathTracer(ShutterRenderer):
 
     def _begin_picture(self, denoises: bool) -> None:
         self.samples = 0
+        self._plan: SamplePlan | None = None  # where pixels may have different numbers of samples
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides = None
         self._set_denoising(denoises)
 
     def _set_denoising(self, denoises: bool) -> None:
         self._denoises = denoises
-        self._estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoises else 1)
+        self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if denoises else 1, self.samples))
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -167,7 +170,9 @@ class PathTracer(ShutterRenderer):
         changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
         the number of samples per pixel after each dispatch. denoise: `frame["radiance"]` is denoised when it is read,
         by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
-        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated.
+        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Unless
+        the picture is denoised, pixels that need fewer samples than others get fewer, which biases pixels in which
+        bright samples are rarer than one in a few thousand.
 
         shutter: exposes a new picture at its times, for which `pose(seconds)`, by default `scene.animate`, poses the
         scene, and may return the camera. The scene stays as in the middle of the exposure, which results at pixels'
@@ -194,17 +199,49 @@ class PathTracer(ShutterRenderer):
         self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
-        while self.samples < samples:
-            next_look = samples if target_error is None else min(samples, self._estimate.next_count)
-            self.advance(camera, max(next_look - self.samples, 1))
-            if target_error is not None and self._estimate_error() <= target_error:
-                break
+        adapts = bool(target_error) and not denoise
+        if adapts and self._plan is None:
+            self._plan = SamplePlan(self.size, self.samples)
+        elif not adapts:
+            self._even_out(camera)
+        while wanted := self._samples_to_look(samples, target_error):
+            self.advance(camera, wanted)
             if progress is not None:
                 progress(self.samples)
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
         return self._finish(self._latest)
+
+    def _samples_to_look(self, samples: int, target_error: float | None) -> int:
+        """The samples per pixel up to the next estimate of the error; 0 when the picture is done."""
+        if target_error is None:
+            return max(samples - self.samples, 0)
+        if self._plan is None:
+            if self._estimate_error() <= target_error:
+                return 0
+            return max(min(samples, self._estimate.next_count) - self.samples, 0)
+        if not self._plan.remaining:
+            if self.samples:
+                self._plan.look(self.read("raw_radiance"), self._frame["ray_count"].reshape(self.size[::-1]))
+            self._plan.go_on(samples, target_error)
+            self._write_sample_ranges(self._plan)
+        return self._plan.remaining
+
+    def _even_out(self, camera: Camera) -> None:
+        """Give all pixels as many samples as the one that has most."""
+        if self._plan is not None:
+            self._plan.even_out()
+            self._write_sample_ranges(self._plan)
+            while self._plan.remaining:
+                self.advance(camera, self._plan.remaining)
+            self._plan = None
+            self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
+            self._set_denoising(self._denoises)
+
+    def _write_sample_ranges(self, plan: SamplePlan) -> None:
+        self._frame.resource("sample_ranges").upload(np.stack([plan.begins, plan.ends], axis=1).astype(np.uint32))
+        self._frame.uniforms["path_sampling.has_sample_ranges"] = 1
 
     def _estimate_error(self) -> float:
         estimate, samples = self._estimate, self.samples
@@ -220,6 +257,8 @@ class PathTracer(ShutterRenderer):
         """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
+        if self._plan is not None and not self._plan.remaining:
+            self._even_out(camera)
         submission = self._add_samples(min(self._batch, max_samples))
         self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
@@ -235,18 +274,22 @@ class PathTracer(ShutterRenderer):
             self._begin_picture(self._denoises)
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+            self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
 
     def _add_samples(self, count: int) -> int:
         """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
+        first = self.samples if self._plan is None else self._plan.taken
         try:
-            return self._trace_rows(0, self.size[1], self.samples, self.samples + count)
+            submission = self._trace_rows(0, self.size[1], first, first + count)
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
+        if self._plan is not None:
+            self._plan.taken += count
+            self.samples = self._plan.samples
+        return submission
 
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
-        """Trace the samples from `first` up to `end` of the rows from `top` up to `below`, of which those before are
-        there; returns the device's timeline value."""
         uniforms, submission = self._frame.uniforms, 0
         while first < end:
             count = min(end - first, MAX_SAMPLES)
@@ -289,10 +332,18 @@ class PathTracer(ShutterRenderer):
         if name in ("radiance", "raw_radiance"):
             return pathtracer.read_mean(self._frame, self.size)
         if name == "variance":
-            return pathtracer.read_variance(self._frame, self.size, self.samples)
+            return pathtracer.read_variance(self._frame, self.sample_counts)
         if name not in self._frame:
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        if (name == "radiance" and self._denoises) or name == "variance":
+            raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
+        if name not in ("radiance", "raw_radiance"):
+            raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
+        width, height = self.size
+        return self._frame.tensor("radiance_mean").reshape(height, width, 3)
 
     def read_guides(self) -> list[NDArray[Any]]:
         """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""
@@ -312,7 +363,12 @@ class PathTracer(ShutterRenderer):
         inf before there are enough samples, and if `render` is called without target_error. For a denoised picture, it
         is the error with at most half as many samples, and bias counts; the picture is compared with later samples.
         """
-        return self._estimate.error
+        return self._estimate.error if self._plan is None else self._plan.error
+
+    @property
+    def sample_counts(self) -> NDArray[np.int64]:
+        """The number of samples (height, width) of each pixel; they differ where `target_error` chose them."""
+        return np.full(self.size[::-1], self.samples) if self._plan is None else self._plan.counts
 
     @property
     def rays(self) -> int:

@@ -17,6 +17,7 @@ from solari_vk.bound.projection import CameraUniforms, Projection, jitters, lens
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
@@ -301,7 +302,19 @@ class Renderer(PictureRenderer):
             if needed := lighting.that_has(resource):
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
-        values = self._frame[resource]
+        read: NDArray[Any] = self._by_pixel(resource, self._frame[resource])
+        return read
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        resource = name.replace("/", "_")
+        if not self._has(resource):
+            self.read(name)  # which says why
+            raise SolariError(f"Renderer: there is no tensor of '{name}': frame['{name}'] reads it")
+        tensor: NDArray[Any] | CudaTensor = self._by_pixel(resource, self._frame.tensor(resource))
+        return tensor
+
+    def _by_pixel(self, resource: str, values: Any) -> Any:
+        """A buffer's values as (height, width[, channels]), if it has one element for each pixel."""
         if isinstance(self._frame.resource(resource), Buffer):
             for width, height in (self._built[0], self._built_render_size):
                 if values.shape[:1] == (width * height,):

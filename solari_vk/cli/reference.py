@@ -35,7 +35,8 @@ class _Result:
 
     radiance: NDArray[Any]
     layers: dict[str, NDArray[Any]]
-    samples: int
+    samples: float
+    """Of a pixel, on average."""
     error: float
     seconds: float
     ev100: float | None
@@ -68,7 +69,7 @@ def run(job: StillJob | MovieJob) -> int:
         path, result.radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=result.layers
     ))  # fmt: skip
     print(
-        f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples} samples a pixel"
+        f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples:.0f} samples a pixel"
         f"{', denoised' if job.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s{result.after}, "
         f"EV100 {camera.ev100:.2f}",
         file=sys.stderr,
@@ -97,7 +98,8 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         radiance, seconds = renderer["radiance"], progress.seconds
         ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
         layers = {name: renderer[name] for name in job.aov}
-        return _Result(radiance, layers, renderer.samples, renderer.error, seconds, ev100, notes.after)
+        mean_samples = float(renderer.sample_counts.mean())
+        return _Result(radiance, layers, mean_samples, renderer.error, seconds, ev100, notes.after)
 
 
 def _exposure(job: StillJob, subject: Subject) -> dict[str, Any]:

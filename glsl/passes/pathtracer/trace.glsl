@@ -27,6 +27,9 @@ struct Vertex {
 // Sets the walk of a new path of a pixel. Returns whether it starts at a vertex, which is set then, or else with a ray.
 bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rng);
 
+// The samples that a pixel takes in this dispatch: those from x on that are below y.
+uvec2 sample_range(uvec2 pixel);
+
 // The density of a bounce as MIS uses it: INFINITY gives light samples no weight, 0 gives them all the weight.
 float mis_pdf(float pdf) {
     if (path_sampling.light_strategy == LIGHT_STRATEGY_BRDF || pdf == INFINITY) { return INFINITY; }
@@ -84,6 +87,11 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     return goes_on;
 }
 
+// The samples of a dispatch in which every pixel takes as many.
+uvec2 even_sample_range() {
+    return path_sampling.sample_index + uvec2(0u, path_sampling.samples_per_dispatch);
+}
+
 uint path_seed() {
 #ifdef MANY_VIEWS
     return views.at[view_index].seed;
@@ -100,7 +108,9 @@ void trace_paths() {
 
     // The mean is updated sample by sample, so that its bits don't depend on how samples are split into dispatches. A
     // mean keeps the precision of the millionth sample, which a sum would lose.
-    uint sample_index = path_sampling.sample_index;
+    uvec2 range = sample_range(pixel);
+    if (range.x >= range.y) { return; }
+    uint sample_index = range.x;
     vec3 mean = vec3(0.0);
     float deviations = 0.0;
     Path path;
@@ -110,7 +120,6 @@ void trace_paths() {
         deviations = luminance_deviations.at[index];
         path.rays = ray_count.at[index];
     }
-    uint last_sample_index = sample_index + path_sampling.samples_per_dispatch;
 
     // One loop over the rays of all samples: when a path ends, the next one starts, so invocations don't wait for the
     // longest path of their neighbors.
@@ -119,7 +128,7 @@ void trace_paths() {
     Vertex vertex;
     while (true) {
         if (path_ended) {
-            if (sample_index == last_sample_index) { break; }
+            if (sample_index == range.y) { break; }
 #ifdef LOW_DISCREPANCY
             sequence_index = path_sampling.first_sample + sample_index;
 #else
