@@ -28,7 +28,8 @@ ViewLine view_line(vec2 position, Camera from) {
         vec2 at = ndc * from.tan_half_fov;
         const vec3 y_up = vec3(1.0, -1.0, -1.0);
         vec3 start = lens_start(at, from.lens) * y_up + vec3(from.lens_offset, 0.0);
-        return ViewLine(start, lens_direction(at, from.lens) * y_up - vec3(from.lens_offset / from.focus_distance, 0.0));
+        vec3 along = lens_direction(at, from.lens) * y_up;
+        return ViewLine(start, along - vec3(from.lens_offset / from.focus_distance, 0.0));
     }
     vec2 lateral = ndc * from.tan_half_fov * vec2(1.0, -1.0);
     bool parallel = is_parallel(from);

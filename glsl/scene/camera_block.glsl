@@ -13,7 +13,7 @@ struct Lens {
     uint kind;
     float limit;    // what it sees: up to this angle from the view axis, of BROWN_CONRADY up to this slope
     float reach;    // how far from the principal point that is in the picture
-    vec4 low;       // distortion: k1, k2, p1, p2, or of FISHEYE k1 to k4; x of EQUIRECTANGULAR: how far the eye is right
+    vec4 low;       // distortion: k1, k2, p1, p2, or of FISHEYE k1 to k4; EQUIRECTANGULAR: x, how far right the eye is
     vec4 high;      // k3 to k6
     vec4 prism;     // s1 to s4
 };

@@ -67,8 +67,8 @@ float fisheye_angle(float radius, Lens lens) {
 
 // ---- cubes ------------------------------------------------------------------------------------------
 
-// Six faces in a row, each two focal lengths wide. What is right in the picture of a face, below, and ahead: the faces of
-// CameraRig.cube.
+// Six faces in a row, each two focal lengths wide. What is right in the picture of a face, below, and ahead: the faces
+// of CameraRig.cube.
 mat3 cube_face(uint face) {
     float side = (face & 1u) == 0u ? 1.0 : -1.0;
     if (face < 2u) { return mat3(vec3(0.0, 0.0, -side), vec3(0.0, 1.0, 0.0), vec3(side, 0.0, 0.0)); }

@@ -1,5 +1,5 @@
-// What becomes of light at the surface that a ray meets: the share that comes back along the ray, as sensors see it that
-// send light out themselves, and the share that goes straight on.
+// What becomes of light at the surface that a ray meets: the share that comes back along the ray, as sensors see it
+// that send light out themselves, and the share that goes straight on.
 #ifndef PASSES_RAY_TRACER_BACKSCATTER_GLSL
 #define PASSES_RAY_TRACER_BACKSCATTER_GLSL
 
