@@ -158,7 +158,8 @@ bool rests_behind_lens(uint instance_index) {
         && previous_camera.focus_distance == camera.focus_distance
         && previous_camera.world_from_view == camera.world_from_view
         && previous_camera.tan_half_fov == camera.tan_half_fov
-        && previous_camera.principal_shift == camera.principal_shift && (instance_index == NO_INDEX || is_static(instance_index));
+        && previous_camera.principal_shift == camera.principal_shift
+        && (instance_index == NO_INDEX || is_static(instance_index));
 }
 
 // The point of a hit in object space. positions: those of the mesh, or its previous ones, from which the result is the
