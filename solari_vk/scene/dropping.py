@@ -187,7 +187,7 @@ def _document(bodies: list[_Body], still: list[Floats], low: Floats, high: Float
         'density="1.2" viscosity="0.5"/>'
         f'<default><geom condim="6" friction="{FRICTION}" margin="{MARGIN}" solref="0.01 1.2" '
         'solimp="0.95 0.99 0.0005"/></default>'
-        f'<asset>{"".join(assets)}</asset><worldbody>{"".join(world)}</worldbody></mujoco>'
+        f"<asset>{''.join(assets)}</asset><worldbody>{''.join(world)}</worldbody></mujoco>"
     )
 
 
