@@ -15,7 +15,7 @@ from solari_vk.scene.matrices import transform_points
 pytest.importorskip("mujoco")
 GAP = 0.003  # meters, at most between what rests and what it rests on
 KINDS = {
-    "box": lambda: shapes.box((-0.1, -0.06, -0.04), (0.1, 0.06, 0.04)), "ball": lambda: shapes.sphere(0.08, 12),
+    "box": lambda: shapes.box((0.5, 0.2, 0), (0.7, 0.32, 0.08)), "ball": lambda: shapes.sphere(0.08, 12),
     "cone": lambda: shapes.cone(0.08, 0.2, 12), "can": lambda: shapes.cylinder(0.05, 0.16, 12),
 }  # fmt: skip
 
@@ -93,7 +93,8 @@ def test_scales_mirrors_and_what_lies_above():
     np.testing.assert_allclose(thing.scale, (0.5, 2, 1))
     assert np.linalg.det(thing.transform[:3, :3]) == pytest.approx(-1)
     assert thing.transform[1, 1] == pytest.approx(2, abs=1e-2)
-    assert np.abs(thing.position[[0, 2]]).max() < 1
+    corners = transform_points(thing.transform, thing.mesh.positions.astype(np.float64))
+    assert np.abs(corners[:, [0, 2]]).max() < 1
 
 
 def test_what_can_not_fall():
