@@ -289,7 +289,6 @@ class _ViewTracer(PathTracer):
         self._begin_picture(denoises=False)
         self._warn_of_darkness()
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-        self._frame.uniforms["path_sampling.row_count"] = self._band_rows
         while self.samples < samples:
             self._add_samples(min(self._batch, samples - self.samples))
             self._adapt()

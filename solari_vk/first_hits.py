@@ -54,6 +54,13 @@ class FirstHits:
                 means[index] = means[index] + pathtracer.read_aov(frame, name, size) / np.float32(AVERAGED)
         return means
 
+    def read_at(
+        self, names: Sequence[str], projection: Projection, size: tuple[int, int], offset: tuple[float, float]
+    ) -> list[NDArray[Any]]:
+        """The results at an offset from the pixels' centers, in pixels, with proxies."""
+        frame = self._found(projection, size, offset, True)
+        return [pathtracer.read_aov(frame, name, size) for name in names]
+
     def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
         """The share of each pixel (height, width) that shows a surface, from AVERAGED rays, with proxies."""
         frames = (self._found(projection, size, offset, True) for offset in JITTERS[:AVERAGED])

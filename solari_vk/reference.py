@@ -18,13 +18,14 @@ from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
+from solari_vk.motion_blur import ShutterRenderer
 from solari_vk.output import oidn
 from solari_vk.output.adaptive import SamplePlan
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
-from solari_vk.picture_renderer import PictureRenderer
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.shutter import Shutter
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
@@ -42,7 +43,7 @@ def numbered_seeds(seed: int, count: int) -> NDArray[np.uint32]:
     return (seed + np.arange(count, dtype=np.uint64) * _SEED_STEP).astype(np.uint32)
 
 
-class PathTracer(PictureRenderer):
+class PathTracer(ShutterRenderer):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 
     size: (width, height) in pixels. max_bounces: the number of surfaces at which a path may be scattered; 0 shows
@@ -148,7 +149,7 @@ class PathTracer(PictureRenderer):
         self.samples = 0
         self._plan: SamplePlan | None = None  # where pixels may have different numbers of samples
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
-        self._guides: list[NDArray[Any]] | None = None
+        self._guides = None
         self._set_denoising(denoises)
 
     def _set_denoising(self, denoises: bool) -> None:
@@ -161,6 +162,7 @@ class PathTracer(PictureRenderer):
     def render(
         self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
         progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,
+        shutter: Shutter | None = None, pose: Callable[[float], Any] | None = None,
     ) -> RenderedFrame:  # fmt: skip
         """Refine the picture until it has `samples` samples per pixel, and return it.
 
@@ -170,8 +172,12 @@ class PathTracer(PictureRenderer):
         by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
         samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Unless
         the picture is denoised, pixels that need fewer samples than others get fewer, which biases pixels in which
-        bright samples are rarer than one in a few thousand. Raises SolariError for a sample count below 1, a negative
-        target, and if OIDN isn't installed.
+        bright samples are rarer than one in a few thousand.
+
+        shutter: exposes a new picture at its times, for which `pose(seconds)`, by default `scene.animate`, poses the
+        scene, and may return the camera. The scene stays as in the middle of the exposure, which results at pixels'
+        centers show. Raises SolariError for a sample count below 1, a negative target or one with a shutter, a shutter
+        without a pose in a scene without animations, and if OIDN isn't installed.
         """
         self._frame.check_open()
         camera = self._camera_or_default(camera)
@@ -183,6 +189,11 @@ class PathTracer(PictureRenderer):
             oidn.check_installed()
         if denoise != self._denoises:
             self._set_denoising(denoise)
+        if shutter is not None or pose is not None:
+            if target_error is not None:
+                raise SolariError("PathTracer.render: a picture with a shutter has a fixed number of samples: leave "
+                                  "target_error out")  # fmt: skip
+            return self._expose(camera, samples, shutter, pose, denoise, time_limit, progress)
         started = time.perf_counter()
         self._prepare(camera)
         self._warn_of_darkness()
@@ -263,27 +274,35 @@ class PathTracer(PictureRenderer):
             self._begin_picture(self._denoises)
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-            self._frame.uniforms["path_sampling.row_count"] = self._band_rows
             self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
 
     def _add_samples(self, count: int) -> int:
         """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
-        uniforms = self._frame.uniforms
-        uniforms["path_sampling.sample_index"] = self.samples if self._plan is None else self._plan.taken
-        uniforms["path_sampling.samples_per_dispatch"] = count
+        first = self.samples if self._plan is None else self._plan.taken
         try:
-            for row in range(0, self.size[1], self._band_rows):
-                uniforms["path_sampling.first_row"] = row
-                submission = self._frame.submit()
-                self._sizes.append((submission, count * self._band_rows))
+            submission = self._trace_rows(0, self.size[1], first, first + count)
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
-        if self._plan is None:
-            self.samples += count
-        else:
+        if self._plan is not None:
             self._plan.taken += count
             self.samples = self._plan.samples
+        return submission
+
+    def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
+        uniforms, submission = self._frame.uniforms, 0
+        while first < end:
+            count = min(end - first, MAX_SAMPLES)
+            uniforms["path_sampling.sample_index"] = first
+            uniforms["path_sampling.samples_per_dispatch"] = count
+            for row in range(top, below, self._band_rows):
+                uniforms["path_sampling.first_row"] = row
+                uniforms["path_sampling.row_count"] = min(self._band_rows, below - row)
+                submission = self._frame.submit()
+                self._sizes.append((submission, count * self._band_rows))
+            first += count
+        if below == self.size[1]:
+            self.samples = end
         return submission
 
     def _adapt(self) -> None:
@@ -304,7 +323,6 @@ class PathTracer(PictureRenderer):
         if wanted < self._band_rows / 4 and self._band_rows > 8:
             self._band_rows = max(int(wanted), 8)
             frame.rebuild(self._stages(self.size))
-            frame.uniforms["path_sampling.row_count"] = self._band_rows
 
     # ---- results ------------------------------------------------------------------------------------
 

@@ -27,7 +27,7 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
-    "annotate", "randomize",
+    "annotate", "randomize", "sensors", "motion_blur",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -53,13 +53,15 @@ MAY_IMPORT = {
     "passes": {"errors", "settings", "gpu.device", "gpu.shaders", "gpu.frame"},
     "rt": {"errors", *GPU},
     "frame": {"errors", *GPU, *WINGS},
-    "tracer": {"errors", "frame", *GPU, *WINGS},
+    "tracer": {"errors", "frame", "passes", *GPU, *WINGS},
     "annotate": {"errors", "files", "output", "tracer", "scene"},
+    "sensors": {"annotate", "errors", "files", "output", "scene", "tracer"},
     "randomize": {"errors", "files", "scene"},
     "first_hits": {"passes", "gpu.device", "gpu.frame", *WINGS},
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},
-    "reference": RENDERING,
+    "motion_blur": RENDERING,
+    "reference": {"motion_blur", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},

@@ -41,6 +41,10 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     // Of the surface that the guides are of, for both lobes; guides_motion but for PSR surfaces. It is 0 where that is
     // static.
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
+    // Light is averaged over the lens as over the pixel: what is seen through another point of it counts as unmoved.
+    if (rests_behind_lens(imageLoad(gbuffer_surface, pixel).y)) {
+        return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal);
+    }
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
     if (guide.kind != PRIMARY_SURFACE || !moved) {
         return PreviousSurface(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
