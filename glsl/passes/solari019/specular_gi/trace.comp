@@ -98,7 +98,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         // last, when the surface isn't needed any more
         if (max_component(event.radiance) > 0.0) {
             count_ray();
-            radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
+            radiance += event.radiance * trace_shadow_ray(event.origin, event.medium, event.light_sample);
         }
         float carried = max_component(walk.throughput);
         if (!(possible && carried > 0.0)) { return radiance; }
