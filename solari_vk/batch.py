@@ -19,6 +19,7 @@ from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.frame import Stage
@@ -147,7 +148,7 @@ class Batch(SceneUser):
         seeds = self._seeds if seeds is None else self._checked_seeds(seeds)
         cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
         if self._realtime is not None:
-            check_realtime(current, cameras)
+            check_realtime(cameras)
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
         if self._labels is not None or self._paths is not None:
@@ -210,7 +211,8 @@ class Batch(SceneUser):
             if isinstance(frame.resource(resource), Image):
                 return self._realtime.picture_of(values)
             values = values[: self._pixels(name)]  # the grid may have more places than views
-        return self._shaped(name, values)
+        read: NDArray[Any] = self._shaped(name, values)
+        return read
 
     def _size_of(self, name: str) -> tuple[int, int]:
         """The width and height of a result of a view: what is rendered is smaller than the picture with upscale."""
@@ -219,28 +221,31 @@ class Batch(SceneUser):
     def _pixels(self, name: str) -> int:
         return self.views * math.prod(self._size_of(name))
 
-    def tensor(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame in the device's own memory, (N, height, width[, channels]), without a copy.
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """A result of the latest frame that stays on the device, (N, height, width[, channels]).
 
-        For software devices and others whose memory the host sees. Waits for the frame. The array, and what
-        `torch.from_dlpack` and others make of it, shows later frames too: take it again after each `render`, which
-        waits. It keeps its memory when the batch and the device are closed. Raises SolariError where the host doesn't
-        see the memory.
+        On software devices, and others whose memory the host sees, it is an array in the device's own memory, without a
+        copy. It waits for the frame, and shows later frames too: take it again after each `render`, which waits. On
+        NVIDIA devices it is a copy on the device that later frames don't change, without waiting, for CUDA: see
+        `RenderedFrame.tensor`. Both, and what `torch.from_dlpack` and others make of them, keep their memory when the
+        batch and the device are closed. Raises SolariError, with the reason, where the device can't share its memory.
         """
         frame, resource = self._place(name)
         buffer: Buffer | Image = frame.resource(resource)
         if isinstance(buffer, Image):
             raise SolariError(f"Batch.tensor: '{name}' is an image: batch['{name}'] copies it")
+        tensor: NDArray[Any] | CudaTensor
         if not buffer.mapped:
-            raise SolariError(f"Batch.tensor: the host doesn't see the memory of {self.device.name} in which '{name}' "
-                              f"is: batch['{name}'] copies it")  # fmt: skip
+            tensor = self._shaped(name, frame.tensor(resource, self._pixels(name)))
+            return tensor
         element = frame.binding(resource).element
         assert element is not None
         self.device.sync_host()
         memory = buffer.view(element.base, self._pixels(name) * math.prod(element.shape))
         self._tensors += 1
         self.device.lent.lend(memory, self._release_tensor)
-        return self._shaped(name, memory)
+        tensor = self._shaped(name, memory)
+        return tensor
 
     def _release_tensor(self) -> None:
         """A tensor, and all that was made of it, is gone."""
@@ -262,10 +267,11 @@ class Batch(SceneUser):
         assert self._labels is not None
         return self._labels, f"aov_{name}"
 
-    def _shaped(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
-        if name == "primitive":
+    def _shaped(self, name: str, values: Any) -> Any:
+        if name == "primitive" and isinstance(values, np.ndarray):
             values = values.view(np.int32)  # -1 for none, as hits of RayTracer have it
-        channels, (width, height) = values.size // self._pixels(name), self._size_of(name)
+        width, height = self._size_of(name)
+        channels = math.prod(values.shape) // self._pixels(name)
         return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))
 
     @property

@@ -16,6 +16,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Camera
 
 OPTIONS = {
     "labels": [],
@@ -63,12 +64,16 @@ def checked_worlds(worlds: Any, views: int) -> int:
     return count
 
 
-def check_realtime(records: NDArray[Any], cameras: Any) -> None:
+def check_realtime(cameras: Any) -> None:
     """Raise SolariError for cameras that the realtime renderer doesn't take."""
-    if records["lens_radius"].any():
-        raise SolariError("Batch.render: only renderer='reference' renders depth of field: set apertures to 0")
-    if isinstance(cameras, (list, tuple)) and any(getattr(camera, "auto_exposure", False) for camera in cameras):
-        raise SolariError("Batch.render: views choose no exposure of their own: set auto_exposure to False")
+    for index, camera in enumerate(cameras if isinstance(cameras, (list, tuple)) else ()):
+        if not isinstance(camera, Camera):
+            return  # lists of poses
+        if camera.aperture and camera.projection != "perspective":
+            raise SolariError(f"Batch.render: view {index}: only PathTracer renders the depth of field of a "
+                              f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
+        if camera.auto_exposure:
+            raise SolariError(f"Batch.render: view {index} can't choose an exposure: set auto_exposure to False")
 
 
 def checked_size(device: Device, size: Any, views: int, record_bytes: int, renderer: str) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.reference import PathTracer
-from solari_vk.renderer import Renderer
+from solari_vk.renderer import LENS_STRIDE, Renderer
 
 Size = tuple[int, int]
 
@@ -47,13 +47,12 @@ class ViewTracer(PathTracer):
 
     def trace(self, samples: int) -> None:
         """Trace new pictures with this many samples per pixel."""
-        self._begin_picture(denoises=False)
+        self._begin_picture()
         self._warn_of_darkness()
         self._frame.apply_edits()
         if self._worlds.update():
             self._frame.bind(self._worlds.resources)
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-        self._frame.uniforms["path_sampling.row_count"] = self._band_rows
         while self.samples < samples:
             self._add_samples(min(self._batch, samples - self.samples))
             self._adapt()
@@ -132,7 +131,8 @@ class ViewRenderer(Renderer):
         offsets = np.zeros((1, 2))
         if self.settings.jitter:
             offsets = np.array(self._jitters)[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._jitters)]
-        own = write_samples(current, written, self.size, self._built_render_size, offsets)
+        numbers = self.frame_count + LENS_STRIDE * seeds.astype(np.int64)
+        own = write_samples(current, written, self.size, self._built_render_size, offsets, numbers)
         self.views.show(current, cut)
         change = self._change * CHANGE_DECAY
         change[change <= MIN_CHANGE] = 0.0

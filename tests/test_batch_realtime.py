@@ -86,7 +86,7 @@ def test_cameras_of_any_kind_and_upscaling(device, first):
         fields = {"transform": sv.Camera.look_at((1, 1, 0.3 - 0.02 * index), (1, 1, 1)).transform}
         return [
             sv.Camera(**fields, **first), sv.Camera(**fields, orthographic_height=1.5, jitter=(0.3 * index, -2)),
-            sv.Camera.look_at((1, 1, -2.4), (1, 1 + 0.02 * index, 0), principal_point=(0.4, 0.7), ev100=-1),
+            sv.Camera.look_at((1, 1, -2.4), (1, 1 + 0.02 * index, 0), principal_point=(0.4, 0.7), ev100=-1, aperture=0.2),
         ]  # fmt: skip
 
     frames = [(frame(index), {}, False) for index in range(3)]
@@ -185,7 +185,7 @@ def test_tensors_and_pictures(device):
     ({"settings": Settings(gbuffer="raster")}, {}, "the setting gbuffer=traced"),
     ({"settings": 3}, {}, "settings must be a Settings, not 3"), ({"max_bounces": 3}, {}, "no option 'max_bounces'"),
     ({}, {"samples": 3}, "the realtime renderer takes no samples"),
-    ({}, {"cameras": [sv.Camera(aperture=0.1)] * 2}, "only renderer='reference' renders depth of field"),
+    ({}, {"cameras": [sv.Camera(aperture=0.1, **FISHEYE)] * 2}, "view 0: only PathTracer renders the depth of field"),
     ({}, {"cameras": [sv.Camera(auto_exposure=True)] * 2}, "set auto_exposure to False"),
     ({}, {"cameras": np.tile(np.eye(4), (2, 1, 1)), "ev100": [0, 101]}, "ev100 of view 1 must lie between"),
     ({"views": 100_000_000}, {}, "at most .* views of this size"),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.projection import FIELDS, Projection
+from solari_vk.bound.projection import FIELDS, Projection, lens_point
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.packing import packing
@@ -34,6 +34,8 @@ class Written(NamedTuple):
 
     lenses: list[Camera]
     """Those with a lens, which is a feature of the shaders."""
+    apertures: dict[int, Camera]
+    """Those with an aperture, by the view."""
     jitter: Floats
     """(N, 2): the cameras' own, in pixels of the picture."""
     principal_shift: Floats
@@ -143,28 +145,35 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
     offsets = np.zeros((2, len(cameras), 2))
-    written = Written([], offsets[0], offsets[1], np.zeros(len(cameras)))
+    written = Written([], {}, offsets[0], offsets[1], np.zeros(len(cameras)))
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
         at = index * records.dtype.itemsize + begin
-        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *found.principal_shift, *found.lens)
-        written.jitter[index], written.principal_shift[index] = found.jitter, found.principal_shift
+        shift = found.principal_shift
+        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *shift, 0.0, 0.0, *found.lens)
+        written.jitter[index], written.principal_shift[index] = found.jitter, shift
         written.exposure[index] = found.exposure
         if camera.has_lens:
             written.lenses.append(camera)
+        if camera.aperture:
+            written.apertures[index] = camera
     return written
 
 
 def write_samples(
     records: NDArray[Any], written: Written, size: tuple[int, int], render_size: tuple[int, int], offsets: Floats,
+    numbers: NDArray[np.int64],
 ) -> Floats:  # fmt: skip
-    """Move the samples of records (N,) by offsets (N, 2) in pixels of what is rendered for pictures of this size.
-    Returns the offsets of the user's own (N, 2). `CameraUniforms.write_projection` does the same for one camera."""
+    """Move the samples of records (N,) by offsets (N, 2) in pixels of what is rendered for pictures of this size, and
+    to the points of apertures of these numbers (N,). Returns the offsets of the user's own (N, 2).
+    `CameraUniforms.write_projection` does the same for one camera."""
     scale = np.divide(render_size, size)
     shift = written.principal_shift * scale
     records["size"] = render_size
     records["jitter"], records["principal_shift"] = written.jitter * scale + offsets + shift, shift
+    for index, camera in written.apertures.items():
+        records["lens_offset"][index] = lens_point(camera, int(numbers[index]))
     return written.jitter
 
 
@@ -235,4 +244,4 @@ def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: M
     exposures = np.broadcast_to(array(ev100, "ev100", (count,), ()), count)
     check_all(np.abs(exposures) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
     write_poses(records, poses, half, shift, nears)
-    return Written([], np.zeros((count, 2)), shift, _each(exposure_of, exposures))
+    return Written([], {}, np.zeros((count, 2)), shift, _each(exposure_of, exposures))
