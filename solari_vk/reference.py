@@ -26,6 +26,7 @@ from solari_vk.scene.model import Camera, Scene
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
+MIN_ROWS = 8  # of a band
 FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
 _SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
 
@@ -84,6 +85,7 @@ class PathTracer(PictureRenderer):
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
             self._begin_picture(denoises=False)
+            self._pixel_ms = 0.0  # milliseconds of a sample of a pixel, 0 until they are measured
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
@@ -101,6 +103,8 @@ class PathTracer(PictureRenderer):
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
         rows = pathtracer.max_rows(size)
+        if self._pixel_ms:
+            rows = max(min(rows, int(DISPATCH_MS / (self._pixel_ms * size[0]))), min(MIN_ROWS, rows))
         self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
         self.size = size
         self._begin_adapting(rows, self._frame.frame_count)
@@ -144,6 +148,7 @@ class PathTracer(PictureRenderer):
 
     def _begin_picture(self, denoises: bool) -> None:
         self.samples = 0
+        self._begun = 0, 0  # samples that are being traced, and the row of the picture that comes next
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides: list[NDArray[Any]] | None = None
         self._set_denoising(denoises)
@@ -205,13 +210,21 @@ class PathTracer(PictureRenderer):
                 estimate.look_at_mean(samples, mean)
         return estimate.error
 
-    def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:
-        """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
+    def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
+        """Submit a short dispatch with the next samples of all pixels, or of so many bands of rows below those of the
+        latest call, without waiting for it. `samples` are those that all pixels have."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
-        submission = self._add_samples(min(self._batch, max_samples))
+        submission = self._add_samples(min(self._batch, max_samples), bands)
         self._latest = RenderedFrame(self, camera, self._projection, submission)
-        self._adapt()
+        if self._begun[0] == 0:
+            self._adapt()
+
+    @property
+    def mean_samples(self) -> float:
+        """The mean number of samples of a pixel so far: more than `samples` while some bands have the next ones."""
+        count, row = self._begun
+        return self.samples + count * min(row / self.size[1], 1.0)
 
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
@@ -226,20 +239,24 @@ class PathTracer(PictureRenderer):
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
             self._frame.uniforms["path_sampling.row_count"] = self._band_rows
 
-    def _add_samples(self, count: int) -> int:
-        """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
+    def _add_samples(self, count: int, bands: int | None = None) -> int:
+        """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
         uniforms = self._frame.uniforms
+        count, first = self._begun if self._begun[0] else (count, 0)
         uniforms["path_sampling.sample_index"] = self.samples
         uniforms["path_sampling.samples_per_dispatch"] = count
         try:
-            for row in range(0, self.size[1], self._band_rows):
+            for row in range(first, self.size[1], self._band_rows)[:bands]:
                 uniforms["path_sampling.first_row"] = row
                 submission = self._frame.submit()
                 self._sizes.append((submission, count * self._band_rows))
+                self._begun = count, row + self._band_rows
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
-        self.samples += count
+        if self._begun[1] >= self.size[1]:
+            self._begun = 0, 0
+            self.samples += count
         return submission
 
     def _adapt(self) -> None:
@@ -256,9 +273,10 @@ class PathTracer(PictureRenderer):
         if not spent or not size:
             return
         wanted = DISPATCH_MS / spent * size
+        self._pixel_ms = spent / (size * self.size[0])
         self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MAX_SAMPLES))
-        if wanted < self._band_rows / 4 and self._band_rows > 8:
-            self._band_rows = max(int(wanted), 8)
+        if wanted < self._band_rows / 4 and self._band_rows > MIN_ROWS:
+            self._band_rows = max(int(wanted), MIN_ROWS)
             frame.rebuild(self._stages(self.size))
             frame.uniforms["path_sampling.row_count"] = self._band_rows
 

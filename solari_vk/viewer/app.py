@@ -17,26 +17,29 @@ from solari_vk.errors import SolariError, ValidationError, checked_keywords, quo
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
-from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.settings import Settings
+from solari_vk.settings import FIELDS, Settings
 from solari_vk.viewer.actions import act
 from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.controls import Controls
+from solari_vk.viewer.held import Held
+from solari_vk.viewer.opening import meter, note_recent
 from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
-from solari_vk.viewer.presenter import Presenter
+from solari_vk.viewer.presenter import Part, Presenter
+from solari_vk.viewer.refining import FRAMES
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.session import Session
+from solari_vk.viewer.status import state_in_words
 from solari_vk.viewer.waiting import Waiting
 from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
-METERING_SIZE = 96, 54  # of the picture that chooses the exposure
 MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
+IDLE_WAIT = 0.05  # seconds that a frame waits for events once the picture is finished
 
 
 class Viewer(Session):
@@ -89,20 +92,24 @@ class Viewer(Session):
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
             camera = camera or scene.camera_for(size[0] / size[1])
-            if camera.auto_exposure:  # by a small picture
-                with PathTracer(device, scene, METERING_SIZE) as tracer:
-                    tracer.render(camera, samples=16)
+            meter(pictures, camera)
             camera_control = CameraControl(camera, extent_of(scene))
             super().__init__(window, pictures, camera_control, scale_control, sources,
                              source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
-            self.controls = Controls(self.camera_control, self.act)
+            self.refining.enabled = scale_control.auto
+            self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
+            self._held = Held(device)
+            undo.callback(self._held.drop)
             self.overlay = self._open_overlay() if overlay else None
             if self.overlay is not None:
                 undo.callback(self.overlay.close)
             self._closers = undo.pop_all()
+        if source and not source.startswith("builtin:"):
+            note_recent(Path(source).absolute())
         self.frame_count = 0
         self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
+        self._shown_by: tuple[float, str] | None = None
 
     def _open_overlay(self) -> Any:
         try:
@@ -130,10 +137,11 @@ class Viewer(Session):
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
         """Handle input, render a frame and show it. Returns False if nothing was shown, as in a minimized window."""
-        visible = 0 not in self.window.pixels
-        events = self.window.take_events(0.0 if visible else HIDDEN_WAIT)
+        wait = HIDDEN_WAIT if 0 in self.window.pixels else IDLE_WAIT if self.refining.finished else 0.0
+        events = self.window.take_events(wait)
         keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
         self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
+        self.cursor = self.controls.cursor
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
         self._fly(seconds, now)
@@ -142,22 +150,27 @@ class Viewer(Session):
         self.reload_changed()
         if on_frame is not None:
             on_frame(self, seconds)
-        pixels = self.window.pixels
-        if 0 in pixels or self.window.wants_to_close:
+        if 0 in self.window.pixels or self.window.wants_to_close:
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
-        if self.pictures.ready or "picture" in self.faults:
+        self._presenter.area = self.picture_area
+        pixels = self._presenter.area.width, self._presenter.area.height
+        if self.pictures.ready or self.refining.rests or "picture" in self.faults:
             self._render(pixels)
         else:
             self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
             with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
                 self._render(pixels)
-        shown = self._presenter.show(self.pictures.parts(), self._draw)
+        shown = self._presenter.show(self._parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)
         self._show_title()
         return shown
+
+    def _parts(self) -> list[Part]:
+        """What the window shows: the latest picture, or the one before while that still looks worse."""
+        return (self._held.parts if self.refining.hides else []) or self.pictures.parts()
 
     def _fly(self, seconds: float, now: float) -> None:
         """Move the camera, at a speed that follows the distance to what the latest picture shows."""
@@ -172,16 +185,36 @@ class Viewer(Session):
         """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""
         if self.window.closed:
             raise SolariError("the window is closed")
-        pixels = self._presenter.capture(self.pictures.parts(), self._draw)
+        pixels = self._presenter.capture(self._parts(), self._draw)
         if pixels is None:
             raise SolariError("the window shows no frame that can be read")
         return pixels
 
     def _render(self, pixels: tuple[int, int]) -> None:
         """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
+        refining, pictures = self.refining, self.pictures
+        refining.enabled = self.scale.auto
         try:
-            self.pictures.render(self.camera, pixels, self.scale.scale)
-            if not self.pictures.refuses:
+            pictures.binder.update()
+            refining.note_view((pixels, self.load_count, self._setting_values(), pictures.view_key(self.camera)))
+            if refining.finished:
+                self._show_finished()
+                return
+            if refining.begins:
+                self._held.drop()
+                if pictures.ready:
+                    self._held.keep(pictures.pixels())
+            pictures.most_bands = refining.bands if refining.rests and pictures.mode == "reference" else None
+            pictures.keeps_realtime = pictures.mode == "split" and refining.steps >= FRAMES
+            began = time.perf_counter()
+            pictures.render(self.camera, pixels, 1.0 if refining.rests else self.scale.scale)
+            traced = pictures.mode != "realtime"
+            count = pictures.reference.tracer.mean_samples if traced and pictures.reference else refining.count + 1
+            if refining.rests:
+                self.device.wait_idle()  # so that steps take as long as they seem to
+            refining.note(time.perf_counter() - began, count, traced)
+            self._shown_by = self._tone
+            if not pictures.refuses:
                 self.clear_fault("picture")
         except ValidationError:
             raise
@@ -189,6 +222,23 @@ class Viewer(Session):
             if self.device.lost:
                 raise
             self.report("picture", error)
+
+    @property
+    def _tone(self) -> tuple[float, str]:
+        return self.camera.ev100, self.pictures.tonemap
+
+    def _setting_values(self) -> tuple[Any, ...]:
+        """The settings but for the one that follows the scale."""
+        return tuple(getattr(self.settings, name) for name in FIELDS if name != "upscale")
+
+    def _show_finished(self) -> None:
+        """Show the finished picture with another exposure or tone mapping, if that was changed."""
+        if self._shown_by != self._tone:
+            self._shown_by = self._tone
+            if self.pictures.mode != "realtime":
+                self.pictures.expose(self.camera)
+            if self.pictures.mode != "reference":
+                self.pictures.render(self.camera, self.pictures.size, 1.0)
 
     def _draw(self, commands: raw.CData, index: int) -> None:
         """Record the drawing of the panels over an image of the swapchain."""
@@ -206,6 +256,7 @@ class Viewer(Session):
             shown, self.message = self.message, self.message or text
             self.overlay.lay_out(0.0)
             self.message = shown
+        self._presenter.area = self.picture_area
         self._presenter.show(self.pictures.parts(), self._draw)
 
     def _note_time(self, since_last: float, seconds: float) -> None:
@@ -215,14 +266,12 @@ class Viewer(Session):
         if self._timed_mode != self.pictures.mode:
             self._timed_mode = self.pictures.mode
             self.scale.unsettle()
-        if self.pictures.is_short:
+        if self.pictures.is_short and not self.refining.rests:
             self.scale.note(sum(self.timings.values()) / 1000 or seconds)
 
     def _show_title(self) -> None:
         self.end_message()
-        width, height = self.pictures.rendered_size
-        state = f"{self.pictures.mode} - {self.pictures.view} - {width}x{height} - {self.fps:.1f} fps"
-        self._set_title(self.message.partition("\n")[0] or state)
+        self._set_title(self.message.partition("\n")[0] or state_in_words(self))
 
     def _set_title(self, text: str) -> None:
         self.window.set_title(" - ".join(part for part in (self.name, "solari_vk", text) if part))
