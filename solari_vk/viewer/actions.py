@@ -157,7 +157,8 @@ class Actions(EditActions):
         return None if pick is None else pick.point
 
     def _pick_at(self, cursor: Cursor) -> Pick | None:
-        return pick_at(self._session.pictures, *self._session.layout.picture.share(cursor))
+        x, y = self._session.layout.picture.share(cursor)
+        return pick_at(self._session.pictures_at(x), x, y)
 
 
 def act(session: Session, name: str, argument: Any = None) -> Any:

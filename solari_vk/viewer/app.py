@@ -18,17 +18,17 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.settings import FIELDS, Settings
+from solari_vk.settings import Settings
 from solari_vk.viewer.actions import act
+from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.controls import Controls
-from solari_vk.viewer.held import Held
 from solari_vk.viewer.opening import meter, note_recent
 from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
-from solari_vk.viewer.presenter import Part, Presenter
-from solari_vk.viewer.refining import FRAMES
+from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
+from solari_vk.viewer.rendering import Rendering
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.session import Session
 from solari_vk.viewer.status import state_in_words
@@ -50,7 +50,8 @@ class Viewer(Session):
     rendered, or "auto" to aim at `fps` frames per second (default: 60, on a CPU 7). overlay: show panels over the
     picture if imgui-bundle is installed. source, source_options: the arguments that name the scene on a command line;
     screenshots note them. load: a function that loads the scene, called when its file changes. folder: the folder of
-    screenshots.
+    screenshots. beside: a second scene, called beside_name, that is shown right of a line which the user drags, seen by
+    the same camera.
 
     `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame. It may edit the scene,
     `settings` and everything else. Raises SolariError where no window can be opened, and DeviceError when the device
@@ -75,6 +76,8 @@ class Viewer(Session):
         source_options: Sequence[str] = (),
         load: Callable[[], Scene] | None = None,
         folder: str | Path = ".",
+        beside: Scene | None = None,
+        beside_name: str = "",
     ) -> None:
         if fps is None:
             fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
@@ -97,9 +100,12 @@ class Viewer(Session):
             super().__init__(window, pictures, camera_control, scale_control, sources,
                              source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
             self.refining.enabled = scale_control.auto
+            if beside is not None:
+                self.beside = Beside(device, beside, pictures, beside_name or beside.name or "second")
+                undo.callback(self.beside.close)
             self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
-            self._held = Held(device)
-            undo.callback(self._held.drop)
+            self._rendering = Rendering(self)
+            undo.callback(self._rendering.close)
             self.overlay = self._open_overlay() if overlay else None
             if self.overlay is not None:
                 undo.callback(self.overlay.close)
@@ -109,13 +115,12 @@ class Viewer(Session):
         self.frame_count = 0
         self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
-        self._shown_by: tuple[float, str] | None = None
 
     def _open_overlay(self) -> Any:
         try:
             from solari_vk.viewer.overlay import Overlay
         except ImportError:
-            self.say("there are no panels, because imgui-bundle is not installed: H lists the keys")
+            self.say("there are no panels, because imgui-bundle is not installed: ? lists the keys")
             return None
         overlay = Overlay(self)
         self.has_panels = self.shows_panels = True
@@ -123,7 +128,7 @@ class Viewer(Session):
         return overlay
 
     def act(self, name: str, argument: Any = None) -> Any:
-        """Do one of controls.ACTIONS, "camera", "pick" or "grab". A user's mistake is shown in the window."""
+        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window."""
         return act(self, name, argument)
 
     # ---- running ------------------------------------------------------------------------------------
@@ -162,15 +167,11 @@ class Viewer(Session):
             self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
             with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
                 self._render(pixels)
-        shown = self._presenter.show(self._parts(), self._draw)
+        shown = self._presenter.show(self._rendering.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)
         self._show_title()
         return shown
-
-    def _parts(self) -> list[Part]:
-        """What the window shows: the latest picture, or the one before while that still looks worse."""
-        return (self._held.parts if self.refining.hides else []) or self.pictures.parts()
 
     def _fly(self, seconds: float, now: float) -> None:
         """Move the camera, at a speed that follows the distance to what the latest picture shows."""
@@ -185,36 +186,16 @@ class Viewer(Session):
         """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""
         if self.window.closed:
             raise SolariError("the window is closed")
-        pixels = self._presenter.capture(self._parts(), self._draw)
+        pixels = self._presenter.capture(self._rendering.parts(), self._draw)
         if pixels is None:
             raise SolariError("the window shows no frame that can be read")
         return pixels
 
     def _render(self, pixels: tuple[int, int]) -> None:
         """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
-        refining, pictures = self.refining, self.pictures
-        refining.enabled = self.scale.auto
         try:
-            pictures.binder.update()
-            refining.note_view((pixels, self.load_count, self._setting_values(), pictures.view_key(self.camera)))
-            if refining.finished:
-                self._show_finished()
-                return
-            if refining.begins:
-                self._held.drop()
-                if pictures.ready:
-                    self._held.keep(pictures.pixels())
-            pictures.most_bands = refining.bands if refining.rests and pictures.mode == "reference" else None
-            pictures.keeps_realtime = pictures.mode == "split" and refining.steps >= FRAMES
-            began = time.perf_counter()
-            pictures.render(self.camera, pixels, 1.0 if refining.rests else self.scale.scale)
-            traced = pictures.mode != "realtime"
-            count = pictures.reference.tracer.mean_samples if traced and pictures.reference else refining.count + 1
-            if refining.rests:
-                self.device.wait_idle()  # so that steps take as long as they seem to
-            refining.note(time.perf_counter() - began, count, traced)
-            self._shown_by = self._tone
-            if not pictures.refuses:
+            self._rendering.render(pixels)
+            if not self.pictures.refuses:
                 self.clear_fault("picture")
         except ValidationError:
             raise
@@ -222,23 +203,6 @@ class Viewer(Session):
             if self.device.lost:
                 raise
             self.report("picture", error)
-
-    @property
-    def _tone(self) -> tuple[float, str]:
-        return self.camera.ev100, self.pictures.tonemap
-
-    def _setting_values(self) -> tuple[Any, ...]:
-        """The settings but for the one that follows the scale."""
-        return tuple(getattr(self.settings, name) for name in FIELDS if name != "upscale")
-
-    def _show_finished(self) -> None:
-        """Show the finished picture with another exposure or tone mapping, if that was changed."""
-        if self._shown_by != self._tone:
-            self._shown_by = self._tone
-            if self.pictures.mode != "realtime":
-                self.pictures.expose(self.camera)
-            if self.pictures.mode != "reference":
-                self.pictures.render(self.camera, self.pictures.size, 1.0)
 
     def _draw(self, commands: raw.CData, index: int) -> None:
         """Record the drawing of the panels over an image of the swapchain."""

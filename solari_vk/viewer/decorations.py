@@ -40,7 +40,7 @@ class Decorations:
         if session.shows_panels:
             self._draw_outline(lines)
             self._draw_marks(lines)
-        if len(session.pictures.columns()) > 1:
+        if len(session.columns()) > 1:
             self._draw_columns(lines)
         lines.pop_clip_rect()
 
@@ -100,7 +100,7 @@ class Decorations:
         """The lines between pictures side by side, which the user can drag, and the pictures' names."""
         area = self._session.layout.picture
         height = imgui.get_text_line_height()
-        for index, (name, (begin, end)) in enumerate(self._session.pictures.columns().items()):
+        for index, (name, (begin, end)) in enumerate(self._session.columns().items()):
             width = imgui.calc_text_size(name).x
             at = area.x + (begin * area.width + 8 if index else end * area.width - 8 - width)
             top = area.y + area.height - height - 8

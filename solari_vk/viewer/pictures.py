@@ -18,7 +18,7 @@ from solari_vk.reference import MAX_SAMPLES
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
-from solari_vk.viewer.presenter import Part
+from solari_vk.viewer.presenter import Part, pixels_of
 from solari_vk.viewer.reference_picture import ReferencePicture
 from solari_vk.viewer.scaling import Build, Size
 from solari_vk.viewer.tone_mapped import ToneMapped
@@ -270,16 +270,7 @@ class Pictures:
 
     def pixels(self) -> NDArray[np.uint8]:
         """The latest picture as it is shown, (height, width, 3), at the size of the largest image in it."""
-        parts = self.parts()
-        if not parts:
-            raise SolariError("there is no picture yet")
-        width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
-        found = []
-        for part in parts:
-            rows = np.arange(height) * part.image.height // height
-            columns = np.arange(*part.columns(width)) * part.image.width // width
-            found.append(part.image.read()[rows[:, None], columns, :3])
-        return np.concatenate(found, axis=1)
+        return pixels_of(self.parts())
 
     def radiance(self) -> NDArray[np.float32]:
         """Radiance (height, width, 3) of the latest picture, in cd/m^2; in the mode "split" of the realtime one."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import barriers, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
@@ -42,6 +43,20 @@ class Part:
         """The part's columns in an image of this width: the first, and one past the last; at least `min_count`."""
         begin, end = min(round(self.begin * width), width - min_count), round(self.end * width)
         return begin, max(end, begin + min_count)
+
+
+def pixels_of(parts: Sequence[Part]) -> NDArray[np.uint8]:
+    """The pixels (height, width, 3) of parts side by side, at the size of the largest image. Raises SolariError without
+    parts."""
+    if not parts:
+        raise SolariError("there is no picture yet")
+    width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
+    found = []
+    for part in parts:
+        rows = np.arange(height) * part.image.height // height
+        columns = np.arange(*part.columns(width)) * part.image.width // width
+        found.append(part.image.read()[rows[:, None], columns, :3])
+    return np.concatenate(found, axis=1)
 
 
 class Presenter:

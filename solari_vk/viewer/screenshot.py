@@ -17,6 +17,7 @@ from solari_vk.output.picture import save_image, write_codes
 from solari_vk.scene.model import Scene
 from solari_vk.settings import DEFAULTS
 from solari_vk.viewer.history import Assignment, Presence
+from solari_vk.viewer.presenter import pixels_of
 from solari_vk.viewer.session import Session
 
 
@@ -32,7 +33,7 @@ def take_screenshot(session: Session) -> Path:
     while (target := session.folder / f"solari-{number:03}.png").exists():
         number += 1
     command, area = command_line(session, target), session.picture_area
-    write_codes(target, fitted(session.pictures.pixels(), (area.width, area.height)))
+    write_codes(target, fitted(pixels_of(session.parts()), (area.width, area.height)))
     save_image(
         target.with_suffix(".exr"),
         session.pictures.radiance(),

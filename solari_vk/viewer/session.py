@@ -12,6 +12,7 @@ from weakref import WeakSet
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observed import Checked
 from solari_vk.settings import Settings
+from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.history import History
 from solari_vk.viewer.layout import Area, Layout
@@ -19,6 +20,7 @@ from solari_vk.viewer.messages import Messages
 from solari_vk.viewer.picking import Pick
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.player import Player
+from solari_vk.viewer.presenter import Part
 from solari_vk.viewer.refining import Refining
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
@@ -72,6 +74,8 @@ class Session(Messages):
         """What dragging the picked object does, and whether along its own axes."""
         self.cursor = (0.0, 0.0)
         """Where the mouse is, in window coordinates."""
+        self.beside: Beside | None = None
+        """The second scene that is shown beside this one."""
         self.has_panels = self.shows_panels = self.shows_help = False
         self.timings: dict[str, float] = {}
         """GPU milliseconds of each pass in the last finished frame."""
@@ -108,6 +112,19 @@ class Session(Messages):
     def picture_area(self) -> Area:
         """Where the picture is in the window, in pixels."""
         return self.layout.picture.scaled(self.window.size, self.window.pixels)
+
+    def parts(self) -> list[Part]:
+        """The parts of images that make up the latest picture; an empty list before there is one."""
+        return self.beside.parts() if self.beside is not None and self.beside.ready else self.pictures.parts()
+
+    def columns(self) -> dict[str, tuple[float, float]]:
+        """The names of the pictures side by side, and where each begins and ends, as shares of the width."""
+        shown = self.beside is not None and self.beside.shown
+        return self.beside.columns(self.name) if self.beside is not None and shown else self.pictures.columns()
+
+    def pictures_at(self, x: float) -> Pictures:
+        """The pictures of the scene that is seen at this share of the picture's width."""
+        return self.pictures if self.beside is None else self.beside.pictures_at(x)
 
     def edit(self, item: Checked | Settings, **fields: Any) -> None:
         """Assign values to fields, so that it can be undone. A value that is refused is shown as a message."""

@@ -50,7 +50,7 @@ class Probe:
             return
         self._seen, self._looked_at = seen, now
         share = area.share(session.cursor)
-        radiance = radiance_at(session.pictures, *share) if area.holds(session.cursor) else None
+        radiance = radiance_at(session.pictures_at(share[0]), *share) if area.holds(session.cursor) else None
         if radiance is None:
             self.text = ""
             return

@@ -52,6 +52,7 @@ class Window:
     def __init__(self, size: tuple[int, int], title: str) -> None:
         global _windows
         self.events: list[Event] = []
+        self.title = title
         self._handle: Any = None
         width, height = _checked_size(size)
         self._error: str = ""
@@ -172,6 +173,7 @@ class Window:
 
     def set_title(self, title: str) -> None:
         """Set the title."""
+        self.title = title
         glfw.set_window_title(self.handle, title)
 
     def take_events(self, wait: float = 0.0) -> list[Event]:

@@ -18,11 +18,12 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.camera_control import PACE
+from solari_vk.viewer.comparison import errors
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.window import Event
 
-UNUSED = ("close", "screenshot", "reload", "fullscreen")
+UNUSED = ("close", "screenshot", "reload", "fullscreen", "remove", "save")
 KEYS = [*FLY_KEYS, glfw.KEY_LEFT_SHIFT, glfw.KEY_1, glfw.KEY_5]
 KEYS += [code for (code, _), name in ACTIONS.items() if name not in UNUSED]
 SIZES = [(160, 120), (120, 160), (64, 64), (201, 77), (1, 1), (300, 200)]
@@ -124,7 +125,7 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
         assert viewer.message == "", name
     viewer.act("pick", (48, 40))
     assert viewer.pick is not None
-    assert viewer.pictures.errors().keys() == {"raw", "denoised"}
+    assert errors(viewer.pictures).keys() == {"raw", "denoised"}
     viewer.act("screenshot")
     viewer.pictures.mode, viewer.pictures.counts_rays = "realtime", True
     viewer.run(frames=2)
@@ -132,10 +133,10 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     use_at_random(viewer, 60, seed=12, modes=["realtime", "split"])
 
 
-def test_real_keys_and_mouse(open_viewer):
+def test_real_keys_and_mouse(open_viewer, tmp_path):
     if shutil.which("xdotool") is None:
         pytest.fail("xdotool is missing (Debian: apt-get install xdotool)")
-    viewer = open_viewer(size=(160, 120), scale=0.25, overlay=False)
+    viewer = open_viewer(size=(160, 120), scale=0.25, overlay=False, folder=tmp_path)
     viewer.run(frames=2)
     glfw.focus_window(viewer.window.handle)
     home = viewer.camera_control.home.transform
@@ -145,7 +146,18 @@ def test_real_keys_and_mouse(open_viewer):
         ("key r", lambda: (viewer.camera.transform == home).all()),
         ("click 1", lambda: viewer.pick is not None),
         ("mousedown 1 mousemove 110 60", lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any()),
-        ("mouseup 1 click 4", lambda: viewer.camera_control.pace > PACE),
+        ("mouseup 1 key r", lambda: (viewer.camera.transform == home).all()),
+        ("click 4", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
+        ("key r", lambda: (viewer.camera.transform == home).all()),
+        ("mousedown 2 mousemove 90 60", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
+        ("mouseup 2 keydown w click 4 keyup w", lambda: viewer.camera_control.pace > PACE),
+        ("key h", lambda: not viewer.selected.visible),
+        ("key ctrl+z", lambda: viewer.selected.visible),
+        ("key ctrl+shift+z", lambda: not viewer.selected.visible),
+        ("key question", lambda: viewer.shows_help),
+        ("key Escape", lambda: not viewer.shows_help),
+        ("key Escape", lambda: "Ctrl+S" in viewer.message),
+        ("key ctrl+s", lambda: not viewer.history.unsaved),
         ("key Escape", lambda: viewer.window.wants_to_close),
     ):
         subprocess.run(["xdotool", *words.split()], check=True, timeout=20)
