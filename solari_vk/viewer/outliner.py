@@ -11,6 +11,7 @@ from solari_vk.scene.model import Camera, Instance
 from solari_vk.viewer.actions import act
 from solari_vk.viewer.light_making import LIGHTS
 from solari_vk.viewer.session import Session
+from solari_vk.viewer.theme import FREE, HIDDEN, LOCKED, SHOWN
 from solari_vk.viewer.widgets import hint, toggle
 
 MAX_ROWS = 500  # that a list shows; the others are found by a part of their name, or picked in the picture
@@ -67,12 +68,12 @@ class Outliner:
     def _row(self, name: str, item: Any) -> None:
         session, locked = self._session, item in self._session.locked
         if isinstance(item, Instance):
-            if toggle("o##shown", item.visible, "Show or hide."):
+            if toggle(f"{SHOWN if item.visible else HIDDEN}##shown", item.visible, "Show or hide (H)."):
                 session.edit(item, visible=not item.visible)
         else:
-            imgui.dummy(imgui.ImVec2(imgui.calc_text_size("o").x, 1))
+            imgui.dummy(imgui.calc_text_size(SHOWN))
         imgui.same_line()
-        if toggle("x##lock", locked, "Lock: clicks don't pick it, and nothing edits it."):
+        if toggle(f"{LOCKED if locked else FREE}##lock", locked, "Lock: clicks don't pick it, and nothing edits it."):
             (session.locked.discard if locked else session.locked.add)(item)
         imgui.same_line()
         dim = isinstance(item, Instance) and not item.visible
