@@ -32,7 +32,8 @@ class Actions(EditActions):
 
     def focus(self) -> None:
         """Frame what is picked, or all."""
-        session, item = self._session, self._session.selected
+        session = self._session
+        item: Any = session.selected
         if isinstance(item, Instance):
             points = transform_points(item.transform, item.posed_mesh().positions)
             self._frame(points.min(axis=0), points.max(axis=0))

@@ -71,7 +71,7 @@ class Beside:
         if not self.ready:
             return {}
         found = {}
-        shown = [pictures.pixels().astype(np.float32) / 255 for pictures in (self.first, self.pictures)]
+        shown = [pictures.pixels() / 255 for pictures in (self.first, self.pictures)]
         if not math.isnan(value := flip(shown[0], shown[1])):
             found["FLIP"] = value
         first = self.first.radiance()
@@ -85,12 +85,12 @@ class Beside:
         self.pictures.close()
 
 
-def flip(first: NDArray[np.float32], second: NDArray[np.float32]) -> float:
+def flip(first: NDArray[Any], second: NDArray[Any]) -> float:
     """The mean FLIP (Andersson et al. 2020) of two sRGB pictures (height, width, 3) in [0, 1]; NaN without the package
     flip-evaluator, and for pictures of different sizes."""
     if first.shape != second.shape or importlib.util.find_spec("flip_evaluator") is None:
         return math.nan
     import flip_evaluator
 
-    given: list[Any] = [np.ascontiguousarray(picture) for picture in (first, second)]
+    given: list[Any] = [np.ascontiguousarray(picture, np.float32) for picture in (first, second)]
     return float(flip_evaluator.evaluate(*given, "LDR", inputsRGB=True, applyMagma=False)[1])

@@ -136,12 +136,12 @@ class CameraControl:
         at: where the cursor is, right of the picture's middle and below it, in shares of the picture's height. What is
         there at `distance` stays there.
         """
-        factor = WHEEL ** -min(max(notches, -20.0), 20.0)
-        before = self.distance
-        anchor = self._seen_across(at)
+        wanted = self.distance * WHEEL ** -min(max(notches, -20.0), 20.0)
+        distance = min(max(wanted, self._nearest), self._farthest)
+        anchor, center = self._seen_across(at), self.center
         if self.camera.orthographic_height:
-            self.camera.orthographic_height *= factor
-        self._look_from(self.center, min(max(before * factor, self._nearest), self._farthest))
+            self.camera.orthographic_height *= distance / self.distance
+        self._look_from(center, distance)
         transform = self.camera.transform.copy()
         transform[:3, 3] += anchor - self._seen_across(at)
         self._assign(transform)
@@ -169,19 +169,20 @@ class CameraControl:
     def pan(self, right: float, down: float) -> None:
         """Move the camera across its view, so that what is seen at `distance` follows the cursor, which moved by these
         shares of the picture's height."""
-        opening = math.tan(min(self.camera.vertical_fov, WIDEST) / 2)
-        height = self.camera.orthographic_height or 2 * self.distance * opening
         transform = self.camera.transform.copy()
-        x, y = (axis / np.linalg.norm(axis) for axis in transform[:3, :2].T)
-        transform[:3, 3] += height * (down * y - right * x)
+        transform[:3, 3] -= self._seen_across((right, down))
         self._assign(transform)
 
-    def focus(self, point: ArrayLike, radius: float) -> None:
-        """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
-        radius = max(radius, 1e-6)
+    def focus(self, point: ArrayLike, radius: float, aspect: float = 1.0) -> None:
+        """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible.
+
+        aspect: width / height of the picture.
+        """
+        radius, narrow = max(radius, 1e-6), min(aspect, 1.0)
         if self.camera.orthographic_height:
-            self.camera.orthographic_height = 2 * radius
-        self._look_from(point, radius / math.sin(self.camera.vertical_fov / 2))
+            self.camera.orthographic_height = 2 * radius / narrow
+        half = math.atan(math.tan(min(self.camera.vertical_fov, WIDEST) / 2) * narrow)
+        self._look_from(point, radius / math.sin(half))
 
     def focus_home(self) -> None:
         """Look at what the first view showed in its middle, from as far away, keeping the view direction."""

@@ -78,6 +78,7 @@ class Decorations:
         """Rings at lights and squares at cameras; a line along the direction of those that are picked."""
         session = self._session
         radius = marks.RADIUS * session.window.text_scale
+        item: Any
         for item, (x, y) in marks.marked(session):
             center = imgui.ImVec2(x, y)
             color = PICKED if item is session.selected else CAMERA if isinstance(item, Camera) else LIGHT
@@ -88,7 +89,7 @@ class Decorations:
                 lines.add_circle(center, radius, SHADOW, 0, 4.0)
                 lines.add_circle(center, radius, color, 0, 2.0)
                 lines.add_circle_filled(center, 0.35 * radius, color)
-            axis = -item.transform[:3, 2] if isinstance(item, Camera) else getattr(item, "direction", None)
+            axis: Any = -item.transform[:3, 2] if isinstance(item, Camera) else getattr(item, "direction", None)
             if item is session.selected and axis is not None:
                 end = item.position + 0.15 * session.camera_control.seen_height * np.asarray(axis, np.float64)
                 [place] = marks.project(session.camera, end[None], session.layout.picture)

@@ -123,7 +123,7 @@ class EditActions:
     def remove(self) -> None:
         item, scene, history = self._picked(), self._session.scene, self._session.history
         if isinstance(item, EnvironmentLight) or (scene.environment and item in scene.environment.lights):
-            history.assign(scene, environment=None)
+            history.remove(scene.lights, *(scene.environment.lights if scene.environment else ()))
         elif isinstance(item, Instance):
             history.remove(scene.instances, item)
         elif isinstance(item, Light):

@@ -87,6 +87,6 @@ def _without_scale(transform: NDArray[np.float64]) -> NDArray[np.float64]:
     return made
 
 
-def _given(matrix: NDArray[np.float64]) -> Any:
+def _given(matrix: NDArray[Any]) -> Any:
     """A matrix (4, 4) as ImGuizmo takes it: by columns."""
     return gizmo.Matrix16([float(value) for value in matrix.T.ravel()])

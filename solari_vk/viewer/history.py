@@ -140,24 +140,27 @@ class History:
 
     def add(self, items: Items[Any], *added: Any) -> None:
         """Add objects to the end of a collection of the scene."""
-        self._do([Presence(items, item, len(items) + number, True) for number, item in enumerate(added)])
+        self.replace(items, (), added)
 
     def remove(self, items: Items[Any], *removed: Any) -> None:
         """Remove objects from a collection of the scene."""
-        places = {id(item): number for number, item in enumerate(items)}
-        at = [(places[id(item)], item) for item in removed if id(item) in places]
-        # From the end on, so that each place is right when the object returns to it.
-        self._do([Presence(items, item, number, False) for number, item in sorted(at, key=lambda pair: -pair[0])])
+        self.replace(items, removed, ())
 
-    def _do(self, edits: list[Presence]) -> None:
-        if not edits:
-            return
-        first = edits[0]
-        edit: Edit = first
-        if len(edits) > 1:
-            edit = Several(f"{'adding' if first.added else 'removing'} {len(edits)} objects", edits)
+    def replace(self, items: Items[Any], removed: Sequence[Any], added: Sequence[Any], text: str = "") -> None:
+        """Remove objects from a collection of the scene, those of `removed` that are there, and add others at its end.
+        text: of the edit, by default what it does."""
+        places = {id(item): number for number, item in enumerate(items)}
+        at = sorted(((places[id(item)], item) for item in removed if id(item) in places), key=lambda pair: -pair[0])
+        # From the end on, so that each place is right when the object returns to it.
+        edits = [Presence(items, item, number, False) for number, item in at]
+        end = len(items) - len(edits)
+        edits += [Presence(items, item, end + number, True) for number, item in enumerate(added)]
+        edit: Edit = Several(text or f"{'adding' if added else 'removing'} {len(edits)} objects", edits)
+        if len(edits) == 1 and not text:
+            edit = edits[0]
         edit.redo()
-        self._note(edit)
+        if edits:
+            self._note(edit)
 
     def note(self, text: str, edits: Iterable[Edit]) -> None:
         """Keep what was done already, as one edit."""

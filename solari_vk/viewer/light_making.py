@@ -26,7 +26,8 @@ def new_light(kind: str, control: CameraControl) -> Light:
     illuminance = math.pi * 1.2 * 2.0**camera.ev100  # of a white Lambert surface that is shown as white
     if kind == "sun":
         x, back = camera.transform[:3, 0], camera.transform[:3, 2] * (1, 0, 1)
-        return DirectionalLight(SUN[0] * -x + SUN[1] * np.array((0, 1, 0)) + SUN[2] * back, illuminance=illuminance)
+        direction = -SUN[0] * x + SUN[1] * np.array((0, 1, 0)) + SUN[2] * back
+        return DirectionalLight(direction.astype(np.float32), illuminance=illuminance)
     height = 0.35 * control.seen_height
     position = control.center + np.array((0, height, 0)) + 0.3 * height * camera.transform[:3, 2]
     intensity = illuminance * float(np.sum((position - control.center) ** 2))

@@ -78,6 +78,8 @@ class MaterialPanel:
     def _edited(self, material: Material, field: str, label: str, value: Any) -> tuple[bool, Any]:
         if field == "emissive":
             return self._emission(value)
+        changed: Any
+        edited: Any
         if isinstance(value, bool):
             changed, edited = imgui.checkbox(label, value)
         elif isinstance(value, str):

@@ -6,17 +6,19 @@ import dataclasses
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 from solari_vk import disk_cache
 from solari_vk.reference import PathTracer
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.environment import Environment, EnvironmentLight
 from solari_vk.scene.lights.sky import Sky
 from solari_vk.scene.load import FORMATS, load
 from solari_vk.scene.opening import open as open_scene
 from solari_vk.scene.studio import heading, studio_environment
 from solari_vk.viewer.camera_control import extent_of
-from solari_vk.viewer.history import Assignment, Presence
+from solari_vk.viewer.history import Presence
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.session import Session
 
@@ -58,11 +60,14 @@ def open_file(session: Session, path: Path) -> None:
 def add_file(session: Session, path: Path) -> None:
     """Add what is in a file to the scene."""
     scene, loaded = session.scene, load(path)
-    before = set(scene.instances), set(scene.lights)
+    holders: tuple[Items[Any], ...] = (scene.instances, scene.lights)
+    before = [len(items) for items in holders]
     group = scene.add(loaded, name=path.stem)
-    edits = [Presence(items, item, number, True)
-             for items, known in zip((scene.instances, scene.lights), before, strict=True)
-             for number, item in enumerate(items) if item not in known]  # fmt: skip
+    edits = [
+        Presence(items, items[number], number, True)
+        for items, count in zip(holders, before, strict=True)
+        for number in range(count, len(items))
+    ]
     session.history.note(f"adding {path.name}", edits)
     session.selected = next(iter(scene.instances[-1:]), None)
     session.say(f"added {len(group.items)} objects of {path.name}")
@@ -81,9 +86,8 @@ def surround(session: Session, kind: str) -> None:
         made = Sky()
     else:
         made = Environment(kind, name=Path(kind).name)
-    edit = Assignment(scene, {"environment": made}, {"environment": scene.environment})
-    edit.redo()
-    session.history.note(f"surrounding the scene by {Path(kind).name}", [edit])
+    before = scene.environment.lights if scene.environment else ()
+    session.history.replace(scene.lights, before, made.lights if made else (), f"surroundings: {Path(kind).name}")
     if is_map(Path(kind)):
         session.map_folder = Path(kind).resolve().parent
 

@@ -156,10 +156,12 @@ class OverlayRenderer:
         number = self._named.get(name)
         if pixels is not None:
             height, width = pixels.shape[:2]
-            image = self._textures[number][0] if number is not None else None
-            if image is None or (image.width, image.height) != (width, height):
-                if number is not None:
-                    self._destroy(number)
+            if number is not None:
+                image = self._textures[number][0]
+                if (image.width, image.height) != (width, height):
+                    self.forget(name)
+                    number = None
+            if number is None:
                 self._named[name] = number = self._make_texture(width, height)
             self._textures[number][0].upload([pixels])
         return None if number is None else imgui.ImTextureRef(number)

@@ -128,8 +128,8 @@ class Session(Messages):
 
     def edit(self, item: Checked | Settings, **fields: Any) -> None:
         """Assign values to fields, so that it can be undone. A value that is refused is shown as a message."""
-        if item in self.locked:
-            self.say(f"{item.describe()} is locked")  # type: ignore[union-attr]  # settings are never locked
+        if isinstance(item, Checked) and item in self.locked:
+            self.say(f"{item.describe()} is locked")
             return
         with self.showing_mistakes():
             self.history.assign(item, **fields)

@@ -84,13 +84,15 @@ class Window:
         def drop(_: Any, paths: list[Any]) -> None:
             self.events.append(Event("drop", self._held_modifiers(), paths=tuple(map(_text, paths))))
 
+        take_drops: Any = glfw.set_drop_callback  # whose type hints name C's arguments
+
         glfw.set_key_callback(self.handle, key)
         glfw.set_mouse_button_callback(self.handle, button)
         glfw.set_cursor_pos_callback(self.handle, lambda _, x, y: self.events.append(Event("cursor", x=x, y=y)))
         glfw.set_scroll_callback(self.handle, lambda _, x, y: self.events.append(Event("scroll", x=x, y=y)))
         glfw.set_char_callback(self.handle, lambda _, code: self.events.append(Event("text", code)))
         glfw.set_window_close_callback(self.handle, self._ask_to_close)
-        glfw.set_drop_callback(self.handle, drop)
+        take_drops(self.handle, drop)
         glfw.set_window_focus_callback(self.handle, lambda _, on: self.events.append(Event("focus", pressed=bool(on))))
 
     def _ask_to_close(self, _: Any) -> None:

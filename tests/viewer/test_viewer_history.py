@@ -82,7 +82,8 @@ def test_a_new_edit_ends_what_can_be_done_again(scene):
 def test_refused_edits_leave_everything_as_it_was(scene):
     history, settings = History(), sv.Settings()
     before = state(scene, settings)
-    for item, fields in ((scene.materials[0], {"base_color": (1, 0, 0), "metallic": 7}), (settings, {"seed": 1})):
+    wrong = (scene.materials[0], {"base_color": (1, 0, 0), "metallic": 7}), (settings, {"di_candidates": -1})
+    for item, fields in wrong:
         with pytest.raises(sv.SolariError):
             history.assign(item, **fields)
     with pytest.raises(sv.SolariError):

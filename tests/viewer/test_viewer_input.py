@@ -112,7 +112,7 @@ def test_flying_does_not_depend_on_the_frame_rate(keys):
     ends = []
     for rate in (7, 30, 144):
         control = make_control()
-        Controls(control, lambda name, argument: None).handle([press(key) for key in keys])
+        Controls(control, lambda name, argument: None, lambda: AREA).handle([press(key) for key in keys])
         for _ in range(rate):
             control.advance(1 / rate)
         ends.append(position(control))
