@@ -53,8 +53,8 @@ class FilePanel:
             if imgui.radio_button(NAMED[name], session.gizmo == name):
                 session.gizmo = name
         imgui.same_line()
-        _, session.gizmo_is_local = imgui.checkbox("own axes", session.gizmo_is_local)
-        hint("Handles along the axes of the object in place of the world's (L).")
+        _, session.gizmo_is_local = imgui.checkbox("local", session.gizmo_is_local)
+        hint("Handles along the axes of the object itself, not of the world (L).")
 
     def _open_popup(self) -> None:
         if not imgui.begin_popup("open"):

@@ -89,9 +89,9 @@ class Panels:
         imgui.text(f"{session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
         refining = session.refining
         if pictures.mode != "realtime":
-            changed, samples = imgui.input_int("samples", refining.samples, 64, 256)
+            imgui.set_next_item_width(7 * imgui.get_font_size())
+            refining.samples = max(edit_on_enter("samples", refining.samples, imgui.input_int), 0)
             hint("Samples per pixel after which the path tracer's picture is finished; 0: never.")
-            refining.samples = max(samples, 0) if changed else refining.samples
         self._update_slow()
         for text in self._slow:
             imgui.text_wrapped(text)

@@ -49,6 +49,8 @@ class Pictures:
         self.counts_rays = False
         self.most_samples = MAX_SAMPLES
         """Samples per pixel that the path tracer adds in a frame at most."""
+        self.sample_limit = 0
+        """Samples per pixel after which the path tracer's picture isn't refined, while nothing changes; 0: none."""
         self.most_bands: int | None = None
         """Bands of rows that the path tracer traces in a frame at most; None: all."""
         self.keeps_realtime = False
@@ -197,7 +199,13 @@ class Pictures:
         size = self._reference_size(build)
         if self.reference is None:
             self.reference = ReferencePicture(self.device, self.binder, size, self.seed)
-        self.reference.render(camera, size, self.tonemap, 1 if self.is_short else self.most_samples, self.most_bands)
+        most = 1 if self.is_short else self.most_samples
+        if self.sample_limit:
+            most = min(most, self.sample_limit - self.reference.tracer.samples)
+        if most > 0 or self.reference.size != size:
+            self.reference.render(camera, size, self.tonemap, max(most, 1), self.most_bands)
+        else:
+            self.reference.expose(camera, self.tonemap)
 
     @property
     def _shows_raw(self) -> bool:

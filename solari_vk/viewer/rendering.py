@@ -42,14 +42,13 @@ class Rendering:
             if parts := session.parts():
                 self._held.keep(pixels_of(parts))
         pictures.most_bands = refining.bands if refining.rests and pictures.mode == "reference" else None
+        pictures.sample_limit = refining.samples if refining.rests else 0
         pictures.keeps_realtime = pictures.mode == "split" and refining.steps >= FRAMES
         began = time.perf_counter()
         self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
         if refining.rests:
             session.device.wait_idle()  # so that steps take as long as they seem to
-        traced = pictures.mode != "realtime"
-        count = pictures.reference.tracer.mean_samples if traced and pictures.reference else refining.count + 1
-        refining.note(time.perf_counter() - began, count, traced)
+        refining.note(time.perf_counter() - began, self._count(), pictures.mode != "realtime")
         self._shown_by = self._tone
 
     def _submit(self, pixels: tuple[int, int], scale: float) -> None:
@@ -57,6 +56,14 @@ class Rendering:
         session.pictures.render(session.camera, pixels, scale)
         if session.beside is not None:
             session.beside.render(session.camera, pixels, scale)
+
+    def _count(self) -> float:
+        """The frames, or samples per pixel, of the full size: of two scenes the smaller number."""
+        session = self._session
+        if session.pictures.mode == "realtime":
+            return session.refining.count + 1
+        shown = [session.pictures, *([session.beside.pictures] if session.beside and session.beside.shown else [])]
+        return min(pictures.reference.tracer.mean_samples for pictures in shown if pictures.reference is not None)
 
     @property
     def _tone(self) -> tuple[float, str]:

@@ -68,17 +68,16 @@ def test_bands_trace_what_whole_pictures_do(device):
         tracer._frame.rebuild(tracer._stages(tracer.size))
         seen = []
         while tracer.samples < 3:
-            tracer._batch = 1
-            tracer.advance(bands=1)
+            tracer.advance(max_samples=1, bands=1)
             seen.append(tracer.mean_samples)
         assert (tracer["radiance"] == expected).all()
         assert seen == sorted(seen)
         assert len(seen) == 12, "four bands for each sample"
-        tracer.advance(bands=3)
+        tracer.advance(max_samples=1, bands=3)
         tracer.advance()
         assert tracer.samples == tracer.mean_samples == 4, "the rest of the picture"
-        tracer.advance(bands=1)
-        tracer.advance(sv.Camera.look_at((0, 1, 3), (0, 1, 0)), bands=1)
+        tracer.advance(max_samples=1, bands=1)
+        tracer.advance(sv.Camera.look_at((0, 1, 3), (0, 1, 0)), 1, bands=1)
         assert 0 < tracer.mean_samples < 1, "another view begins anew"
 
 
@@ -129,8 +128,9 @@ def test_two_scenes_side_by_side(open_viewer):
     assert (viewer.capture()[:, 24:] == viewer.beside.pictures.pixels()[:, 24:]).all(), "one camera for both"
     for ours, theirs in zip(viewer.scene.materials, other.materials, strict=True):
         theirs.base_color = ours.base_color
-    viewer.run(frames=3)
-    assert viewer.beside.difference()["relMSE"] < 1e-3 < difference["relMSE"]
+    viewer.scale.auto, viewer.refining.samples = True, 6
+    until(viewer, lambda: viewer.refining.finished)
+    assert viewer.beside.difference()["relMSE"] == 0, "the same scene with as many samples"
 
 
 def test_flip_is_that_of_its_package():
@@ -144,14 +144,17 @@ def test_flip_is_that_of_its_package():
 # ---- scripts ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mode", ["reference", pytest.param("realtime", marks=pytest.mark.slow)])
-def test_a_saved_script_renders_the_picture(open_viewer, tmp_path, mode):
+@pytest.mark.parametrize(
+    ("mode", "surroundings"),
+    [("reference", "none"), ("reference", "studio"), pytest.param("realtime", "studio", marks=pytest.mark.slow)],
+)
+def test_a_saved_script_renders_the_picture(open_viewer, tmp_path, mode, surroundings):
     viewer = open_viewer(size=(64, 48), overlay=False, folder=tmp_path, source="builtin:cornell_box", seed=5, mode=mode)
     viewer.run(frames=1)
     viewer.edit(viewer.scene.materials[0], base_color=(0.1, 0.8, 0.2))
     viewer.edit(viewer.scene.instances[-1], visible=False)
     viewer.act("add_light", "point")
-    viewer.act("surround", "studio")
+    viewer.act("surround", surroundings)
     viewer.act("brighter")
     viewer.camera_control.orbit(30, 10, (0, 1, 0))
     viewer.run(frames=12)
@@ -164,10 +167,12 @@ def test_a_saved_script_renders_the_picture(open_viewer, tmp_path, mode):
     assert done.returncode == 0, done.stderr
     rendered = np.asarray(Image.open(script.with_suffix(".png")))[..., :3].astype(int)
     assert rendered.shape == shown.shape
-    error = np.abs(rendered - shown)
-    if mode == "reference":
-        assert np.percentile(error, 98) <= 2, "the same noise, but where rounding sends a path another way"
-    assert error.mean() < (1 if mode == "reference" else 12)
+    if surroundings == "none":
+        assert np.abs(rendered - shown).max() <= 1, "the same samples"
+    else:  # a map is saved with its columns in another order, so the samples of its light differ
+        blocks = (rendered - shown).reshape(6, 8, 8, 8, 3).mean(axis=(1, 3))
+        assert np.abs(blocks).mean() < 3
+        assert abs(blocks.mean()) < 1
 
 
 def test_view_shows_two_files(screen, tmp_path, capfd):
