@@ -40,6 +40,12 @@ class Beside:
             second.sample_limit = first.sample_limit
             second.render(camera, pixels, scale)
 
+    def begin(self) -> None:
+        """Let both path tracers begin anew, so that in the end they have as many samples."""
+        for pictures in (self.first, self.pictures):
+            if pictures.reference is not None:
+                pictures.reference.tracer.reset()
+
     @property
     def ready(self) -> bool:
         """Whether both scenes have pictures to show."""

@@ -40,6 +40,9 @@ class Decorations:
         if session.shows_panels:
             self._draw_outline(lines)
             self._draw_marks(lines)
+        else:
+            self._renderer.forget(OUTLINE)
+            self._changed = True
         if len(session.columns()) > 1:
             self._draw_columns(lines)
         lines.pop_clip_rect()
@@ -81,7 +84,8 @@ class Decorations:
         item: Any
         for item, (x, y) in marks.marked(session):
             center = imgui.ImVec2(x, y)
-            color = PICKED if item is session.selected else CAMERA if isinstance(item, Camera) else LIGHT
+            picked = item is session.selected
+            color = PICKED if picked else CAMERA if isinstance(item, Camera) else LIGHT
             if isinstance(item, Camera):
                 half = 0.8 * radius
                 lines.add_rect(imgui.ImVec2(x - half, y - half), imgui.ImVec2(x + half, y + half), color, 0, 2.0)
@@ -90,7 +94,7 @@ class Decorations:
                 lines.add_circle(center, radius, color, 0, 2.0)
                 lines.add_circle_filled(center, 0.35 * radius, color)
             axis: Any = -item.transform[:3, 2] if isinstance(item, Camera) else getattr(item, "direction", None)
-            if item is session.selected and axis is not None:
+            if picked and axis is not None:
                 end = item.position + 0.15 * session.camera_control.seen_height * np.asarray(axis, np.float64)
                 [place] = marks.project(session.camera, end[None], session.layout.picture)
                 _line(lines, np.array((x, y)), place, color)

@@ -34,13 +34,16 @@ class Rendering:
         refining, pictures = session.refining, session.pictures
         refining.enabled = session.scale.auto
         refining.note_view((pixels, session.load_count, self._setting_values(), self._seen()))
+        if not refining.hides:
+            self._held.drop()
         if refining.finished:
             self._show_finished()
             return
         if refining.begins:
-            self._held.drop()
             if parts := session.parts():
                 self._held.keep(pixels_of(parts))
+            if session.beside is not None:
+                session.beside.begin()
         pictures.most_bands = refining.bands if refining.rests and pictures.mode == "reference" else None
         pictures.sample_limit = refining.samples if refining.rests else 0
         pictures.keeps_realtime = pictures.mode == "split" and refining.steps >= FRAMES

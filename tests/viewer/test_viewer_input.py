@@ -336,3 +336,29 @@ def test_windows_are_minimized():
         window.close()
     finally:
         glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
+
+
+def test_windows_take_files_and_ask_before_they_close(monkeypatch):
+    """By GLFW's callbacks, on its null platform, where nobody drops or closes anything."""
+    callbacks = {}
+    for name in ("set_drop_callback", "set_window_close_callback"):
+        monkeypatch.setattr(glfw, name, lambda handle, callback, name=name: callbacks.update({name: callback}))
+    monkeypatch.setattr(glfw, "get_window_content_scale", lambda handle: (1.5, 1.5))
+    monkeypatch.setattr(glfw, "get_key", lambda handle, code: code == glfw.KEY_RIGHT_SHIFT)
+    glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
+    try:
+        window = Window((200, 100), "test")
+        callbacks["set_drop_callback"](window.handle, ["a.glb", "b.hdr"])
+        glfw.set_window_should_close(window.handle, True)
+        callbacks["set_window_close_callback"](window.handle)
+        dropped, closed = (event for event in window.take_events() if event.kind in ("drop", "close"))
+        assert (dropped.paths, dropped.code) == (("a.glb", "b.hdr"), glfw.MOD_SHIFT)
+        assert closed.kind == "close"
+        assert not window.wants_to_close, "the viewer decides"
+        assert window.text_scale == 1.5
+        monkeypatch.setattr(Window, "pixels", (300, 150))
+        assert window.text_scale == 1.0, "the system enlarges the window's coordinates itself"
+        window.close()
+        assert window.text_scale == 1.0
+    finally:
+        glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
