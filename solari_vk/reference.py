@@ -221,10 +221,10 @@ class PathTracer(PictureRenderer):
             self._adapt()
 
     @property
-    def mean_samples(self) -> float:
-        """The mean number of samples of a pixel so far: more than `samples` while some bands have the next ones."""
+    def begun(self) -> tuple[int, float]:
+        """The number of samples that `advance` traces by bands, and the share of the rows that have them already."""
         count, row = self._begun
-        return self.samples + count * min(row / self.size[1], 1.0)
+        return count, min(row / self.size[1], 1.0)
 
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""

@@ -16,7 +16,7 @@ from solari_vk.viewer.outline import COLOR, Outline
 from solari_vk.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.viewer.session import Session
 
-DIVIDER_WIDTH = 9
+DIVIDER_WIDTH, BAND_WIDTH = 9, 3
 BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
 # Colors as 0xAABBGGRR.
 WHITE, SHADOW = 0xFFFFFFFF, 0xC0000000
@@ -43,6 +43,7 @@ class Decorations:
         else:
             self._renderer.forget(OUTLINE)
             self._changed = True
+            self._draw_band(lines)
         if len(session.columns()) > 1:
             self._draw_columns(lines)
         lines.pop_clip_rect()
@@ -76,6 +77,13 @@ class Decorations:
         for a, b in combinations(range(8), 2):
             if bin(a ^ b).count("1") == 1:
                 _line(lines, places[a], places[b], PICKED)
+
+    def _draw_band(self, lines: Any) -> None:
+        """A line beside the rows that have the samples which are being traced."""
+        session, area = self._session, self._session.layout.picture
+        if session.pictures.most_bands and session.pictures.reference is not None and not session.refining.finished:
+            end = area.y + session.pictures.reference.tracer.begun[1] * area.height
+            lines.add_rect_filled(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + BAND_WIDTH, end), PICKED)
 
     def _draw_marks(self, lines: Any) -> None:
         """Rings at lights and squares at cameras; a line along the direction of those that are picked."""

@@ -50,7 +50,7 @@ class FilePanel:
         for number, name in enumerate(GIZMOS):
             if number:
                 imgui.same_line()
-            if imgui.radio_button(NAMED[name], session.gizmo == name):
+            if imgui.radio_button(f"{NAMED[name]}##handles", session.gizmo == name):
                 session.gizmo = name
         imgui.same_line()
         _, session.gizmo_is_local = imgui.checkbox("local", session.gizmo_is_local)

@@ -154,7 +154,7 @@ class Pictures:
     def complete(self) -> None:
         """Give all pixels of the path tracer's picture as many samples, by tracing the bands that lack the latest."""
         tracer = self.reference and self.reference.tracer
-        if tracer and self.camera is not None and self.mode != "realtime" and tracer.mean_samples > tracer.samples:
+        if tracer and self.camera is not None and self.mode != "realtime" and tracer.begun[0]:
             tracer.advance(self.camera)
 
     @property
@@ -241,7 +241,7 @@ class Pictures:
     def ready(self) -> bool:
         """Whether there is a picture to show in this mode."""
         realtime = self.realtime is not None and self.realtime.frame_count > 0
-        reference = self.reference is not None and self.reference.tracer.mean_samples > 0
+        reference = self.reference is not None and self.reference.mean_samples > 0
         return {"realtime": realtime, "reference": reference, "split": realtime and reference}[self.mode]
 
     @property

@@ -34,6 +34,12 @@ class ReferencePicture:
         """Width and height of `display`."""
         return self._shown.size
 
+    @property
+    def mean_samples(self) -> float:
+        """The mean number of samples of a pixel so far: a part of the rows may have more than the others."""
+        count, share = self.tracer.begun
+        return self.tracer.samples + count * share
+
     def render(
         self, camera: Camera, size: tuple[int, int], tonemap: str, max_samples: int, bands: int | None = None
     ) -> None:

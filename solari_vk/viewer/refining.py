@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable, Hashable
 
 REST = 6  # frames without a change after which the full size is rendered
-FRAMES = 64  # of the full size after which a realtime picture is finished
+FRAMES = 64  # of the full size after which a realtime picture is finished,
+LEAST_FRAMES, PATIENCE = 8, 30.0  # or so many, if they take longer than these seconds: a frame can't be interrupted
 SAMPLES = 256  # per pixel after which a path-traced picture is finished
 HIDDEN = 4  # frames, or samples per pixel, of the full size that look worse than what was shown before
 LONGEST_STEP = 0.12  # seconds that a step of a full-size picture should take, so that the window answers
@@ -95,6 +96,8 @@ class Refining:
         self.count, self.done = count, min(count / whole, 1.0) if whole else 0.0
         if self._began is None:
             self._began = self._clock(), self.done
+        elif not traced and count >= LEAST_FRAMES:
+            self.done = min(max(self.done, (self._clock() - self._began[0]) / PATIENCE), 1.0)
 
 
 def in_words(seconds: float) -> str:

@@ -66,7 +66,7 @@ class Rendering:
         if session.pictures.mode == "realtime":
             return session.refining.count + 1
         shown = [session.pictures, *([session.beside.pictures] if session.beside and session.beside.shown else [])]
-        return min(pictures.reference.tracer.mean_samples for pictures in shown if pictures.reference is not None)
+        return min(pictures.reference.mean_samples for pictures in shown if pictures.reference is not None)
 
     @property
     def _tone(self) -> tuple[float, str]:

@@ -9,7 +9,7 @@ import solari_vk as sv
 from solari_vk.viewer import marks, refining
 from solari_vk.viewer.layout import Area, Layout
 from solari_vk.viewer.outline import COLOR, outline
-from solari_vk.viewer.refining import FRAMES, HIDDEN, REST, Refining, in_words
+from solari_vk.viewer.refining import FRAMES, HIDDEN, LEAST_FRAMES, REST, Refining, in_words
 
 SIZES = [(960, 540), (1600, 900), (160, 100), (40, 30), (3, 2), (1, 1)]
 
@@ -97,8 +97,12 @@ def test_progress_and_time_left():
     hidden = [hides for _, hides in left]
     assert hidden == sorted(hidden, reverse=True)
     assert sum(hidden) == pytest.approx(HIDDEN / 0.5, abs=1), "noise of the first samples isn't shown"
-    realtime, _ = rest(Clock(), traced=False)
+    realtime, _ = rest(Clock(), traced=False, seconds=0.1)
     assert realtime.count == FRAMES
+    slow, _ = rest(Clock(), traced=False, seconds=4.0)
+    assert slow.count == 9, "after half a minute"
+    slower, _ = rest(Clock(), traced=False, seconds=60.0)
+    assert slower.count == LEAST_FRAMES
     endless = Refining(Clock())
     endless.samples = 0
     for _ in range(REST + 2):
