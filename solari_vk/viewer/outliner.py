@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from typing import Any
 
 from imgui_bundle import imgui
@@ -55,14 +56,14 @@ class Outliner:
             return
         if imgui.tree_node_ex(f"{title} ({len(items)})###{title}", imgui.TreeNodeFlags_.default_open):
             wanted = self._filter.strip().lower()
-            named = [(item.name or f"{title[:-1]} {number}", item) for number, item in enumerate(items)]
-            found = [(name, item) for name, item in named if wanted in name.lower()]
-            for number, (name, item) in enumerate(found[:MAX_ROWS]):
+            named = ((item.name or f"{title[:-1]} {number}", item) for number, item in enumerate(items))
+            found = ((name, item) for name, item in named if wanted in name.lower())
+            for number, (name, item) in enumerate(islice(found, MAX_ROWS)):
                 imgui.push_id(number)
                 self._row(name, item)
                 imgui.pop_id()
-            if len(found) > MAX_ROWS:
-                imgui.text_disabled(f"... and {len(found) - MAX_ROWS} more")
+            if next(found, None) is not None:
+                imgui.text_disabled("... and more: find them by name, or click on them")
             imgui.tree_pop()
 
     def _row(self, name: str, item: Any) -> None:

@@ -177,7 +177,6 @@ class Session(Messages):
     def _forget(self) -> None:
         self.selected = self.pick = self.question = None
         self.history.clear()
-        self.locked.clear()
 
     def _reload(self, place: str, load: Callable[[], object]) -> bool:
         self.faults.pop(place, None)  # a fault that is still there is reported again

@@ -273,6 +273,7 @@ def test_saving_answers_the_question(scene, tmp_path):
     act(session, "close_window")
     act(session, "answer", "save and close")
     assert session.window.wants_to_close
+    assert not session.history.unsaved
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".glb", ".py"]
 
 

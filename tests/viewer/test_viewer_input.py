@@ -201,7 +201,10 @@ def test_the_wheel_zooms_to_what_is_under_the_cursor(control, orthographic, curs
     control.camera.orthographic_height = orthographic
     aim = control.camera.unproject(np.array(cursor) - 0.5, 3.0, (AREA.width, AREA.height))
     controls = Controls(control, lambda name, argument: aim, lambda: AREA)
+    control.see(3.0)
+    height = control.seen_height
     controls.handle([Event("cursor", x=cursor[0], y=cursor[1]), Event("scroll", y=1.0), Event("scroll", y=2.0)])
+    assert control.seen_height == pytest.approx(height / 1.25**3)
     assert seen_at(control, aim) == pytest.approx(cursor), "the point stays under the cursor"
     assert control.distance == pytest.approx(3 / 1.25**3)
     before = control.camera.transform.copy()

@@ -14,6 +14,7 @@ from solari_vk.scene.material import TEXTURES
 from solari_vk.settings import DEFAULTS, FIELDS
 from solari_vk.viewer import panels
 from solari_vk.viewer.marks import project
+from solari_vk.viewer.opening import recent_files
 from solari_vk.viewer.outline import COLOR
 from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.window import Event, Window
@@ -344,6 +345,38 @@ def test_the_outliner_picks_hides_and_locks(open_viewer, replace):
     replace(selectable=lambda label, on: (label.startswith(items[2].name), False))
     viewer.step()
     assert viewer.selected is items[2]
+
+
+def test_files_are_saved_and_opened_again(open_viewer, replace, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "cache"))
+    viewer = open_viewer(size=(480, 360), scale=0.1, folder=tmp_path)
+    viewer.run(frames=1)
+    viewer.edit(viewer.scene.materials[0], metallic=1)
+    replace(button=lambda label: label == "save ...")
+    viewer.run(frames=2)
+    replace(button=lambda label: label == "save")
+    viewer.step()
+    saved = tmp_path / "cornell_box-001.glb"
+    assert saved.exists()
+    assert not viewer.history.unsaved
+    other = tmp_path / "other.glb"
+    sv.Scene(sv.Instance(sv.shapes.sphere(), name="ball")).save(other)
+    for path in (saved, other):
+        viewer.act("open", path)
+    assert recent_files() == [str(other), str(saved)]
+    viewer.run(frames=2)
+    offered = []
+    replace(button=lambda label: label == "open ...",
+            menu_item_simple=lambda label: offered.append(label) or "cornell" in label)  # fmt: skip
+    viewer.run(frames=2)
+    assert viewer.name == "cornell_box-001.glb"
+    assert [label.partition("##")[0] for label in offered[:2]] == ["other.glb", "cornell_box-001.glb"]
+    replace()
+    viewer.run(frames=3)
+    assert viewer.pictures.pixels().max() > 100
+    assert viewer.scene.materials[0].metallic == 1
+    saved.unlink()
+    assert recent_files() == [str(other)]
 
 
 def test_the_viewer_works_without_imgui(open_viewer, monkeypatch):
