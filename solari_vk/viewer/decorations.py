@@ -82,7 +82,8 @@ class Decorations:
         """A line beside the rows that have the samples which are being traced."""
         session, area = self._session, self._session.layout.picture
         if session.pictures.most_bands and session.pictures.reference is not None and not session.refining.finished:
-            end = area.y + session.pictures.reference.tracer.begun[1] * area.height
+            tracer = session.pictures.reference.tracer
+            end = area.y + tracer.begun[1] / tracer.size[1] * area.height
             lines.add_rect_filled(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + BAND_WIDTH, end), PICKED)
 
     def _draw_marks(self, lines: Any) -> None:

@@ -37,8 +37,8 @@ class ReferencePicture:
     @property
     def mean_samples(self) -> float:
         """The mean number of samples of a pixel so far: a part of the rows may have more than the others."""
-        count, share = self.tracer.begun
-        return self.tracer.samples + count * share
+        count, row = self.tracer.begun
+        return self.tracer.samples + count * row / self.tracer.size[1]
 
     def render(
         self, camera: Camera, size: tuple[int, int], tonemap: str, max_samples: int, bands: int | None = None

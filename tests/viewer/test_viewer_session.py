@@ -69,7 +69,9 @@ def calm_down(viewer, modes):
     while viewer.history.done:
         viewer.act("undo")
     viewer.history.clear()
-    viewer.shows_panels = viewer.shows_help = viewer.pictures.counts_rays = False
+    viewer.shows_panels, viewer.shows_help = True, False
+    viewer.run(frames=3)  # ImGui keeps a font texture that it has replaced for a frame with panels
+    viewer.shows_panels = viewer.pictures.counts_rays = False
     viewer.scale.fix(1.0)
     glfw.set_window_size(viewer.window.handle, 160, 120)
     for viewer.pictures.mode in ("reference", *modes):
