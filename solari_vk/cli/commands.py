@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from solari_vk.cli import bench
 from solari_vk.cli.conformance import EXIT_CODES, ConformanceJob
-from solari_vk.cli.jobs import DatasetJob, FidelityJob, RenderOptions, ServeJob, ViewJob
+from solari_vk.cli.fidelity_job import FidelityJob
+from solari_vk.cli.jobs import DatasetJob, RenderOptions, ServeJob, ViewJob
 from solari_vk.cli.options import Command
 from solari_vk.cli.trial import TrialJob
 

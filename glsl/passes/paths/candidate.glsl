@@ -49,11 +49,11 @@ uvec4 hit_light_point(inout Path path) {
     return point;
 }
 
-// Writes the candidates of a path that has traced its first ray, and returns the light that isn't reused. Until now
-// `path.radiance` is what lights emit where the ray ended.
+// Writes the candidates of a path that has traced its first ray alone, and returns the light that isn't reused. After
+// one ray, `path.radiance` is only what lights emit where it ended.
 PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
-    // Targets have no transmittance, and rays pass blended surfaces with a probability, so that this is divided by and
-    // not by the transmittance.
+    // Target functions leave out transmittance. The ray has passed the blended surfaces before its hit by chance, so
+    // that radiance over that probability is the estimate without transmittance.
     RayTransmittance transmittance = path.first_transmittance;
     PerLobe at_hit = scale(
         path.first_weight, path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability
@@ -70,7 +70,7 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
         candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
     candidate.instance = path.hit.instance;
-    // one over the pdf of the first ray alone, until now
+    // after one ray, the sum is one over the pdf of that ray
     candidate.path_contribution_weight =
         path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / transmittance.probability;
     candidate.position = path.vertex.origin;
