@@ -18,7 +18,7 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, read_by_address
+from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address
 from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module
 from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
 
@@ -141,14 +141,12 @@ class Interface:
 
     def addressed(self, module: Module, code: bytes) -> tuple[bytes, tuple[str, ...]]:
         """The code of a linked compute shader as the device runs it, and the buffers whose addresses its push constants
-        are: `read_by_address`, on software devices."""
+        are: `access_by_address`, on software devices."""
         if self.device.properties.kind != "cpu" or module.push_constants is not None:
             return code, ()
-        main = module.main
         buffers = {variable: name for variable, name in module.variables.items()
-                   if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1
-                   and name in main.reads and name not in main.writes}  # fmt: skip
-        return read_by_address(code, buffers, self._pushed // ADDRESS_BYTES)
+                   if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1}  # fmt: skip
+        return access_by_address(code, buffers, self._pushed // ADDRESS_BYTES)
 
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""
