@@ -3,7 +3,8 @@
 Lavapipe makes a loop over eight invocations of every load from a bound storage buffer, and compares each offset with
 the buffer's size; a load from an address is one instruction. Its compiler's time grows with the square of the number of
 blocks, and so realtime frames are compiled in a sixth of the time, and run faster too. The addresses are push
-constants. No access is compared with a size any more, as on graphics cards.
+constants. No access is compared with a size any more, as on graphics cards, and synchronization validation doesn't see
+it.
 
 Accesses are followed from access chains, which glslang makes for each; a buffer whose pointers go elsewhere, to a
 function or an atomic operation, stays as it is.
