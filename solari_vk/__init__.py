@@ -30,6 +30,7 @@ _HOMES = {
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
+    "scene.lights.portal": ("Portal",),
     "scene.lights.profile": ("LightProfile",),
     "scene.lights.punctual": ("PointLight", "SpotLight"),
     "bound.binder": ("SceneBinder",),
@@ -43,6 +44,7 @@ _HOMES = {
     "scene.lights.sky": ("Sky",),
     "scene.lights.temperature": ("kelvin",),
     "scene.labels": ("label_instances",),
+    "scene.shutter": ("Shutter",),
     "scene.studio": ("studio_lights",),
     "annotate.bop": ("BopWriter",),
     "annotate.boxes": ("Box3D", "boxes_3d"),
@@ -61,6 +63,10 @@ _HOMES = {
     "randomize.randomizer": ("Randomizer",),
     "rendered": ("RenderedFrame",),
     "renderer": ("Renderer",),
+    "sensors.lidar": ("Lidar",),
+    "sensors.lidar_scan": ("LidarScan",),
+    "sensors.sensor": ("Sensor",),
+    "sensors.time_of_flight": ("DepthImage", "TimeOfFlightCamera"),
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
     "light_meter": ("illuminance",),
@@ -73,15 +79,15 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "CameraRig", "Channel",
-    "ColmapImage", "Deformation", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow", "Frame", "Group",
-    "HitGroup", "Instance", "Keypoint", "LightProfile", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
-    "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame",
-    "Settings", "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError",
-    "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster",
-    "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices",
-    "load", "load_colmap", "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap",
-    "save_image", "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes",
-    "studio_lights", "tonemap",
+    "ColmapImage", "Deformation", "DepthImage", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow",
+    "Frame", "Group", "HitGroup", "Instance", "Keypoint", "Lidar", "LidarScan", "LightProfile", "Material", "Mesh",
+    "Pass", "PathTracer", "PointLight", "Portal", "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer",
+    "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter", "Silhouette", "Sky", "SolariError",
+    "SpotLight", "Stage", "Texture", "TextureImage", "TimeOfFlightCamera", "ValidationError", "Viewer", "Views",
+    "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
+    "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load", "load_colmap", "load_gltf",
+    "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity",
+    "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -121,6 +127,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.group import Group
     from solari_vk.scene.labels import label_instances
+    from solari_vk.scene.lights.portal import Portal
     from solari_vk.scene.lights.profile import LightProfile
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky
@@ -138,7 +145,12 @@ if TYPE_CHECKING:
         TextureImage,
     )
     from solari_vk.scene.opening import open
+    from solari_vk.scene.shutter import Shutter
     from solari_vk.scene.studio import studio_lights
+    from solari_vk.sensors.lidar import Lidar
+    from solari_vk.sensors.lidar_scan import LidarScan
+    from solari_vk.sensors.sensor import Sensor
+    from solari_vk.sensors.time_of_flight import DepthImage, TimeOfFlightCamera
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer
     from solari_vk.viewer.app import Viewer

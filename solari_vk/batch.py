@@ -18,6 +18,7 @@ from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
@@ -175,28 +176,32 @@ class Batch(SceneUser):
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame, (N, height, width[, channels]). Waits for the frame."""
         frame, resource = self._place(name)
-        return self._shaped(name, frame[resource])
+        read: NDArray[Any] = self._shaped(name, frame[resource])
+        return read
 
-    def tensor(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame in the device's own memory, (N, height, width[, channels]), without a copy.
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """A result of the latest frame that stays on the device, (N, height, width[, channels]).
 
-        For software devices and others whose memory the host sees. Waits for the frame. The array, and what
-        `torch.from_dlpack` and others make of it, shows later frames too: take it again after each `render`, which
-        waits. It keeps its memory when the batch and the device are closed. Raises SolariError where the host doesn't
-        see the memory.
+        On software devices, and others whose memory the host sees, it is an array in the device's own memory, without a
+        copy. It waits for the frame, and shows later frames too: take it again after each `render`, which waits. On
+        NVIDIA devices it is a copy on the device that later frames don't change, without waiting, for CUDA: see
+        `RenderedFrame.tensor`. Both, and what `torch.from_dlpack` and others make of them, keep their memory when the
+        batch and the device are closed. Raises SolariError, with the reason, where the device can't share its memory.
         """
         frame, resource = self._place(name)
         buffer: Buffer = frame.resource(resource)
+        tensor: NDArray[Any] | CudaTensor
         if not buffer.mapped:
-            raise SolariError(f"Batch.tensor: the host doesn't see the memory of {self.device.name} in which '{name}' "
-                              f"is: batch['{name}'] copies it")  # fmt: skip
+            tensor = self._shaped(name, frame.tensor(resource))
+            return tensor
         element = frame.binding(resource).element
         assert element is not None
         self.device.sync_host()
         memory = buffer.view(element.base, self._strip[0] * self._strip[1] * math.prod(element.shape))
         self._tensors += 1
         self.device.lent.lend(memory, self._release_tensor)
-        return self._shaped(name, memory)
+        tensor = self._shaped(name, memory)
+        return tensor
 
     def _release_tensor(self) -> None:
         """A tensor, and all that was made of it, is gone."""
@@ -217,10 +222,10 @@ class Batch(SceneUser):
         assert self._labels is not None
         return self._labels, f"aov_{name}"
 
-    def _shaped(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
-        if name == "primitive":
+    def _shaped(self, name: str, values: Any) -> Any:
+        if name == "primitive" and isinstance(values, np.ndarray):
             values = values.view(np.int32)  # -1 for none, as hits of RayTracer have it
-        channels = values.size // (self._strip[0] * self._strip[1])
+        channels = math.prod(values.shape) // (self._strip[0] * self._strip[1])
         return values.reshape(self.views, self.size[1], self.size[0], *((channels,) if channels > 1 else ()))
 
     @property
@@ -281,10 +286,9 @@ class _ViewTracer(PathTracer):
 
     def trace(self, samples: int) -> None:
         """Trace new pictures with this many samples per pixel."""
-        self._begin_picture(denoises=False)
+        self._begin_picture()
         self._warn_of_darkness()
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-        self._frame.uniforms["path_sampling.row_count"] = self._band_rows
         while self.samples < samples:
             self._add_samples(min(self._batch, samples - self.samples))
             self._adapt()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import gbuffer, pathtracer
@@ -37,6 +38,13 @@ class FirstHits:
         """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
         return pathtracer.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
 
+    def tensor(
+        self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True
+    ) -> NDArray[Any] | CudaTensor:
+        """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
+        values = self._found(projection, size, (0.0, 0.0), proxies).tensor(f"aov_{name}")
+        return values.reshape(size[1], size[0], *values.shape[1:])
+
     def read_means(self, names: Sequence[str], projection: Projection, size: tuple[int, int]) -> list[NDArray[Any]]:
         """Means over the area of each pixel, (height, width[, channels]) each, with proxies."""
         means: list[Any] = [0.0] * len(names)
@@ -45,6 +53,13 @@ class FirstHits:
             for index, name in enumerate(names):
                 means[index] = means[index] + pathtracer.read_aov(frame, name, size) / np.float32(AVERAGED)
         return means
+
+    def read_at(
+        self, names: Sequence[str], projection: Projection, size: tuple[int, int], offset: tuple[float, float]
+    ) -> list[NDArray[Any]]:
+        """The results at an offset from the pixels' centers, in pixels, with proxies."""
+        frame = self._found(projection, size, offset, True)
+        return [pathtracer.read_aov(frame, name, size) for name in names]
 
     def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
         """The share of each pixel (height, width) that shows a surface, from AVERAGED rays, with proxies."""

@@ -16,6 +16,7 @@ from solari_vk.bound.features import LENSES
 from solari_vk.errors import SolariError, quoted
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Row, Stage
 from solari_vk.output.tone_mapping import auto_exposure
@@ -43,7 +44,7 @@ class PictureRenderer(SceneUser, ABC):
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
-    _has_lens = False  # whether the latest camera has one
+    _has_lens = False  # whether the latest camera has one that raster can't draw, or an aperture
     _looked_for_light = False
     _metered = 0  # pictures that chose an exposure
 
@@ -53,7 +54,7 @@ class PictureRenderer(SceneUser, ABC):
         super().__init__(device, scene)
         try:
             self.binder.update()
-            self._has_lens = any(camera.has_lens for camera in self.binder.scene.cameras)
+            self._has_lens = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
             table, self._tables = brdf_table.compute(device)
             self._owned.enter_context(table)
             self.first_hits = self._owned.enter_context(closing(FirstHits(device, self.binder, self._tables)))
@@ -139,6 +140,10 @@ class PictureRenderer(SceneUser, ABC):
     def read(self, name: str) -> NDArray[Any]:
         """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
 
+    @abstractmethod
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
+
     def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float:
         """The EV100 that suits the latest picture: surfaces count, and an environment behind them doesn't.
 
@@ -192,9 +197,10 @@ class PictureRenderer(SceneUser, ABC):
     def _note_camera(self, camera: Camera, rasters: bool = False) -> None:
         """Take note of a camera before a picture is made with it: lenses are a feature of the shaders. Raises
         SolariError for a lens if the picture is rastered."""
-        if camera.has_lens and rasters:
+        is_bent = camera.has_lens or camera.aperture > 0
+        if is_bent and rasters:
             raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
-        self._has_lens = camera.has_lens
+        self._has_lens = is_bent
         if camera.has_lens and LENSES not in self.binder.features:
             self.binder.note(camera)
 

@@ -15,18 +15,19 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import CameraUniforms, Projection
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
+from solari_vk.motion_blur import ShutterRenderer
 from solari_vk.output import oidn
-from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
-from solari_vk.picture_renderer import PictureRenderer
 from solari_vk.rendered import RenderedFrame
+from solari_vk.sample_control import SampleControl
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.shutter import Shutter
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
-FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
 _SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
 
 
@@ -40,7 +41,7 @@ def numbered_seeds(seed: int, count: int) -> NDArray[np.uint32]:
     return (seed + np.arange(count, dtype=np.uint64) * _SEED_STEP).astype(np.uint32)
 
 
-class PathTracer(PictureRenderer):
+class PathTracer(ShutterRenderer):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 
     size: (width, height) in pixels. max_bounces: the number of surfaces at which a path may be scattered; 0 shows
@@ -75,18 +76,17 @@ class PathTracer(PictureRenderer):
         lambert: bool = False,
         first_sample: int = 0,
     ) -> None:
-        self.samples: int
-        """The number of samples per pixel in the picture so far."""
         self.settings = pathtracer.Settings(
             max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
         )
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
-            self._begin_picture(denoises=False)
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
+            self._control = SampleControl(self._frame, self.size, self.read)
+            self._begin_picture()
         except BaseException:
             self.close()
             raise
@@ -103,6 +103,7 @@ class PathTracer(PictureRenderer):
         rows = pathtracer.max_rows(size)
         self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
         self.size = size
+        self._control = SampleControl(self._frame, size, self.read)
         self._begin_adapting(rows, self._frame.frame_count)
         self.reset()
 
@@ -140,17 +141,17 @@ class PathTracer(PictureRenderer):
     def reset(self) -> None:
         """Discard the picture's samples."""
         self._shown = self._latest = None
-        self._begin_picture(self._denoises)
+        self._begin_picture()
 
-    def _begin_picture(self, denoises: bool) -> None:
-        self.samples = 0
+    def _begin_picture(self) -> None:
+        self._control.begin()
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
-        self._guides: list[NDArray[Any]] | None = None
-        self._set_denoising(denoises)
+        self._guides = None
 
-    def _set_denoising(self, denoises: bool) -> None:
-        self._denoises = denoises
-        self._estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoises else 1)
+    @property
+    def samples(self) -> int:
+        """The number of samples per pixel in the picture so far, of the pixel that has most."""
+        return self._control.samples
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -158,6 +159,7 @@ class PathTracer(PictureRenderer):
     def render(
         self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
         progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,
+        shutter: Shutter | None = None, pose: Callable[[float], Any] | None = None,
     ) -> RenderedFrame:  # fmt: skip
         """Refine the picture until it has `samples` samples per pixel, and return it.
 
@@ -165,8 +167,14 @@ class PathTracer(PictureRenderer):
         changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
         the number of samples per pixel after each dispatch. denoise: `frame["radiance"]` is denoised when it is read,
         by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
-        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Raises
-        SolariError for a sample count below 1, a negative target, and if OIDN isn't installed.
+        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Unless
+        the picture is denoised, pixels that need fewer samples than others get fewer, which biases pixels in which
+        bright samples are rarer than one in a few thousand.
+
+        shutter: exposes a new picture at its times, for which `pose(seconds)`, by default `scene.animate`, poses the
+        scene, and may return the camera. The scene stays as in the middle of the exposure, which results at pixels'
+        centers show. Raises SolariError for a sample count below 1, a negative target or one with a shutter, a shutter
+        without a pose in a scene without animations, and if OIDN isn't installed.
         """
         self._frame.check_open()
         camera = self._camera_or_default(camera)
@@ -176,18 +184,20 @@ class PathTracer(PictureRenderer):
             raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
         if denoise:
             oidn.check_installed()
-        if denoise != self._denoises:
-            self._set_denoising(denoise)
+        if shutter is not None or pose is not None:
+            if target_error is not None:
+                raise SolariError("PathTracer.render: a picture with a shutter has a fixed number of samples: leave "
+                                  "target_error out")  # fmt: skip
+            self._control.aim(None, denoise)
+            return self._expose(camera, samples, shutter, pose, denoise, time_limit, progress)
         started = time.perf_counter()
         self._prepare(camera)
+        self._control.aim(target_error, denoise)
         self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
-        while self.samples < samples:
-            next_look = samples if target_error is None else min(samples, self._estimate.next_count)
-            self.advance(camera, max(next_look - self.samples, 1))
-            if target_error is not None and self._estimate_error() <= target_error:
-                break
+        while wanted := self._control.wanted(samples):
+            self.advance(camera, wanted)
             if progress is not None:
                 progress(self.samples)
             if time_limit is not None and time.perf_counter() - started > time_limit:
@@ -195,20 +205,11 @@ class PathTracer(PictureRenderer):
         assert self._latest is not None
         return self._finish(self._latest)
 
-    def _estimate_error(self) -> float:
-        estimate, samples = self._estimate, self.samples
-        if samples >= estimate.next_count:
-            mean = self.read("raw_radiance")
-            if self._denoises:
-                estimate.look_at_other(samples, mean, lambda: self.read("radiance"))
-            else:
-                estimate.look_at_mean(samples, mean)
-        return estimate.error
-
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:
         """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
+        self._control.more()
         submission = self._add_samples(min(self._batch, max_samples))
         self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
@@ -221,25 +222,33 @@ class PathTracer(PictureRenderer):
         shown = (self.binder.revision, self.size, *projection.view)
         if shown != self._shown:
             self._shown, self._projection = shown, projection
-            self._begin_picture(self._denoises)
+            self._begin_picture()
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-            self._frame.uniforms["path_sampling.row_count"] = self._band_rows
 
     def _add_samples(self, count: int) -> int:
         """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
-        uniforms = self._frame.uniforms
-        uniforms["path_sampling.sample_index"] = self.samples
-        uniforms["path_sampling.samples_per_dispatch"] = count
+        first = self._control.first
         try:
-            for row in range(0, self.size[1], self._band_rows):
-                uniforms["path_sampling.first_row"] = row
-                submission = self._frame.submit()
-                self._sizes.append((submission, count * self._band_rows))
+            return self._trace_rows(0, self.size[1], first, first + count)
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
-        self.samples += count
+
+    def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
+        uniforms, submission = self._frame.uniforms, 0
+        while first < end:
+            count = min(end - first, MAX_SAMPLES)
+            uniforms["path_sampling.sample_index"] = first
+            uniforms["path_sampling.samples_per_dispatch"] = count
+            for row in range(top, below, self._band_rows):
+                uniforms["path_sampling.first_row"] = row
+                uniforms["path_sampling.row_count"] = min(self._band_rows, below - row)
+                submission = self._frame.submit()
+                self._sizes.append((submission, count * self._band_rows))
+            first += count
+        if below == self.size[1]:
+            self._control.add(end - self._control.first)
         return submission
 
     def _adapt(self) -> None:
@@ -260,20 +269,27 @@ class PathTracer(PictureRenderer):
         if wanted < self._band_rows / 4 and self._band_rows > 8:
             self._band_rows = max(int(wanted), 8)
             frame.rebuild(self._stages(self.size))
-            frame.uniforms["path_sampling.row_count"] = self._band_rows
 
     # ---- results ------------------------------------------------------------------------------------
 
     def read(self, name: str) -> NDArray[Any]:
-        if name == "radiance" and self._denoises:
+        if name == "radiance" and self._control.denoises:
             return self._read_denoised().copy()
         if name in ("radiance", "raw_radiance"):
             return pathtracer.read_mean(self._frame, self.size)
         if name == "variance":
-            return pathtracer.read_variance(self._frame, self.size, self.samples)
+            return pathtracer.read_variance(self._frame, self.sample_counts)
         if name not in self._frame:
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        if (name == "radiance" and self._control.denoises) or name == "variance":
+            raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
+        if name not in ("radiance", "raw_radiance"):
+            raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
+        width, height = self.size
+        return self._frame.tensor("radiance_mean").reshape(height, width, 3)
 
     def read_guides(self) -> list[NDArray[Any]]:
         """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""
@@ -290,10 +306,14 @@ class PathTracer(PictureRenderer):
     def error(self) -> float:
         """The picture's estimated error relative to its luminance, 0.01 for 1 %: the root of relMSE.
 
-        inf before there are enough samples, and if `render` is called without target_error. For a denoised picture, it
-        is the error with at most half as many samples, and bias counts; the picture is compared with later samples.
-        """
-        return self._estimate.error
+        inf before there are enough samples, and after `render` without target_error. For a denoised picture it is the
+        error with at most half as many samples, bias included, which later samples tell."""
+        return self._control.error
+
+    @property
+    def sample_counts(self) -> NDArray[np.int64]:
+        """The number of samples (height, width) of each pixel; they differ where `target_error` chose them."""
+        return self._control.counts
 
     @property
     def rays(self) -> int:

@@ -16,6 +16,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
 from solari_vk.errors import Hints, SolariError, quoted
 from solari_vk.first_hits import FirstHits
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.annotations import boxes
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
@@ -42,6 +43,7 @@ class Source(Protocol):
     @property
     def outputs(self) -> tuple[str, ...]: ...
     def read(self, name: str) -> NDArray[Any]: ...
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor: ...
     def resource(self, name: str) -> Any: ...
     def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float: ...
     def check_latest(self, frame: RenderedFrame, name: str) -> None: ...
@@ -78,6 +80,19 @@ class RenderedFrame(Hints):
         if name in pathtracer.FIRST_HIT_AOVS:
             return renderer.first_hits.read(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.read(name)
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """`frame[name]` as a tensor that stays on an NVIDIA device: `torch.from_dlpack(frame.tensor("radiance"))`.
+
+        It is a copy that later frames don't change. The host doesn't wait: the stream that takes it does. Numbers of
+        instances are int32, -1 for none. On software devices it is the array `frame[name]`. Raises SolariError, with
+        the reason, where CUDA can't share memory with the device, and for results that are made on the host.
+        """
+        renderer = self._renderer
+        renderer.check_latest(self, name)
+        if name in pathtracer.FIRST_HIT_AOVS:
+            return renderer.first_hits.tensor(name, self._projection, self.size, renderer.gbuffer == "traced")
+        return renderer.tensor(name)
 
     def keys(self) -> list[str]:
         """The names of the results."""

@@ -13,10 +13,11 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LOBES
 from solari_vk.bound.lights.index_translation import IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
-from solari_vk.bound.projection import CameraUniforms, Projection, jitters
+from solari_vk.bound.projection import CameraUniforms, Projection, jitters, lens_point
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
@@ -126,10 +127,10 @@ class Renderer(PictureRenderer):
         camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
         24 frames. Call `reset` at a cut. Raises SolariError for a wrong camera or an invalid scene.
         """
-        if not isinstance(camera, Camera):
-            camera = self._camera_or_default(camera)
-        if camera.aperture:
-            raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
+        camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
+        if camera.aperture and camera.projection != "perspective":
+            raise SolariError(f"{camera.describe()}: only PathTracer renders the depth of field of a "
+                              f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._frame.apply_edits()
         self._warn_of_darkness()
@@ -196,14 +197,14 @@ class Renderer(PictureRenderer):
         if not history:
             self._lights.change = 0.0
             self._changed_lights.clear()
+        on_lens = lens_point(camera, self.frame_count + 7919 * self.seed)
         projection = self._camera_uniforms.write(
-            camera, self.size, offset, render_size=self._built_render_size, has_history=history
+            camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
-            self.binder.blended_changes != self._blended_changes, *offset,
-            x - previous_x, y - previous_y,
+            self.binder.blended_changes != self._blended_changes, *offset, x - previous_x, y - previous_y,
         )  # fmt: skip
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
@@ -301,7 +302,19 @@ class Renderer(PictureRenderer):
             if needed := lighting.that_has(resource):
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
-        values = self._frame[resource]
+        read: NDArray[Any] = self._by_pixel(resource, self._frame[resource])
+        return read
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        resource = name.replace("/", "_")
+        if not self._has(resource):
+            self.read(name)  # which says why
+            raise SolariError(f"Renderer: there is no tensor of '{name}': frame['{name}'] reads it")
+        tensor: NDArray[Any] | CudaTensor = self._by_pixel(resource, self._frame.tensor(resource))
+        return tensor
+
+    def _by_pixel(self, resource: str, values: Any) -> Any:
+        """A buffer's values as (height, width[, channels]), if it has one element for each pixel."""
         if isinstance(self._frame.resource(resource), Buffer):
             for width, height in (self._built[0], self._built_render_size):
                 if values.shape[:1] == (width * height,):

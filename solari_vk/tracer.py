@@ -18,15 +18,17 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.passes import brdf_table
 from solari_vk.scene.model import Instance, Scene
 
-SHADER = "passes/ray_tracer/trace.comp"
+SHADER, ECHO_SHADER = "passes/ray_tracer/trace.comp", "passes/ray_tracer/backscatter.comp"
 ARRAYS = ("ray_origins", "ray_directions", "ray_starts", "ray_ends", "ray_hits")
+ECHOES = "ray_echoes"
 BATCH = 1 << 16  # rays in a dispatch: enough to hide the cost of a dispatch, few enough for any driver's watchdog
 
 
 class Hits(np.recarray[Any, Any]):
-    """Records of hits, whose fields are attributes too."""
+    """Records of hits or echoes, whose fields are attributes too."""
 
     if not TYPE_CHECKING:  # or checkers would take any name
 
@@ -44,21 +46,24 @@ class RayTracer(SceneUser):
     @checked_keywords()
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         super().__init__(device, scene)
-        self._frames: dict[bool, SceneFrame] = {}
+        self._frames: dict[tuple[bool, bool], SceneFrame] = {}
         self._orders = TriangleOrders(device, self.binder)
         self._revision = -1
         self.instances: dict[int, Instance] = {}
         self._buffers: dict[str, Buffer] = {}
         self._mapped: dict[str, NDArray[Any]] = {}
         try:
-            bindings = reflect(compile_shader(SHADER), SHADER).bindings
-            for name in ARRAYS:
-                dtype = _host_type(bindings[name].element)
-                self._buffers[name] = device.buffer(2 * BATCH * dtype.itemsize, name, host=True)
-                self._mapped[name] = self._buffers[name].view(dtype)
+            self._make_buffers(SHADER, ARRAYS)
         except BaseException:
             self.close()
             raise
+
+    def _make_buffers(self, shader: str, names: tuple[str, ...]) -> None:
+        bindings = reflect(compile_shader(shader), shader).bindings
+        for name in names:
+            dtype = _host_type(bindings[name].element)
+            self._buffers[name] = self.device.buffer(2 * BATCH * dtype.itemsize, name, host=True)
+            self._mapped[name] = self._buffers[name].view(dtype)
 
     def trace(
         self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
@@ -79,18 +84,47 @@ class RayTracer(SceneUser):
         triangle's unit normal on its front side. Raises SolariError for arrays whose shapes don't fit each other, and
         for another seed.
         """
-        if not self._buffers:
-            raise SolariError("RayTracer.trace: the ray tracer is closed; make a new one")
         check_switch(any_hit, "trace: any_hit")
         if whole_number(seed, "trace: seed", 0) >= 1 << 32:
             raise SolariError(f"trace: seed is {seed}: give a whole number below 2^32")
-        shape, rays = _broadcast(origins, directions, t_min, t_max)
+        shape, rays = _broadcast("trace", origins, directions, t_min, t_max)
+        (hits,) = self._run("trace", rays, any_hit, seed, ("ray_hits",))
+        return hits.reshape(shape).view(Hits)
+
+    def backscatter(
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf
+    ) -> tuple[Hits, Hits]:
+        """The nearest hit of each ray, and what becomes there of light that comes along the ray, as lidars and other
+        sensors with a light of their own see it.
+
+        Arguments and hits are those of `trace`, but rays hit blended surfaces and panes of glass always. Echoes are
+        records (...) with the fields backscatter (3), the BRDF towards where the ray comes from times the cosine, in
+        1/sr (a mirror's is 0), and passed (3), the share of light that goes straight on: through blended surfaces,
+        walls of glass, and into or out of solid glass, which doesn't refract it here.
+        """
+        shape, rays = _broadcast("backscatter", origins, directions, t_min, t_max)
+        hits, echoes = self._run("backscatter", rays, False, 0, ("ray_hits", ECHOES))
+        return hits.reshape(shape).view(Hits), echoes.reshape(shape).view(Hits)
+
+    def _run(
+        self, who: str, rays: dict[str, NDArray[Any]], any_hit: bool, seed: int, outputs: tuple[str, ...]
+    ) -> list[NDArray[Any]]:
+        """The outputs (N) of rays, traced in batches."""
+        if not self._buffers:
+            raise SolariError(f"RayTracer.{who}: the ray tracer is closed; make a new one")
         self._update()
-        frame = self.frame(any_hit)
+        frame = self.frame(any_hit, ECHOES in outputs)
         frame.uniforms["ray_batch.seed"] = seed
         count = len(rays["ray_origins"])
-        hits = np.empty(count, self._mapped["ray_hits"].dtype)
+        found = [np.empty(count, self._mapped[name].dtype) for name in outputs]
         pending: tuple[int, slice, slice] | None = None
+
+        def fetch(value: int, batch: slice, span: slice) -> None:
+            self.device.await_value(value)
+            for name, values in zip(outputs, found, strict=True):
+                # as bytes: numpy copies records field by field
+                values[batch].view(np.uint8)[:] = self._mapped[name][span].view(np.uint8)
+
         for number, start in enumerate(range(0, count, BATCH)):
             batch = slice(start, min(start + BATCH, count))
             first = number % 2 * BATCH
@@ -103,28 +137,29 @@ class RayTracer(SceneUser):
             frame.uniforms["ray_batch.count"] = batch.stop - batch.start
             submitted = (frame.submit(), batch, span)
             if pending is not None:  # fetch a batch while the next one is traced
-                self._fetch(hits, *pending)
+                fetch(*pending)
             pending = submitted
         if pending is not None:
-            self._fetch(hits, *pending)
-        return hits.reshape(shape).view(Hits)
+            fetch(*pending)
+        return found
 
-    def _fetch(self, hits: NDArray[Any], value: int, batch: slice, span: slice) -> None:
-        self.device.await_value(value)
-        # as bytes: numpy copies records field by field
-        hits[batch].view(np.uint8)[:] = self._mapped["ray_hits"][span].view(np.uint8)
-
-    def frame(self, any_hit: bool) -> SceneFrame:
+    def frame(self, any_hit: bool, echoes: bool = False) -> SceneFrame:
         """The frame that traces a batch of the rays in the buffers."""
-        if any_hit not in self._frames:
+        if (any_hit, echoes) not in self._frames:
             vk = self.device.vk
-            trace = Pass("ray_tracer/trace", threads=BATCH, constants={"any_hit": any_hit})
+            external: dict[str, Any] = {**self._buffers, **self._orders.buffers}
+            if echoes:
+                table, tables = brdf_table.compute(self.device)
+                self._owned.enter_context(table)
+                self._make_buffers(ECHO_SHADER, (ECHOES,))
+                external |= {ECHOES: self._buffers[ECHOES], **tables}
+            name = "ray_tracer/backscatter" if echoes else "ray_tracer/trace"
+            trace = Pass(name, threads=BATCH, constants={"any_hit": any_hit})
             to_host = Step("hits to the host", lambda cmd: vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()))
             stage = Stage("ray tracer", passes=[trace, to_host])
-            self._frames[any_hit] = SceneFrame(
-                self.device, self.binder, [stage], external={**self._buffers, **self._orders.buffers}
-            )  # fmt: skip
-        return self._frames[any_hit]
+            frame = SceneFrame(self.device, self.binder, [stage], external=external)
+            self._frames[any_hit, echoes] = frame
+        return self._frames[any_hit, echoes]
 
     def _update(self) -> None:
         """Apply the scene's edits to `instances` and to the order of triangles on the device."""
@@ -168,19 +203,19 @@ def _host_type(element: Any) -> np.dtype[Any]:
 
 
 def _broadcast(
-    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+    who: str, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[tuple[int, ...], dict[str, NDArray[Any]]]:
     """The shape of the rays, and the shader's inputs as arrays (N, 3) and (N)."""
     given = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
-    arrays = {name: numbers(values, f"trace: {name}") for name, values in given.items()}
+    arrays = {name: numbers(values, f"{who}: {name}") for name, values in given.items()}
     for name in ("origins", "directions"):
         if arrays[name].shape[-1:] != (3,):
-            raise SolariError(f"trace: the shape of {name} is {arrays[name].shape}, not (..., 3)")
+            raise SolariError(f"{who}: the shape of {name} is {arrays[name].shape}, not (..., 3)")
     try:
         shapes = [arrays["origins"].shape[:-1], arrays["directions"].shape[:-1]]
         shape = np.broadcast_shapes(*shapes, arrays["t_min"].shape, arrays["t_max"].shape)
     except ValueError as error:
-        raise SolariError(f"trace: {', '.join(f'{n} {a.shape}' for n, a in arrays.items())} don't fit") from error
+        raise SolariError(f"{who}: {', '.join(f'{n} {a.shape}' for n, a in arrays.items())} don't fit") from error
     vectors = (np.broadcast_to(arrays[name], (*shape, 3)).reshape(-1, 3) for name in ("origins", "directions"))
     scalars = (np.broadcast_to(arrays[name], shape).reshape(-1) for name in ("t_min", "t_max"))
     return shape, dict(zip(ARRAYS, (*vectors, *scalars), strict=False))

@@ -2,6 +2,7 @@
 #ifndef SCENE_CAMERA_GLSL
 #define SCENE_CAMERA_GLSL
 
+#include "common/random.glsl"
 #include "generated/bound/features.glsl"
 #include "scene/camera_block.glsl"
 #include "scene/lens.glsl"
@@ -19,16 +20,23 @@ struct ViewLine {
     vec3 along;
 };
 
-// position: in pixels, with jitter; the center of the first pixel is (0.5, 0.5).
+// position: in pixels, with jitter; the center of the first pixel is (0.5, 0.5). Through a point of the lens beside its
+// middle the line leads to the same point in focus: Haeberli and Akeley, "The Accumulation Buffer" (1990).
 ViewLine view_line(vec2 position, Camera from) {
     vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
     if (has_lens(from)) {
-        vec3 along = lens_direction(ndc * from.tan_half_fov, from.lens);
-        return ViewLine(vec3(0.0), along * vec3(1.0, -1.0, -1.0));
+        vec2 at = ndc * from.tan_half_fov;
+        const vec3 y_up = vec3(1.0, -1.0, -1.0);
+        vec3 start = lens_start(at, from.lens) * y_up + vec3(from.lens_offset, 0.0);
+        vec3 along = lens_direction(at, from.lens) * y_up;
+        return ViewLine(start, along - vec3(from.lens_offset / from.focus_distance, 0.0));
     }
     vec2 lateral = ndc * from.tan_half_fov * vec2(1.0, -1.0);
     bool parallel = is_parallel(from);
-    return ViewLine(vec3(parallel ? lateral : vec2(0.0), 0.0), vec3(parallel ? vec2(0.0) : lateral, -1.0));
+    return ViewLine(
+        vec3((parallel ? lateral : vec2(0.0)) + from.lens_offset, 0.0),
+        vec3((parallel ? vec2(0.0) : lateral) - from.lens_offset / from.focus_distance, -1.0)
+    );
 }
 
 struct CameraRay {
@@ -71,11 +79,23 @@ CameraRay make_camera_ray(vec2 pixel_position) {
     return ray;
 }
 
-// A camera ray through another point of the lens, as a thin lens refracts it. on_lens: in the unit disk. Cook, Porter
-// and Carpenter, "Distributed Ray Tracing" (1984).
+// A point of the aperture, which lies in the unit disk: a disk, or a regular polygon. u in [0, 1).
+vec2 sample_aperture(vec2 u) {
+    uint blades = camera.aperture_blades;
+    if (blades == 0u) { return sample_disk(u); }
+    float blade = floor(u.x * float(blades));
+    vec2 weights = sample_triangle_barycentrics(vec2(u.x * float(blades) - blade, u.y));
+    vec2 angles = 2.0 * PI / float(blades) * (blade + vec2(0.0, 1.0)) + camera.aperture_rotation;
+    return weights.x * vec2(cos(angles.x), sin(angles.x)) + weights.y * vec2(cos(angles.y), sin(angles.y));
+}
+
+// A camera ray through another point of the lens, as a thin lens refracts it. on_lens: in the unit disk. A wide lens
+// shows its aperture to every direction, and is sharp at one distance from it. Cook, Porter and Carpenter, "Distributed
+// Ray Tracing" (1984).
 CameraRay through_lens(CameraRay ray, vec2 on_lens) {
     vec3 in_focus = ray.origin + ray.direction * (camera.focus_distance / ray.depth_per_t);
-    ray.origin += mat3(camera.world_from_view) * vec3(camera.lens_radius * on_lens, 0.0);
+    mat3 axes = is_wide(camera) ? orthonormalize(ray.direction) : mat3(camera.world_from_view);
+    ray.origin += axes * vec3(camera.lens_radius * on_lens, 0.0);
     vec3 along = in_focus - ray.origin;
     float distance = length(along);
     ray.direction = along / distance;
@@ -89,6 +109,7 @@ bool is_camera_static() {
     return previous_camera.world_from_view == camera.world_from_view
         && previous_camera.tan_half_fov == camera.tan_half_fov
         && previous_camera.principal_shift == camera.principal_shift
+        && previous_camera.lens_offset == camera.lens_offset && previous_camera.focus_distance == camera.focus_distance
         && previous_camera.parallel_range == camera.parallel_range && previous_camera.lens == camera.lens;
 }
 
@@ -96,6 +117,7 @@ bool is_camera_static() {
 // behind the camera.
 vec2 project_to_uv(vec3 world_position, Camera from) {
     precise vec3 view = from.view_from_world * vec4(world_position, 1.0);
+    view.xy -= from.lens_offset * (1.0 + view.z / from.focus_distance);
     vec2 shift = from.principal_shift / vec2(from.size);
     if (has_lens(from)) {
         vec2 at;

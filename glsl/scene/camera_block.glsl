@@ -7,13 +7,13 @@
 
 // The kinds, in the order of KINDS in solari_vk/scene/lens.py. The depth of PINHOLE and BROWN_CONRADY is measured along
 // the view axis, that of the others along the ray.
-const uint PINHOLE = 0u, BROWN_CONRADY = 1u, FISHEYE = 2u, STEREOGRAPHIC = 3u, EQUIRECTANGULAR = 4u;
+const uint PINHOLE = 0u, BROWN_CONRADY = 1u, FISHEYE = 2u, STEREOGRAPHIC = 3u, EQUIRECTANGULAR = 4u, CUBE = 5u;
 
 struct Lens {
     uint kind;
     float limit;    // what it sees: up to this angle from the view axis, of BROWN_CONRADY up to this slope
     float reach;    // how far from the principal point that is in the picture
-    vec4 low;       // distortion: k1, k2, p1, p2, or of FISHEYE k1 to k4
+    vec4 low;       // distortion: k1, k2, p1, p2, or of FISHEYE k1 to k4; EQUIRECTANGULAR: x, how far right the eye is
     vec4 high;      // k3 to k6
     vec4 prism;     // s1 to s4
 };
@@ -27,11 +27,14 @@ struct Camera {
     float near;              // distance of the near plane
     float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane
     float lens_radius;       // 0 where all is sharp
-    float focus_distance;    // along the view axis
+    float focus_distance;    // along the view axis, of wide lenses along the ray
+    uint aperture_blades;    // the corners of the aperture; 0 for a disk
+    float aperture_rotation;
     uvec2 size;              // in pixels, of what is rendered
     uvec2 picture_size;      // in pixels, of the picture that is made of it
     vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
     vec2 principal_shift;    // the part of it by which the principal point lies beside the middle
+    vec2 lens_offset;        // in meters: the point of the lens through which all rays of this frame pass
     Lens lens;
 };
 

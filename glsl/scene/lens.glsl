@@ -4,6 +4,7 @@
 #ifndef SCENE_LENS_GLSL
 #define SCENE_LENS_GLSL
 
+#include "common/math.glsl"
 #include "scene/camera_block.glsl"
 
 const int NEWTON_STEPS = 12;
@@ -64,10 +65,45 @@ float fisheye_angle(float radius, Lens lens) {
     return angle;
 }
 
+// ---- cubes ------------------------------------------------------------------------------------------
+
+// Six faces in a row, each two focal lengths wide. What is right in the picture of a face, below, and ahead: the faces
+// of CameraRig.cube.
+mat3 cube_face(uint face) {
+    float side = (face & 1u) == 0u ? 1.0 : -1.0;
+    if (face < 2u) { return mat3(vec3(0.0, 0.0, -side), vec3(0.0, 1.0, 0.0), vec3(side, 0.0, 0.0)); }
+    if (face < 4u) { return mat3(vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, side), vec3(0.0, -side, 0.0)); }
+    return mat3(vec3(-side, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, -side));
+}
+
+uint cube_face_at(float x) { return uint(clamp(0.5 * x + 3.0, 0.0, 5.0)); }
+
+vec3 cube_direction(vec2 at) {
+    uint face = cube_face_at(at.x);
+    return normalize(cube_face(face) * vec3(at.x + 5.0 - 2.0 * float(face), at.y, 1.0));
+}
+
+vec2 cube_position(vec3 point) {
+    vec3 size = abs(point);
+    uint face = size.x >= size.y && size.x >= size.z ? (point.x > 0.0 ? 0u : 1u)
+        : size.y >= size.z ? (point.y < 0.0 ? 2u : 3u) : (point.z < 0.0 ? 4u : 5u);
+    vec3 local = point * cube_face(face);
+    return local.xy / local.z + vec2(2.0 * float(face) - 5.0, 0.0);
+}
+
+// ---- any lens ---------------------------------------------------------------------------------------
+
+// Where rays of a position start: in omnidirectional stereo on a circle about the camera. Ishiguro, Yamamoto and Tsuji,
+// "Omni-Directional Stereo" (1992).
+vec3 lens_start(vec2 at, Lens lens) {
+    return lens.kind == EQUIRECTANGULAR ? lens.low.x * vec3(cos(at.x), 0.0, -sin(at.x)) : vec3(0.0);
+}
+
 // Of length 1; of BROWN_CONRADY with z = 1.
 vec3 lens_direction(vec2 at, Lens lens) {
     if (lens.kind == BROWN_CONRADY) { return vec3(undistort(at, lens), 1.0); }
     if (lens.kind == EQUIRECTANGULAR) { return vec3(vec2(sin(at.x), cos(at.x)) * cos(at.y), sin(at.y)).xzy; }
+    if (lens.kind == CUBE) { return cube_direction(at); }
     float radius = length(at);
     float angle = lens.kind == STEREOGRAPHIC ? 2.0 * atan(0.5 * radius) : fisheye_angle(radius, lens);
     return vec3(radius > 0.0 ? at * (sin(angle) / radius) : vec2(0.0), cos(angle));
@@ -82,7 +118,15 @@ bool find_lens_position(vec3 point, Lens lens, out vec2 at) {
         return point.z > 0.0 && across < lens.limit * point.z;
     }
     if (lens.kind == EQUIRECTANGULAR) {
-        at = vec2(atan(point.x, point.z), atan(point.y, length(point.xz)));
+        // The ray to the point touches the circle on which the eye moves.
+        float eye = lens.low.x, away = length(point.xz);
+        float along = sqrt(max(away * away - eye * eye, 0.0));
+        at = vec2(atan(point.x, point.z) - asin(clamp(eye / max(away, 1e-30), -1.0, 1.0)), atan(point.y, along));
+        at.x -= 2.0 * PI * round(at.x / (2.0 * PI));
+        return away >= abs(eye);
+    }
+    if (lens.kind == CUBE) {
+        at = cube_position(point);
         return true;
     }
     float angle = atan(across, point.z);

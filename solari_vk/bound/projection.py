@@ -17,7 +17,7 @@ Numbers = tuple[float, ...]
 # Of struct Camera.
 FIELDS = (
     "world_from_view", "view_from_world", "tan_half_fov", "near", "parallel_range", "lens_radius", "focus_distance",
-    "size", "picture_size", "jitter", "principal_shift", "lens",
+    "aperture_blades", "aperture_rotation", "size", "picture_size", "jitter", "principal_shift", "lens_offset", "lens",
 )  # fmt: skip
 PARALLEL_RANGE = 4096.0
 """How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
@@ -38,6 +38,23 @@ def jitters(count: int) -> list[tuple[float, float]]:
     return [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, count + 1)]
 
 
+def lens_point(camera: Camera, number: int) -> tuple[float, float]:
+    """A point of a camera's lens in meters from its middle, (0, 0) without an aperture: those of successive numbers
+    cover it evenly. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018); the same points of disks
+    and polygons as sample_aperture of glsl/scene/camera.glsl."""
+    if not camera.aperture:
+        return 0.0, 0.0
+    u, v = (0.5 + number * PLASTIC) % 1, (0.5 + number * PLASTIC**2) % 1
+    blades, radius = camera.aperture_blades, camera.aperture / 2
+    if not blades:
+        return radius * math.sqrt(u) * math.cos(2 * math.pi * v), radius * math.sqrt(u) * math.sin(2 * math.pi * v)
+    blade, root = int(u * blades), math.sqrt(u * blades % 1)
+    first, second = (2 * math.pi * (blade + more) / blades + camera.aperture_rotation for more in (0, 1))
+    return (radius * root * ((1 - v) * math.cos(first) + v * math.cos(second)),
+            radius * root * ((1 - v) * math.sin(first) + v * math.sin(second)))  # fmt: skip
+
+
+PLASTIC = 0.7548776662466927  # the inverse of the real root of x^3 = x + 1
 JITTERS = jitters(32)
 """The sample positions of pictures that aren't upscaled. The sequence repeats."""
 
@@ -67,7 +84,8 @@ class Projection(NamedTuple):
         """The projection of a camera as it is now; `known` itself if nothing was assigned to the camera since then."""
         source = (
             camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100,
-            camera.orthographic_height, camera.aperture, camera.focus_distance, size,
+            camera.orthographic_height, camera.aperture, camera.focus_distance, camera.aperture_blades,
+            camera.aperture_rotation, size,
             *(getattr(camera, name) for name in LENS_FIELDS),
         )  # fmt: skip
         if known is not None and all(map(is_, source, known.source)):
@@ -91,7 +109,7 @@ class Projection(NamedTuple):
             j, n, q, k, o, r, m, p, s,
             -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
             *lens.half, camera.near, PARALLEL_RANGE * height, camera.aperture / 2,
-            camera.focus_distance,
+            camera.focus_distance, camera.aperture_blades, camera.aperture_rotation,
         )  # fmt: skip
         found = lens.kind, lens.limit, lens.reach, *lens.distortion
         return cls(source, numbers, (jitter_x, jitter_y), shift, found, camera.exposure)
@@ -109,19 +127,24 @@ class CameraUniforms:
     def write(
         self, camera: Camera, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
         render_size: tuple[int, int] | None = None, has_history: bool = False,
+        lens_offset: tuple[float, float] = (0.0, 0.0),
     ) -> Projection:  # fmt: skip
         """Set `camera`, and with history `previous_camera` to what was written last, else to the same.
 
         size: of the picture in pixels. render_size: of what is rendered, by default the same. offset: added to the
-        camera's jitter, in pixels of what is rendered.
+        camera's jitter, in pixels of what is rendered. lens_offset: the point of the lens through which all is seen, in
+        meters from its middle.
         """
         self._projection = Projection.of(camera, size, self._projection)
-        self.write_projection(self._projection, size, offset, render_size=render_size, has_history=has_history)
+        self.write_projection(
+            self._projection, size, offset, render_size=render_size, has_history=has_history, lens_offset=lens_offset
+        )
         return self._projection
 
     def write_projection(
         self, projection: Projection, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
         render_size: tuple[int, int] | None = None, has_history: bool = False,
+        lens_offset: tuple[float, float] = (0.0, 0.0),
     ) -> None:  # fmt: skip
         """As `write`, for a camera's projection over a picture of this size."""
         width, height = render_size or size
@@ -129,7 +152,7 @@ class CameraUniforms:
         shift = projection.principal_shift[0] * across, projection.principal_shift[1] * down
         jitter = (projection.jitter[0] * across + offset[0] + shift[0],
                   projection.jitter[1] * down + offset[1] + shift[1])  # fmt: skip
-        numbers = (*projection.numbers, width, height, *size, *jitter, *shift, *projection.lens)
+        numbers = (*projection.numbers, width, height, *size, *jitter, *shift, *lens_offset, *projection.lens)
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers

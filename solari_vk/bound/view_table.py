@@ -91,7 +91,8 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
         at = index * records.dtype.itemsize + begin
-        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *found.principal_shift, *found.lens)
+        shift = found.principal_shift
+        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *shift, 0.0, 0.0, *found.lens)
 
 
 def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import shutil
 import sys
 from typing import TYPE_CHECKING
@@ -10,8 +11,11 @@ from typing import TYPE_CHECKING
 from solari_vk.cli.cluster import metered, open_pool, render_files
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob
 from solari_vk.cli.subject import Subject, expose
+from solari_vk.errors import SolariError
 from solari_vk.files import make_folder
 from solari_vk.output.movie import write_movie
+from solari_vk.scene.shutter import Shutter, between
+from solari_vk.sensors.sensor import Sensor
 from solari_vk.settings import Settings
 
 if TYPE_CHECKING:
@@ -26,6 +30,7 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     """
     from solari_vk.cluster import RenderTask, Style, blocks
     from solari_vk.cluster.journal import open_journal
+    from solari_vk.cluster.tasks import RAW
 
     output = job.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if job.is_movie else output.parent
@@ -36,7 +41,9 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
         style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up)
     else:
         style = Style(job.size, job.seed, job.aov, job.tonemap, clip, samples=how, max_bounces=job.max_bounces,
-                      denoise=job.denoise)  # fmt: skip
+                      denoise=job.denoise, shutter=_shutter(job))  # fmt: skip
+    if job.sensor is not None:
+        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
     if style.clip is not None:
         subject.scene.animate(0.0, style.clip)
     with open_pool(job) as pool:
@@ -56,6 +63,16 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     return 0 if complete else 1
 
 
+def _shutter(job: MovieJob) -> Shutter | None:
+    if job.shutter is None:
+        return None
+    exposed, readout = job.shutter
+    if exposed + readout > 1 / job.fps:
+        raise SolariError(f"--shutter {exposed:g},{readout:g}: is longer than a picture at --fps {job.fps}, "
+                          f"{1 / job.fps:.4g} s")  # fmt: skip
+    return Shutter(close=exposed, readout=readout)
+
+
 def _views(job: MovieJob, subject: Subject, clip: int | None, suffix: str) -> list[View]:
     """The pictures, with the cameras as they are at their times: a clip may move them."""
     from solari_vk.cluster import View
@@ -65,7 +82,17 @@ def _views(job: MovieJob, subject: Subject, clip: int | None, suffix: str) -> li
         time = None if clip is None else number / job.fps
         if clip is not None and time is not None:
             subject.scene.animate(time, clip)
-        views.append(View(f"{job.output.stem}.{number:04}{suffix}", copy.deepcopy(camera), time))
+        shown, closing = copy.deepcopy(camera), None
+        if job.shutter is not None and clip is not None and time is not None:
+            subject.scene.animate(time + job.shutter[0], clip)
+            closing = copy.deepcopy(camera)
+        elif job.shutter is not None:
+            share, last = job.shutter[0] * job.fps, len(subject.cameras) - 1
+            if number < last:
+                closing = between(shown, subject.cameras[number + 1], share)
+            elif last:
+                closing = between(subject.cameras[last - 1], shown, 1 + share)
+        views.append(View(f"{job.output.stem}.{number:04}{suffix}", shown, time, closing))
     if clip is not None:
         subject.scene.animate(0.0, clip)
     return views

@@ -17,19 +17,21 @@ from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.cluster import RenderTask, Style, View, blocks
 from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
 from solari_vk.cluster.journal import open_journal
-from solari_vk.cluster.tasks import KEYPOINTS, SILHOUETTES, TRACED
+from solari_vk.cluster.tasks import FLOW, FLOW_BACK, KEYPOINTS, RAW, SILHOUETTES, TRACED
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.scene.labels import find_labels
+from solari_vk.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
     from solari_vk.cli.jobs import DatasetJob
     from solari_vk.scene.model import Camera
 
 METERED = 8  # views whose mean exposure is that of all
+FLOWS = {FLOW, FLOW_BACK}
 JOURNAL = "views.jsonl"
 INSTANCES = "instances.json"
 
@@ -41,6 +43,8 @@ def run(job: DatasetJob) -> int:
     if randomizer is not None:
         job = dataclasses.replace(job, seed=randomizer.seed)  # of cameras and noise too
     style = dataclasses.replace(_style(_with_layers(job)), randomizer=randomizer)
+    if job.sensor is not None:
+        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
     folder = job.output.resolve()
     make_folder(folder)
     subject = load(job, time=job.time)
@@ -71,6 +75,10 @@ def run(job: DatasetJob) -> int:
                 randomizer.camera(camera, number)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = views_of(cameras, f".{job.format}")
+        if FLOWS & set(style.layers):
+            ends = [None, *cameras, None]
+            views = [dataclasses.replace(view, before=ends[number], after=ends[number + 2])
+                     for number, view in enumerate(views)]  # fmt: skip
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
@@ -96,6 +104,9 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
     if "bop" in job.annotations and job.format != "png":
         raise SolariError("--annotations bop: its pictures are .png files: give --format png")
+    if FLOWS & set(job.aov) and (job.randomize is not None or job.format == "exr"):
+        raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
+                          "leave --randomize out, and give --format png or npy")  # fmt: skip
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):
         raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
     if job.keypoints is not None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import solari_vk as sv
 from solari_vk.bound.projection import Projection
-from solari_vk.cli.jobs import FidelityJob, SceneOptions
+from solari_vk.cli.fidelity_job import FidelityJob
+from solari_vk.cli.jobs import SceneOptions
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError, unknown_name

@@ -8,7 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from solari_vk.cli.options import ON_OR_OFF, count, factor, flag, number, option, positive, size, tonemap, view, words
+from solari_vk.cli.options import (
+    ON_OR_OFF,
+    count,
+    factor,
+    flag,
+    number,
+    option,
+    positive,
+    seconds,
+    size,
+    tonemap,
+    view,
+    words,
+)
 from solari_vk.errors import SolariError
 from solari_vk.output.movie import SUFFIXES
 
@@ -125,7 +138,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
 
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "frames", "warm_up", "average"),
-        "reference": ("samples", "max_bounces", "denoise"),
+        "reference": ("samples", "max_bounces", "denoise", "shutter"),
         "several devices": ("workers", "cluster", "shared_folder"),
     }
 
@@ -167,6 +180,14 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "
         "is installed)", action=ON_OR_OFF, default=False,
+    )
+    shutter: tuple[float, float] | None = option(
+        "expose for S seconds, from --time or from each picture's time on: what moves is blurred; the last row begins "
+        "READOUT seconds later than the first (0)", "S[,READOUT]", type=seconds,
+    )
+    sensor: str | None = option(
+        "write the raw digital numbers of an image sensor too, as NAME.raw.npy or a layer of the .exr: fields of "
+        'Sensor as JSON, such as {"iso": 400, "bayer": "RGGB"}, or in a file', "JSON|FILE",
     )
 
     def check(self) -> None:
@@ -225,6 +246,10 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "each picture), objects (boxes in space, poses and the share that is seen: NUMBER.objects.json), bop (a folder "
         "in the format of that benchmark)", "coco,yolo,objects,bop", type=words, default=(),
     )
+    sensor: str | None = option(
+        "write the raw digital numbers of an image sensor too, NUMBER.raw.npy: fields of Sensor as JSON, such as "
+        '{"iso": 400, "bayer": "RGGB"}, or in a file', "JSON|FILE",
+    )
     keypoints: Path | None = option(
         "named points of instances for the annotations coco and objects: a JSON file such as "
         '{"Chair*": {"seat": [0, 0.4, 0]}}', "FILE", type=Path
@@ -245,24 +270,6 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
     average: int = option(f"each picture is the mean of N frames ({ANIMATION_AVERAGE})", "N", type=positive,
                           default=ANIMATION_AVERAGE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FidelityJob(DeviceOptions):
-    """Scenarios of the glTF render fidelity generator."""
-
-    scenarios: str = option("a file of scenarios, such as the generator's config.json, or what the generator gives to "
-                            "renderers", "FILE|JSON", names=("scenarios",))
-    output: Path | None = option("the picture, a .png; of several scenarios the folder of NAME.png (outputFile)",
-                                 "FILE|FOLDER", names=("-o", "--output"), type=Path, default=None)
-    scenario: str | None = option("one scenario of several", "NAME")
-    tonemap: str = option("as three.js has it (aces)", choices=("aces", "neutral", "none"), default="aces")
-    pixel_ratio: int = option("pixels for each of a scenario's, along each axis (2, as the generator compares)", "N",
-                              type=positive, default=2)
-    samples: int | None = option("samples per pixel (256; with --denoise 64)", "N", type=positive)
-    max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
-    seed: int = option("seed of the random numbers, which choose the noise (0)", type=count, default=0)
-    denoise: bool | None = option("denoise by Intel Open Image Denoise (on if it is installed)", action=ON_OR_OFF)
 
 
 @dataclass(frozen=True, kw_only=True)

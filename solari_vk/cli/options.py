@@ -177,6 +177,14 @@ def number(text: str) -> float:
     return value
 
 
+def seconds(text: str) -> tuple[float, float]:
+    """One or two numbers of seconds, with a comma between them, the second 0 by default."""
+    parts = [factor(part) for part in text.split(",")]
+    if len(parts) > 2:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not SECONDS or SECONDS,READOUT")
+    return parts[0], parts[1] if len(parts) == 2 else 0.0
+
+
 def factor(text: str) -> float:
     """A finite number that isn't negative."""
     if (value := number(text)) < 0:

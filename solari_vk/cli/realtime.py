@@ -22,8 +22,10 @@ from solari_vk.output.error import ErrorEstimate
 from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.taa import render_size
+from solari_vk.reference import numbered_seed
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
+from solari_vk.sensors.sensor import Sensor
 from solari_vk.settings import Settings
 
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
@@ -166,6 +168,9 @@ class _Shooting:
             write_or_keep(target, lambda path: picture.write_codes(path, codes))
         else:
             layers = {name: self._means[name] for name in job.aov}
+            if job.sensor is not None:
+                seed = numbered_seed(job.seed, len(self._written))
+                layers["raw"] = Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
             write_or_keep(target, lambda path: picture.save_image(
                 path, radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=layers
             ))  # fmt: skip

@@ -35,7 +35,8 @@ class _Result:
 
     radiance: NDArray[Any]
     layers: dict[str, NDArray[Any]]
-    samples: int
+    samples: float
+    """Of a pixel, on average."""
     error: float
     seconds: float
     ev100: float | None
@@ -55,18 +56,20 @@ def run(job: StillJob | MovieJob) -> int:
             check_encoder(job.output)
         return animation.run(job, load(job, clip=job.clip, time=job.time), samples)
     total = job.samples
-    if total is None and job.target_error is None:
+    if total is None and (job.target_error is None or job.shutter is not None):
         total = DENOISED_SAMPLES if job.denoise else SAMPLES
     subject = load(job, clip=job.clip, time=job.time)
     camera = subject.cameras[0]
     result = (_render_spread if job.is_spread else _render)(job, subject, total)
     if result.ev100 is not None:
         camera.ev100 = result.ev100
+    if job.sensor is not None:
+        result.layers["raw"] = sv.Sensor.load(job.sensor).expose(result.radiance, camera, seed=job.seed)
     write_or_keep(job.output, lambda path: sv.save_image(
         path, result.radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=result.layers
     ))  # fmt: skip
     print(
-        f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples} samples a pixel"
+        f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples:.0f} samples a pixel"
         f"{', denoised' if job.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s{result.after}, "
         f"EV100 {camera.ev100:.2f}",
         file=sys.stderr,
@@ -82,18 +85,33 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         if bands.rows_of(device, job.size) < job.size[1]:
             return _render_large(job, subject, total, device, notes)
         renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
+        exposing = _exposure(job, subject)
         with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
                 renderer.render(
                     subject.cameras[0], samples=total or UNLIMITED, denoise=job.denoise,
-                    target_error=job.target_error or 0.0, progress=lambda done: progress(done, renderer.error),
+                    target_error=None if exposing else job.target_error or 0.0,
+                    progress=lambda done: progress(done, renderer.error), **exposing,
                 )  # fmt: skip
             except Stopped as stopped:
                 print(stopped, file=sys.stderr)
         radiance, seconds = renderer["radiance"], progress.seconds
         ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
         layers = {name: renderer[name] for name in job.aov}
-        return _Result(radiance, layers, renderer.samples, renderer.error, seconds, ev100, notes.after)
+        mean_samples = float(renderer.sample_counts.mean())
+        return _Result(radiance, layers, mean_samples, renderer.error, seconds, ev100, notes.after)
+
+
+def _exposure(job: StillJob, subject: Subject) -> dict[str, Any]:
+    """The arguments of `PathTracer.render` for --shutter."""
+    if job.shutter is None:
+        return {}
+    clip, opens = subject.still, job.time or 0.0
+    if clip is None:
+        raise SolariError("--shutter: nothing moves in a still picture: give --time, of the file's animation, or "
+                          "--animate")  # fmt: skip
+    shutter = sv.Shutter(open=opens, close=opens + job.shutter[0], readout=job.shutter[1])
+    return {"shutter": shutter, "pose": lambda seconds: clip.apply(subject.scene, seconds, loop=False)}
 
 
 def _render_large(

@@ -14,6 +14,7 @@ from solari_vk.errors import SolariError
 from solari_vk.output import oidn
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
+from solari_vk.sensors.sensor import Sensor
 
 MODES = ("realtime", "reference")
 
@@ -46,6 +47,8 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     if options.target_error is not None and not options.target_error > 0:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     check_time_limit(options.time_limit)
+    if options.sensor is not None:
+        Sensor.load(options.sensor)
     job = kind(**values)
     for wrong, why in _contradictions(job):
         if wrong:
@@ -76,9 +79,14 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
     output, view, viewing, still = job.output, job.view, job.view != "picture", isinstance(job, StillJob)
     if job.is_movie:
         yield still, f"{output}: {output.suffix} is for animations: give --animate, or write a .png"
+        yield job.sensor, f"--sensor: a movie has no raw numbers: write numbered files, such as {output.stem}.png"
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
     if job.mode == "reference":
         yield not still and job.target_error is not None, "--target-error: each picture of an animation has --samples"
+        yield (job.shutter is not None and job.target_error is not None,
+               "--target-error: a picture with --shutter has --samples")  # fmt: skip
+        yield (job.shutter is not None and still and job.is_spread,
+               "--shutter: a still picture is exposed by one device: leave --workers and --cluster out")  # fmt: skip
         return
     if job.is_spread:
         yield still, ("a still picture in realtime mode is made by one device: give --mode reference or --animate, or "
@@ -88,7 +96,7 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield (output.suffix.lower() in (".exr", ".npy"),
                f"--view {view}: a debug view is a picture: write a .png, or use --aov for numbers")  # fmt: skip
         yield job.average, "--average: a debug view shows one frame"
-        yield job.aov, "--aov: a debug view shows one frame"
+        yield job.aov or job.sensor, "--aov, --sensor: a debug view shows one frame"
     if job.target_error is not None:
         for name, given in (("animate", not still), ("average", job.average), ("view", viewing)):
             yield given, f"--target-error: a still picture of as many frames as it takes has no --{name}"

@@ -48,6 +48,8 @@ class Subject:
     """Whether the picture chooses the exposure, not the cameras."""
     clip: Animation | None
     """What --animate file plays."""
+    still: Animation | None = None
+    """The clip of which --time chose the pose."""
 
 
 def load(job: SceneOptions, *, clip: str | None = None, time: float | None = None) -> Subject:
@@ -55,10 +57,11 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     movie = job if isinstance(job, MovieJob) else None
     builtin = job.source.startswith("builtin:")
     scene = _load_scene(job)
+    still = None
     played = _find_clip(scene, job.source, clip, time, movie is not None and movie.animate == "file")
     if played is not None and time is not None:
         played.apply(scene, time, loop=False)
-        played = None
+        still, played = played, None
     front = scene.camera_for(job.size[0] / job.size[1], played)
     camera = front if job.camera is None else _find_camera(scene, job.camera)
     # Before added lights widen the scene's bounds:
@@ -80,7 +83,7 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
             raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
     for warning in scene.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    return Subject(scene, cameras, exposure == "auto", played)
+    return Subject(scene, cameras, exposure == "auto", played, still)
 
 
 def _load_scene(job: SceneOptions) -> Scene:

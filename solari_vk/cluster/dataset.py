@@ -146,7 +146,7 @@ def _lens_of_nerf(lens: dict[str, Any]) -> dict[str, Any]:
 def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
     """Numbered views of the cameras. Raises SolariError for a camera that transforms.json can't describe."""
     for number, camera in enumerate(cameras):
-        if camera.orthographic_height or camera.projection == "stereographic" or len(camera.distortion) > 8:
+        if camera.orthographic_height or camera.projection in ("stereographic", "cube") or len(camera.distortion) > 8:
             kind = "orthographic" if camera.orthographic_height else camera.projection
             raise SolariError(f"view {number}: {camera.describe()} is {kind}: {NAME} describes perspective, fisheye "
                               "and equirectangular ones, without thin prism distortion")  # fmt: skip

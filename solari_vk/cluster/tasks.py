@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.annotate.keypoints import keypoints
+from solari_vk.annotate.optical_flow import OUTSIDE, optical_flow
 from solari_vk.annotate.silhouettes import trace_silhouettes
 from solari_vk.cluster.device_session import DeviceSession
 from solari_vk.errors import SolariError
@@ -29,11 +30,15 @@ from solari_vk.output.picture import save_image, write_npy
 from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.reference import numbered_seed
 from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.shutter import Shutter, between
+from solari_vk.sensors.sensor import Sensor
 from solari_vk.settings import Settings
 
 BLOCK = 24  # pictures of the realtime renderer
-# Layers that aren't pictures: the runs of annotate/silhouettes.py; rows of an instance's number, u, v and state.
-TRACED = SILHOUETTES, KEYPOINTS = "silhouettes", "keypoints"
+# Layers that no renderer has: the runs of annotate/silhouettes.py; rows of an instance's number, u, v and state; u, v
+# and state of the flow to the next view and to the one before.
+TRACED = SILHOUETTES, KEYPOINTS, FLOW, FLOW_BACK = "silhouettes", "keypoints", "optical_flow", "optical_flow_back"
+RAW = "raw"  # the layer of a sensor's digital numbers
 METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
 
 
@@ -42,11 +47,16 @@ class View:
     """A picture to render.
 
     name: its file in the folder, a .png, .jpg, .exr or .npy. time: seconds since the start of the style's clip.
+    closing: the camera when the shutter closes, None for the same. before, after: the cameras of the views around it,
+    for the flow to them.
     """
 
     name: str
     camera: Camera
     time: float | None = None
+    closing: Camera | None = None
+    before: Camera | None = None
+    after: Camera | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,8 @@ class Style:
 
     With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
     picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
-    layers: names of further results of the renderer, and TRACED. clip: the number of an animation of the scene.
+    layers: names of further results of the renderer, and TRACED; RAW with a sensor. shutter: of the path tracer's
+    pictures, relative to the views' times. clip: the number of an animation of the scene.
     randomizer: changes the scene for each view, by its number. points: those of KEYPOINTS, as JSON.
     """
 
@@ -72,11 +83,13 @@ class Style:
     denoise: bool = False
     randomizer: Randomizer | None = None
     points: str = "{}"
+    sensor: Sensor | None = None
+    shutter: Shutter | None = None
 
     @property
     def rendered(self) -> tuple[str, ...]:
         """The layers that the renderer has."""
-        return tuple(name for name in self.layers if name not in TRACED)
+        return tuple(name for name in self.layers if name not in (*TRACED, RAW))
 
     def randomized(self, scene: Scene, number: int) -> AbstractContextManager[None]:
         """A context in which the scene is as view `number` has it."""
@@ -157,7 +170,9 @@ class RenderTask:
             self._pose(session, view)
             with style.randomized(session.scene, number):
                 tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
-                self._save(session, folder, view, tracer.render(view.camera, style.samples, denoise=style.denoise))
+                options: dict[str, Any] = {} if style.shutter is None else self._exposure(session, view, style.shutter)
+                frame = tracer.render(view.camera, style.samples, denoise=style.denoise, **options)
+                self._save(session, folder, view, frame, number)
 
     def _play(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
@@ -168,19 +183,32 @@ class RenderTask:
             for view in self.before:
                 self._pose(session, view)
                 renderer.render(view.camera)
-            for view in self.views:
+            for number, view in enumerate(self.views, self.first):
                 self._pose(session, view)
                 means = FrameMeans(renderer, style.rendered)
                 for _ in range(style.frames):
                     renderer.render(view.camera)
                     means.add()
-                self._save(session, folder, view, means)
+                self._save(session, folder, view, means, number)
 
     def _pose(self, session: DeviceSession, view: View) -> None:
         if view.time is not None and self.clip is not None:
             session.scene.animate(view.time, self.clip)
 
-    def _save(self, session: DeviceSession, folder: Path, view: View, results: Any) -> None:
+    def _exposure(self, session: DeviceSession, view: View, given: Shutter) -> dict[str, Any]:
+        """The arguments of `PathTracer.render` for a shutter."""
+        shutter = given.at(view.time or 0.0)
+        lasts = max(shutter.close - shutter.open, 1e-12)
+
+        def pose(seconds: float) -> Camera:
+            if self.clip is not None:
+                session.scene.animate(seconds, self.clip)
+            closing = view.camera if view.closing is None else view.closing
+            return between(view.camera, closing, (seconds - shutter.open) / lasts)
+
+        return {"shutter": shutter, "pose": pose}
+
+    def _save(self, session: DeviceSession, folder: Path, view: View, results: Any, number: int) -> None:
         if SILHOUETTES in self.style.layers:
             around = 0.0 if view.camera.has_lens else 1.0
             runs, _ = trace_silhouettes(session.ray_tracer(), view.camera, self.style.size, around=around)
@@ -192,11 +220,30 @@ class RenderTask:
             rows = [(number, *point.pixel, point.state) for number, instance in sorted(tracer.instances.items())
                     for point in found.get(instance, {}).values()]  # fmt: skip
             write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))
+        for layer, pair in ((FLOW, (view.camera, view.after)), (FLOW_BACK, (view.before, view.camera))):
+            if layer in self.style.layers:
+                write_npy(folder / f"{Path(view.name).stem}.{layer}.npy", self._flow(session, pair, layer == FLOW_BACK))
         layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.rendered}
+        if self.style.sensor is not None:
+            seed = numbered_seed(self.style.seed, number)
+            layers[RAW] = self.style.sensor.expose(results["radiance"], view.camera, seed=seed)
         save_image(
             folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,
             layers=layers,
         )  # fmt: skip
+
+
+    def _flow(
+        self, session: DeviceSession, cameras: tuple[Camera | None, Camera | None], back: bool
+    ) -> NDArray[np.float32]:
+        """u, v and state (height, width, 3); NaN and "outside" where there is no other view."""
+        first, second = cameras
+        if first is None or second is None:
+            nothing = np.full((self.style.size[1], self.style.size[0], 3), np.nan, np.float32)
+            nothing[..., 2] = OUTSIDE
+            return nothing
+        found = optical_flow(session.ray_tracer(), (first, second), self.style.size)[back]
+        return np.concatenate([found.flow, found.state[..., None]], axis=-1).astype(np.float32)
 
 
 def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[RenderTask]:

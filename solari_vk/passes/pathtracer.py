@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
+SAMPLE_BLOCK = 8  # pixels on a side of the block whose halves have numbers of samples of their own
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
 FIRST_HIT_AOVS = (
     "depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic", "emissive",
@@ -59,13 +61,17 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
     camera; with "trace_views" the picture is a strip of the pictures of `views`, each with a seed of its own.
-    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
+    Inputs: `*_table`, `brdf_averages`, with the shader "trace" `sample_ranges`, which the host writes. Outputs:
+    `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
+    buffers = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
+    if shader == "trace":
+        buffers["sample_ranges"] = 2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size)
     return Stage(
         "pathtracer",
-        buffers={"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels},
+        buffers=buffers,
         passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows), constants=brdf)],
     )
 
@@ -104,11 +110,15 @@ def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:
     return frame["radiance_mean"].reshape(size[1], size[0], 3)
 
 
-def read_variance(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
-    """Variance of the mean luminance (height, width) of independent samples; inf after a single sample."""
-    deviations = frame["luminance_deviations"].astype(np.float64)
-    spread = deviations / (samples * (samples - 1)) if samples > 1 else np.full_like(deviations, np.inf)
-    return spread.astype(np.float32).reshape(size[1], size[0])
+def read_variance(frame: Frame, samples: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Variance of the mean luminance (height, width) of independent samples; inf after a single sample.
+
+    samples (height, width): the number of each pixel.
+    """
+    deviations, count = frame["luminance_deviations"].reshape(samples.shape), samples.astype(np.float64)
+    spread = np.full(samples.shape, np.inf)
+    np.divide(deviations, count * (count - 1), out=spread, where=samples > 1)
+    return spread.astype(np.float32)
 
 
 def read_aov(frame: Frame, name: str, size: tuple[int, int]) -> NDArray[Any]:

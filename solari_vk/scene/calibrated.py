@@ -15,7 +15,7 @@ from solari_vk.scene.matrices import transform_points
 
 Floats = NDArray[np.float64]
 FROM_OPENCV = np.diag((1.0, -1.0, -1.0))  # of axes: cameras here have y up and look along -z
-LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "image_circle")
+LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "image_circle", "eye_offset")
 """The fields of a camera that say which lens it has."""
 ROTATION_TOLERANCE = 1e-3
 
@@ -25,9 +25,11 @@ def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
 
     Raises SolariError for a distortion that isn't invertible in the picture.
     """
-    fov = camera.vertical_fov
+    fov, distortion = camera.vertical_fov, tuple(camera.distortion.tolist())
     if camera.projection == "equirectangular":
-        half = math.pi, math.pi / 2
+        half, distortion = (math.pi, math.pi / 2), (camera.eye_offset,)
+    elif camera.projection == "cube":
+        half = 6.0, 1.0
     else:
         if camera.orthographic_height:
             half_height = camera.orthographic_height / 2
@@ -38,9 +40,7 @@ def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
         half = half_height * size[0] / size[1] / camera.pixel_aspect, half_height
     x, y = camera.principal_point.tolist()
     try:
-        return make_lens(
-            camera.projection, half, (x, y), tuple(camera.distortion.tolist()), camera.image_circle, tuple(size)
-        )
+        return make_lens(camera.projection, half, (x, y), distortion, camera.image_circle, tuple(size))
     except SolariError as error:
         raise SolariError(f"{camera.describe()}: {error}") from None
 
@@ -104,9 +104,9 @@ class Calibrated:
 
     def intrinsics(self: Any, size: tuple[int, int]) -> Floats:
         """OpenCV's matrix K (3, 3) for pictures of this size; `distortion` is a field. Raises SolariError for
-        orthographic and equirectangular cameras, which have none."""
-        if self.orthographic_height or self.projection == "equirectangular":
-            raise SolariError(f"{self.describe()}: orthographic and equirectangular cameras have no intrinsic matrix")
+        orthographic cameras, panoramas and cubes, which have none."""
+        if self.orthographic_height or self.projection in ("equirectangular", "cube"):
+            raise SolariError(f"{self.describe()}: orthographic cameras, panoramas and cubes have no intrinsic matrix")
         width, height = _size(size)
         fy = height / 2 / lens_of(self, (width, height)).half[1]
         (x, y), (dx, dy) = self.principal_point.tolist(), self.jitter.tolist()
@@ -163,7 +163,7 @@ class Calibrated:
         if self.orthographic_height:
             start, along = np.concatenate([at, np.zeros_like(at[..., :1])], -1), np.array((0.0, 0.0, 1.0))
         else:
-            start, along = np.zeros((*at.shape[:-1], 3)), lens.directions(at)
+            start, along = lens.starts(at), lens.directions(at)
         axes = np.eye(4)
         axes[:3, :3] = self.transform[:3, :3] / np.linalg.norm(self.transform[:3, :3], axis=0) @ FROM_OPENCV
         axes[:3, 3] = self.transform[:3, 3]

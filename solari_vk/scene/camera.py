@@ -15,6 +15,7 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.focus import Focused
 from solari_vk.scene.lens import PROJECTIONS, TERMS
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Placed, resolved
@@ -59,6 +60,12 @@ def _distortion(value: Any) -> NDArray[np.float64]:
     return given if given.any() else given[:0]
 
 
+def _blades(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not (value == 0 or 3 <= value <= 64):
+        raise ValueError(f"must be 0, for a disk, or a whole number from 3 to 64, not {quoted(value)}")
+    return int(value)
+
+
 class _Placing:
     """A class method that is `place` where it is called on an object."""
 
@@ -71,24 +78,27 @@ class _Placing:
 
 
 @checked
-class Camera(Checked, Placed, Calibrated):
+class Camera(Checked, Placed, Calibrated, Focused):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
     which the constructor takes too. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
-    angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
-    closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
+    angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
+    than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
-    focused at focus_distance, in meters along the view axis; with 0 all is sharp. Only PathTracer renders depth of
-    field. `focus_on` sets both as photographers do. auto_exposure: the first picture that a renderer makes with the
-    camera chooses ev100, for which `render` waits (realtime: the first four frames); then it stays, as a number that is
-    assigned does.
+    focused at focus_distance, in meters along the view axis, of wide lenses along the ray; with 0 all is sharp. It is a
+    disk, or with aperture_blades from 3 on a regular polygon with its corners on that circle, turned by
+    aperture_rotation in radians. `focus_on` sets both as photographers do. auto_exposure: the first picture that a
+    renderer makes with the camera chooses ev100, for which `render` waits (realtime: the first four frames); then it
+    stays, as a number that is assigned does.
 
-    projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic"; or
-    "equirectangular", a panorama of 360 x 180 degrees. vertical_fov is the picture's without distortion. pixel_aspect
-    is fx / fy. principal_point (2,) is where the view axis is, in shares of the picture from its top left corner.
-    distortion: OpenCV's numbers, see `from_opencv`. image_circle: the angle in radians that a fisheye or stereographic
-    lens sees; beyond it the picture is black.
+    projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic"; "equirectangular", a
+    panorama of 360 x 180 degrees; or "cube", the six faces of `CameraRig.cube` in a row, for pictures six times as wide
+    as high. eye_offset: of a panorama, how far in meters the eye is right of the camera, in whichever direction it
+    looks: two of them are omnidirectional stereo. vertical_fov is the picture's without distortion. pixel_aspect is fx
+    / fy. principal_point (2,) is where the view axis is, in shares of the picture from its top left corner. distortion:
+    OpenCV's numbers, see `from_opencv`. image_circle: the angle in radians that a fisheye or stereographic lens sees;
+    beyond it the picture is black.
     """
 
     _: KW_ONLY
@@ -106,6 +116,9 @@ class Camera(Checked, Placed, Calibrated):
     principal_point: NDArray[np.float64] = field(default_factory=lambda: np.full(2, 0.5))
     distortion: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     image_circle: float = 2 * math.pi
+    eye_offset: float = 0.0
+    aperture_blades: int = 0
+    aperture_rotation: float = 0.0
     name: str = ""
 
     _converters = {
@@ -124,6 +137,9 @@ class Camera(Checked, Placed, Calibrated):
         "principal_point": checks.array(2, dtype=np.float64, max_abs=10),
         "distortion": _distortion,
         "image_circle": checks.number(1e-4, 2 * math.pi, "radians"),
+        "eye_offset": checks.number(-checks.LARGEST_COORDINATE, checks.LARGEST_COORDINATE, "meters"),
+        "aperture_blades": _blades,
+        "aperture_rotation": checks.number(-1e6, 1e6, "radians"),
     }
 
     _derived = ("position", "rotation", "fov")
@@ -186,28 +202,6 @@ class Camera(Checked, Placed, Calibrated):
             camera.orthographic_height = 2 * margin * max(half_height, half_width / aspect)
         return camera
 
-    def focus_on(self, target: ArrayLike, f_number: float, *, sensor_height: float = 0.024) -> Camera:
-        """Focus on a point (3,) in meters, or at a distance in meters along the view axis, and return the camera.
-
-        f_number: of a lens with this camera's field of view, on a sensor of this height in meters (full frame). Its
-        focal length over the f-number is the aperture: f/1.4 blurs more than f/8. Raises SolariError for a target that
-        isn't before the camera, an f-number that isn't positive, and an orthographic camera, which has no focal length.
-        """
-        try:
-            given = np.asarray(target, np.float64)
-        except (TypeError, ValueError):
-            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not {quoted(target)}") from None
-        back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
-        if given.shape not in ((), (3,)):
-            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {given.shape}")
-        distance = float((self.transform[:3, 3] - given) @ back if given.shape == (3,) else given)
-        if not distance > 0 or not f_number > 0 or self.orthographic_height or self.has_lens:
-            raise SolariError("Camera.focus_on: a perspective camera, a target before it and a positive f-number are "
-                              f"needed, not {distance:g} m and f/{f_number}")  # fmt: skip
-        focal_length = sensor_height / (2 * math.tan(self.vertical_fov / 2))
-        self.update(focus_distance=distance, aperture=focal_length / f_number)
-        return self
-
     @classmethod
     def from_pose(cls, pose: Any) -> Camera:
         """A camera from the result of `pose`, or from {"position": [x, y, z], "target": [x, y, z]}.
@@ -219,6 +213,8 @@ class Camera(Checked, Placed, Calibrated):
             raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {quoted(pose)}")
         try:
             fields: dict[str, Any] = {name: float(pose[name]) for name in POSED if name in pose}
+            if "aperture_blades" in fields:
+                fields["aperture_blades"] = int(fields["aperture_blades"])
             fields |= {name: pose[name] for name in LENS_FIELDS if name in pose}
             if "vertical_fov_degrees" in pose:
                 fields["vertical_fov"] = math.radians(pose["vertical_fov_degrees"])
@@ -256,10 +252,9 @@ class Camera(Checked, Placed, Calibrated):
         if len(self.distortion) not in TERMS[kind]:
             raise SolariError(f"{self.describe()}: distortion of a {kind} camera has {_listed(TERMS[kind])} numbers, "
                               f"not {len(self.distortion)}")  # fmt: skip
-        if self.has_lens and (self.orthographic_height or self.aperture):
-            what = "orthographic" if self.orthographic_height else "one with an aperture"
-            raise SolariError(f"{self.describe()}: a {kind} camera with a lens model isn't {what}: set "
-                              "orthographic_height and aperture to 0")  # fmt: skip
+        if self.has_lens and self.orthographic_height:
+            raise SolariError(f"{self.describe()}: a {kind} camera with a lens model isn't orthographic: set "
+                              "orthographic_height to 0")  # fmt: skip
         unused = set(self.lens_fields()) & UNUSED[kind]
         if unused:
             raise SolariError(f"{self.describe()}: a {kind} camera has no {' or '.join(sorted(unused))}")
@@ -304,13 +299,16 @@ def _listed(numbers: tuple[int, ...]) -> str:
 
 _PINHOLE = {
     "projection": "perspective", "pixel_aspect": 1.0, "principal_point": [0.5, 0.5], "distortion": [],
-    "image_circle": 2 * math.pi,
+    "image_circle": 2 * math.pi, "eye_offset": 0.0,
 }  # fmt: skip
 UNUSED = {
-    "perspective": {"image_circle"}, "fisheye": set[str](), "stereographic": set[str](),
+    "perspective": {"image_circle", "eye_offset"}, "fisheye": {"eye_offset"}, "stereographic": {"eye_offset"},
     "equirectangular": {"image_circle", "pixel_aspect", "principal_point"},
+    "cube": {"image_circle", "pixel_aspect", "principal_point", "eye_offset"},
 }  # fmt: skip
 """The fields that would have no effect."""
 
-POSED = ("near", "ev100", "orthographic_height", "aperture", "focus_distance")
+POSED = (
+    "near", "ev100", "orthographic_height", "aperture", "focus_distance", "aperture_blades", "aperture_rotation"
+)  # fmt: skip
 """The fields of a camera that a pose has under the same name."""

@@ -45,6 +45,14 @@ class CameraRig(Hints):
                     (("left", -half), ("right", half))})  # fmt: skip
 
     @classmethod
+    def omnidirectional(cls, baseline: float, **fields: Any) -> CameraRig:
+        """A "left" and a "right" panorama whose eyes stay `baseline` meters apart across every direction in which they
+        look, about the vertical axis of the body: omnidirectional stereo, as headsets show it. fields: further ones of
+        Camera. Ishiguro, Yamamoto and Tsuji, "Omni-Directional Stereo" (1992)."""
+        return cls({name: Camera(projection="equirectangular", eye_offset=side * baseline / 2, **fields)
+                    for name, side in (("left", -1), ("right", 1))})  # fmt: skip
+
+    @classmethod
     def cube(cls, **fields: Any) -> CameraRig:
         """Six cameras of 90 degrees for square pictures, by the axes along which they look: FACES says what is up.
 

@@ -16,13 +16,19 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 
 Floats = NDArray[np.float64]
-PROJECTIONS = ("perspective", "fisheye", "stereographic", "equirectangular")
-PINHOLE, BROWN_CONRADY, FISHEYE, STEREOGRAPHIC, EQUIRECTANGULAR = KINDS = range(5)  # as in glsl/scene/lens.glsl
-TERMS = {"perspective": (0, 4, 5, 8, 12), "fisheye": (0, 4), "stereographic": (0,), "equirectangular": (0,)}
+PROJECTIONS = ("perspective", "fisheye", "stereographic", "equirectangular", "cube")
+PINHOLE, BROWN_CONRADY, FISHEYE, STEREOGRAPHIC, EQUIRECTANGULAR, CUBE = KINDS = range(6)  # as in glsl/scene/lens.glsl
+TERMS = {
+    "perspective": (0, 4, 5, 8, 12), "fisheye": (0, 4), "stereographic": (0,), "equirectangular": (0,), "cube": (0,)
+}  # fmt: skip
 """How many numbers a distortion may have: k1, k2, p1, p2, k3 to k6, s1 to s4; of a fisheye k1 to k4."""
 UNLIMITED = 1e30
 NEWTON_STEPS = 20
 NO_DISTORTION = (0.0,) * 12
+# What is right in the picture of each face of a cube, below, and ahead; the faces are those of CameraRig.cube.
+_AHEAD = np.array([(1, 0, 0), (-1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)], np.float64)
+_BELOW = np.array([(0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1), (0, 1, 0), (0, 1, 0)], np.float64)
+CUBE_FACES = np.stack([np.cross(_BELOW, _AHEAD), _BELOW, _AHEAD], axis=1)
 BEYOND = 2.0  # pixels around the picture that must be invertible too: filters reach there
 
 
@@ -35,8 +41,16 @@ class Lens(NamedTuple):
     reach: float
     """How far from the principal point that is in the picture."""
     distortion: tuple[float, ...]
-    """Twelve numbers in OpenCV's order."""
+    """Twelve numbers in OpenCV's order; the first of EQUIRECTANGULAR is how far the eye is right, in meters."""
     half: tuple[float, float]
+
+    def starts(self, at: Floats) -> Floats:
+        """Where the rays of positions (..., 2) start, (..., 3): not at 0 in omnidirectional stereo alone."""
+        start = np.zeros((*at.shape[:-1], 3))
+        if self.kind == EQUIRECTANGULAR:
+            start[..., 0], start[..., 2] = np.cos(at[..., 0]), -np.sin(at[..., 0])
+            start *= self.distortion[0]
+        return start
 
     def directions(self, at: Floats) -> Floats:
         """What positions (..., 2) show, (..., 3); NaN where a lens sees nothing. z is 1, of wide lenses the length."""
@@ -47,6 +61,11 @@ class Lens(NamedTuple):
         x, y = at[..., 0], at[..., 1]
         if self.kind == EQUIRECTANGULAR:
             return np.stack([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)], -1)
+        if self.kind == CUBE:
+            face = np.clip(np.floor(x / 2 + 3), 0, 5).astype(int)
+            local = np.stack([x + 5 - 2 * face, y, np.ones_like(x)], -1)
+            local /= np.linalg.norm(local, axis=-1, keepdims=True)
+            return np.asarray(np.einsum("...k,...ki->...i", local, CUBE_FACES[face]))
         radius = np.hypot(x, y)
         stereographic = self.kind == STEREOGRAPHIC
         angle = 2 * np.arctan(radius / 2) if stereographic else fisheye_angle(radius, self.distortion, self.limit)
@@ -64,7 +83,17 @@ class Lens(NamedTuple):
                 return slopes
             at, seen = distort(slopes, self.distortion)[0], np.linalg.norm(slopes, axis=-1) < self.limit
         elif self.kind == EQUIRECTANGULAR:
-            return np.stack([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))], -1)
+            eye, away = self.distortion[0], np.hypot(x, z)
+            seen = away >= abs(eye)  # the ray to the point touches the circle on which the eye moves
+            along = np.sqrt(np.maximum(away**2 - eye**2, 0))
+            turn = np.arctan2(x, z) - np.arcsin(np.clip(eye / np.maximum(away, 1e-300), -1, 1))
+            at = np.stack([turn - 2 * math.pi * np.round(turn / 2 / math.pi), np.arctan2(y, along)], -1)
+        elif self.kind == CUBE:
+            ahead = points @ _AHEAD.T
+            face = ahead.argmax(axis=-1)
+            local = np.einsum("...i,...ki->...k", points, CUBE_FACES[face])
+            at = local[..., :2] / local[..., 2:] + np.stack([2.0 * face - 5, np.zeros(face.shape)], -1)
+            return np.asarray(at)
         else:
             angle = np.arctan2(across, z)
             seen = angle < self.limit
@@ -137,12 +166,13 @@ def make_lens(
     image_circle: float, size: tuple[int, int],
 ) -> Lens:  # fmt: skip
     """The lens of a picture. half: half its size in focal lengths. center: the principal point in shares of it.
+    distortion: of an equirectangular camera how far the eye is right, in meters.
 
     Raises SolariError if the distortion isn't invertible in the picture; the text continues a camera's description.
     """
-    if projection == "equirectangular":
-        return Lens(EQUIRECTANGULAR, UNLIMITED, UNLIMITED, NO_DISTORTION, half)
     terms = (*distortion, *NO_DISTORTION)[:12]
+    if projection in ("equirectangular", "cube"):
+        return Lens(CUBE if projection == "cube" else EQUIRECTANGULAR, UNLIMITED, UNLIMITED, terms, half)
     seen = min(image_circle / 2, math.pi)
     if projection == "stereographic":
         return Lens(STEREOGRAPHIC, seen, 2 * math.tan(seen / 2) if seen < math.pi else UNLIMITED, terms, half)

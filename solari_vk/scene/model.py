@@ -18,6 +18,7 @@ from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
+from solari_vk.scene.dropping import Dropping
 from solari_vk.scene.framing import default_camera
 from solari_vk.scene.group import Group, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
@@ -37,7 +38,7 @@ CLIP_POSES = 17  # of a clip, that a camera for it must show
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
-class Scene(Observable):
+class Scene(Dropping, Observable):
     """Instances, lights and cameras. Instances with an emissive material are lights too.
 
     `instances`, `lights` and `cameras` are collections by number or name, in the order in which objects were added;
@@ -113,8 +114,7 @@ class Scene(Observable):
     def animate(self, seconds: float, clip: int | str = 0, *, loop: bool = True) -> None:
         """Pose the scene as it is some seconds after the start of a clip, by its number or name in `animations`.
 
-        loop: start again after the end; otherwise the end stays. Raises SolariError for an unknown clip, and for a time
-        that isn't finite.
+        loop: start again after the end. Raises SolariError for an unknown clip, and a time that isn't finite.
         """
         self._animations[clip].apply(self, seconds, loop=loop)
 

@@ -137,7 +137,7 @@ def test_an_image_circle_is_black_around():
     ({"projection": "fisheye", "K": [[30, 0, 320], [0, 30, 240], [0, 0, 1]]}, "vertical_fov must be a finite number"),
     ({"projection": "fish"}, "projection must be one of perspective, fisheye"),
     ({"image_circle": 3}, "a perspective camera has no image_circle"),
-    ({"projection": "stereographic", "aperture": 0.1}, "isn't one with an aperture"),
+    ({"projection": "stereographic", "eye_offset": 0.1}, "a stereographic camera has no eye_offset"),
 ])  # fmt: skip
 def test_what_is_no_camera(change, message):
     given = {"K": K, "R": R, "t": SHIFT, "size": SIZE, **change}
@@ -154,8 +154,47 @@ def test_what_lenses_refuse():
         sv.Camera(projection="equirectangular").intrinsics(SIZE)
     with pytest.raises(SolariError, match=r"points have the shape \(..., 3\)"):
         sv.Camera().project((1, 2), SIZE)
-    with pytest.raises(SolariError, match="a perspective camera"):
-        sv.Camera(projection="fisheye").focus_on(1, 2)
+    with pytest.raises(SolariError, match="a camera with a focal length"):
+        sv.Camera(projection="equirectangular").focus_on(1, 2)
+    for blades in (2, -1, 3.5):
+        with pytest.raises(SolariError, match="aperture_blades must be 0, for a disk, or a whole number from 3"):
+            sv.Camera(aperture_blades=blades)
+
+
+def test_a_cube_is_six_cameras():
+    """Pixels of the row of faces look where those of CameraRig.cube look, and points come back to them."""
+    size, cube = (96, 16), sv.Camera(projection="cube", position=(1, 2, 3), rotation=0.4)
+    faces = sv.CameraRig.cube().at(cube.transform)
+    pixels = np.random.default_rng(1).uniform(-0.5, 15.5, (50, 2))
+    for number, face in enumerate(faces):
+        origins, expected = face.rays(pixels, (16, 16))
+        shifted = pixels + np.array((16 * number, 0))
+        found = cube.rays(shifted, size)
+        np.testing.assert_allclose(found, (origins, expected), atol=1e-9)
+        points = cube.unproject(shifted, np.full(50, 3.0), size)
+        np.testing.assert_allclose(points, origins + 3 * expected, atol=1e-9)
+        np.testing.assert_allclose(cube.project(points, size), shifted, atol=1e-6)
+
+
+def test_omnidirectional_stereo():
+    """Eyes stay beside each other in every direction; points come back to their pixels, and those between the eyes
+    aren't seen."""
+    size = (360, 180)
+    left, right = sv.CameraRig.omnidirectional(0.2).at(position=(1, 0, 2))
+    pixels = np.random.default_rng(2).uniform((-0.5, 20), (359.5, 160), (100, 2))
+    for camera, side in ((left, -1), (right, 1)):
+        origins, along = camera.rays(pixels, size)
+        beside = origins - (1, 0, 2)
+        np.testing.assert_allclose(np.linalg.norm(beside, axis=1), 0.1)
+        np.testing.assert_allclose(np.einsum("ni,ni->n", beside, along), 0, atol=1e-9)
+        flat = along * (1, 0, 1) / np.linalg.norm(along * (1, 0, 1), axis=1, keepdims=True)
+        np.testing.assert_allclose(np.cross(flat, beside)[:, 1], -0.1 * side)
+        points = camera.unproject(pixels, np.full(100, 2.5), size)
+        np.testing.assert_allclose(points, origins + 2.5 * along)
+        np.testing.assert_allclose(camera.project(points, size), pixels, atol=1e-6)
+        assert np.isnan(camera.project((1.05, 3, 2), size)).all()
+    shift = left.project((1, 0, -1), size) - right.project((1, 0, -1), size)
+    np.testing.assert_allclose(shift, (2 * math.degrees(math.asin(0.1 / 3)), 0), atol=1e-9)
 
 
 def test_colmap_files(tmp_path):
@@ -194,3 +233,20 @@ def test_colmap_files_by_hand(tmp_path, cameras, images, message):
         (image,) = sv.load_colmap(tmp_path)
         np.testing.assert_allclose(image.camera.intrinsics(SIZE), [[500, 0, 320], [0, 500, 240], [0, 0, 1]])
         assert image.camera.distortion.tolist() == [-0.1, 0, 0, 0, 0, 0, 0, 0]
+
+
+def test_colmap_reads_the_files(tmp_path):
+    """COLMAP itself, by its package, projects points where the cameras do; its first pixel's center is (0.5, 0.5)."""
+    pycolmap = pytest.importorskip("pycolmap")
+    cameras = [sv.Camera.from_opencv(K, R, SHIFT, SIZE, terms) for terms in ((), BROWN["four"], BROWN["rational"])]
+    cameras.append(sv.Camera.from_opencv(FISHEYE_K, R, SHIFT, SIZE, KANNALA["wide"], projection="fisheye"))
+    sv.save_colmap(tmp_path, cameras, SIZE, [f"{number}.png" for number in range(4)])
+    model = pycolmap.Reconstruction(str(tmp_path))
+    assert len(model.images) == 4
+    for image in model.images.values():
+        camera = cameras[int(image.name[0])]
+        origins, directions = camera.rays(random_pixels(50), SIZE)
+        points = (origins + 4 * directions)[directions @ R[2] > 0.1]  # of a fisheye, COLMAP takes what is before it
+        assert len(points) > 25
+        found = np.array([image.project_point(point) for point in points])
+        np.testing.assert_allclose(found - 0.5, camera.project(points, SIZE), atol=1e-4)

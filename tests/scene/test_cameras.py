@@ -85,7 +85,7 @@ def test_focus_as_photographers_set_it():
     for target in ("a", (1, 2), ((1, 2), 2)):
         with pytest.raises(SolariError, match="target is a point"):
             camera.focus_on(target, 2)
-    with pytest.raises(SolariError, match="a perspective camera"):
+    with pytest.raises(SolariError, match="a camera with a focal length"):
         sv.Camera(orthographic_height=1).focus_on(1, 2)
 
 

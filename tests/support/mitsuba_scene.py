@@ -42,6 +42,8 @@ def scene_of(mi, scene, width, height, *, bounces, lambert=False, bsdf=None, cam
     sensor = {"type": "perspective", "fov": float(np.degrees(camera.vertical_fov)), "fov_axis": "y", "near_clip": 1e-3,
               "far_clip": 1e6, "to_world": mi.ScalarTransform4f(to_world), "film": film,
               "sampler": {"type": "independent"}}  # fmt: skip
+    if camera.aperture:
+        sensor |= {"type": "thinlens", "aperture_radius": camera.aperture / 2, "focus_distance": camera.focus_distance}
     integrator = {"type": "path", "max_depth": bounces + 1, "rr_depth": 1000}
     parts = {"type": "scene", "integrator": integrator, "sensor": sensor, **(emitters or {})}
     for index, instance in enumerate(scene):

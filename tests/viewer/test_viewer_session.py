@@ -64,7 +64,9 @@ def use_at_random(viewer, frames, seed, modes):
 def calm_down(viewer, modes):
     """Show each mode without panels at full resolution in a window of 160x120, and pick something."""
     viewer.act("reset")
-    viewer.shows_panels = viewer.shows_help = viewer.pictures.counts_rays = False
+    viewer.shows_panels, viewer.shows_help = True, False
+    viewer.run(frames=3)  # ImGui keeps a font texture that it has replaced for a frame with panels
+    viewer.shows_panels = viewer.pictures.counts_rays = False
     viewer.scale.fix(1.0)
     glfw.set_window_size(viewer.window.handle, 160, 120)
     for viewer.pictures.mode in ("reference", *modes):

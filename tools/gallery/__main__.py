@@ -3,13 +3,13 @@
     python tools/gallery [NAME ...] [-o docs/gallery] [--samples 1024] [--assets FOLDER]
 
 Each NAME.py beside this file is a feature. Its docstring is the caption, and `scene(assets)` makes the scene, whose
-camera is used; `assets` is a folder of glTF files that aren't part of this project. Without names all are rendered.
+camera is used; `assets` is a folder of glTF files that aren't part of this project. `exposure(scene)`, if there is one,
+has further arguments of the path tracer. Without names all are rendered.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import runpy
 from pathlib import Path
 from typing import Any
@@ -29,15 +29,14 @@ def feature(name: str) -> dict[str, Any]:
     return runpy.run_path(str(HERE / f"{name}.py"))
 
 
-def render(device: sv.Device, scene: sv.Scene, path: Path, samples: int) -> None:
+def render(device: sv.Device, scene: sv.Scene, path: Path, samples: int, exposure: dict[str, Any]) -> None:
     """Save the two pictures of a scene side by side, with one exposure."""
     with sv.PathTracer(device, scene, SIZE) as reference:
-        reference.render(samples=samples).save(path)
+        reference.render(samples=samples, **exposure).save(path)
     left = Image.open(path).convert("RGB")
-    sharp = dataclasses.replace(scene.camera_for(SIZE[0] / SIZE[1]), aperture=0.0)
     with sv.Renderer(device, scene, SIZE) as renderer:
         for _ in range(FRAMES):
-            frame = renderer.render(sharp)
+            frame = renderer.render()
         frame.save(path)
     both = Image.new("RGB", (2 * SIZE[0] + 4, SIZE[1]), "white")
     both.paste(left, (0, 0))
@@ -72,7 +71,10 @@ def main() -> None:
     device = sv.Device()
     for name in options.names:
         print(name, flush=True)
-        render(device, feature(name)["scene"](options.assets), options.output / f"{name}.png", options.samples)
+        found = feature(name)
+        scene = found["scene"](options.assets)
+        exposure = found["exposure"](scene) if "exposure" in found else {}
+        render(device, scene, options.output / f"{name}.png", options.samples, exposure)
     options.output.with_suffix(".md").write_text(page(FEATURES))
 
 

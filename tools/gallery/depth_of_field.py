@@ -1,6 +1,6 @@
 """Depth of field: a thin lens, focused on the second of five balls.
 
-Only the path tracer has lenses. The frame beside it is that of the same camera without one: all is sharp.
+Each realtime frame sees through one point of the lens, and the mean of frames is the picture.
 """
 
 from __future__ import annotations

@@ -40,7 +40,10 @@ EdgeStopping make_edge_stopping(Guide guide, ivec2 pixel, float relative_error, 
     if (has_lens(camera)) {
         vec2 at = vec2(pixel) + 0.5 + camera.jitter;
         vec3 along = view_line(at, camera).along;
-        vec3 across = view_line(at + vec2(1.0, 0.0), camera).along - along;
+        // The next pixel of a cube may be on another face.
+        vec2 x = 2.0 * camera.tan_half_fov.x * (vec2(at.x, at.x + 1.0) / float(camera.size.x) - 0.5);
+        float side = camera.lens.kind == CUBE && cube_face_at(x[0]) != cube_face_at(x[1]) ? -1.0 : 1.0;
+        vec3 across = side * (view_line(at + vec2(side, 0.0), camera).along - along);
         vec3 down = view_line(at + vec2(0.0, 1.0), camera).along - along;
         plane.xy = in_view * mat2x3(across, down);
         squared_pixel_angle = vec2(dot(across, across), dot(down, down));

@@ -152,6 +152,16 @@ bool is_static(uint instance_index) {
     return mesh != NO_INDEX && is_mesh_static(instance_index, meshes.at[mesh]);
 }
 
+// Whether nothing moved since the previous frame but the point of the lens through which all is seen.
+bool rests_behind_lens(uint instance_index) {
+    return camera.lens_radius > 0.0 && previous_camera.lens_radius == camera.lens_radius
+        && previous_camera.focus_distance == camera.focus_distance
+        && previous_camera.world_from_view == camera.world_from_view
+        && previous_camera.tan_half_fov == camera.tan_half_fov
+        && previous_camera.principal_shift == camera.principal_shift
+        && (instance_index == NO_INDEX || is_static(instance_index));
+}
+
 // The point of a hit in object space. positions: those of the mesh, or its previous ones, from which the result is the
 // same bit by bit if they are equal.
 vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {

@@ -30,4 +30,6 @@ bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rn
     return true;
 }
 
+uvec2 sample_range(uvec2 pixel) { return even_sample_range(); }
+
 void main() { trace_paths(); }

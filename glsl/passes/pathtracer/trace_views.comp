@@ -6,4 +6,6 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+uvec2 sample_range(uvec2 pixel) { return even_sample_range(); }
+
 void main() { trace_paths(); }

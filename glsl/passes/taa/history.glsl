@@ -69,9 +69,26 @@ bool was_visible(ivec2 pixel, vec2 position) {
     return false;
 }
 
+// By how much, in uv, a point at a depth appears beside its place in the picture of the lens's middle.
+vec2 lens_shift(Camera from, float inverse_depth) {
+    float depth_ratio = is_parallel(from) ? 1.0 - 1.0 / (inverse_depth * from.focus_distance)
+        : inverse_depth - 1.0 / from.focus_distance;
+    return vec2(-0.5, 0.5) * from.lens_offset * depth_ratio / from.tan_half_fov;
+}
+
+// The motion in uv without that of the point of the lens through which a frame sees: the picture is the mean over the
+// lens, which stays.
+vec2 motion_without_lens(ivec2 pixel, vec2 motion) {
+    if (rests_behind_lens(imageLoad(gbuffer_surface, pixel).y)) { return vec2(0.0); }
+    float inverse_depth = max(imageLoad(depth, pixel).x, 1e-9) / camera.near;
+    return motion + lens_shift(camera, inverse_depth) - lens_shift(previous_camera, inverse_depth);
+}
+
 // The motion in pixels of the picture, from where it was in the previous frame; exactly 0 for what doesn't move.
 vec2 motion_in_picture(ivec2 pixel) {
-    return imageLoad(guides_specular_motion, pixel).xy * vec2(camera.picture_size) + this_frame.picture_shift;
+    vec2 motion = imageLoad(guides_specular_motion, pixel).xy;
+    if (camera.lens_radius > 0.0) { motion = motion_without_lens(pixel, motion); }
+    return motion * vec2(camera.picture_size) + this_frame.picture_shift;
 }
 
 // ---- what still holds -------------------------------------------------------------------------------

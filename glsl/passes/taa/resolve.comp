@@ -24,7 +24,8 @@ HistorySample limited(HistorySample history, Neighborhood around) {
     if (!gone && is_still(around.center)) {
         // By chance all samples around may show a blended surface, or none of them, even in many frames.
         history.blended = SCENE_BLEND && (history.blended || is_blended(around.center));
-        bool by_chance = history.blended && this_frame.lighting_change == 0.0;
+        // So they may through one point of the lens.
+        bool by_chance = (history.blended || camera.lens_radius > 0.0) && this_frame.lighting_change == 0.0;
         trusted = by_chance ? 1.0 : 1.0 - common_difference(around.center);
         kept = max(kept, trusted);
     } else {

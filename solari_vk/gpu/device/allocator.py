@@ -105,7 +105,7 @@ class Allocator:
 
     def allocate(self, requirements: raw.CData, name: str, *, host: bool, image: bool = False) -> Allocation:
         """Memory for VkMemoryRequirements. Raises DeviceError naming the object when there is not enough."""
-        pool = self._pool(self._choose_type(requirements.memoryTypeBits, name, host), host, image)
+        pool = self._pool(self.choose_type(requirements.memoryTypeBits, name, host), host, image)
         size, alignment = int(requirements.size), int(requirements.alignment)
         try:
             allocation = self._allocate(pool, size, alignment, name)
@@ -136,7 +136,7 @@ class Allocator:
             for block in list(pool.blocks):
                 self._free_block(block)
 
-    def _choose_type(self, allowed: int, name: str, host: bool) -> int:
+    def choose_type(self, allowed: int, name: str, host: bool) -> int:
         """The first of the allowed memory types with the preferred properties; else with the required ones."""
         preferred, required = (_MAPPABLE | _CACHED, _MAPPABLE) if host else (_DEVICE_LOCAL, 0)
         for wanted in (preferred, required):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,11 @@ class Buffer(Storage):
             return self.view(dtype, count, offset).copy()
 
         # The host reads uncached memory slowly, so it is copied to cached memory like memory that isn't mapped.
-        def copy(cmd: raw.CData, target: raw.CData) -> None:
-            region = raw.struct("VkBufferCopy", srcOffset=offset, size=count * dtype.itemsize)
-            self.device.vk.vkCmdCopyBuffer(cmd, self.handle, target, 1, region)
+        size = count * dtype.itemsize
+        copy = partial(self.record_copy, size=size, offset=offset)
+        return self._staging.read_back(size, copy).view(dtype)
 
-        return self._staging.read_back(count * dtype.itemsize, copy).view(dtype)
+    def record_copy(self, cmd: raw.CData, target: raw.CData, *, size: int, offset: int = 0) -> None:
+        """Record a copy of `size` bytes, from a byte offset on, to the start of a VkBuffer."""
+        region = raw.struct("VkBufferCopy", srcOffset=offset, size=size)
+        self.device.vk.vkCmdCopyBuffer(cmd, self.handle, target, 1, region)

@@ -11,6 +11,7 @@ from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import OnCompile
+from solari_vk.gpu.device.cuda_tensor import CudaTensors
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.kept import Kept
@@ -74,6 +75,11 @@ class Device(WorkQueue):
     def pipeline_cache(self) -> PipelineCache:
         """What all pipelines of the device are created with."""
         return PipelineCache(self)
+
+    @cached_property
+    def cuda(self) -> CudaTensors:
+        """Makes tensors that CUDA shares. Raises DeviceError, with the reason, where it can't."""
+        return CudaTensors(self, self.memory)
 
     def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""

@@ -170,21 +170,22 @@ class Image:
         """A mip level as (height, width, channels) of the format's dtype; waits for all work submitted so far."""
         if self.handle is None:
             raise SolariError(f"read of image {self.name}, which was destroyed")
+        shape = self.level_shape(level)
+        size = int(np.prod(shape)) * self.dtype.itemsize
+        read = self._staging.read_back(size, lambda cmd, target: self.record_copy(cmd, target, level))
+        return read.view(self.dtype).reshape(shape)
+
+    def record_copy(self, cmd: raw.CData, target: raw.CData, level: int = 0) -> None:
+        """Record a copy of a mip level to the start of a VkBuffer, packed row by row."""
         vk = self.device.vk
         general = self.layout == raw.VK_IMAGE_LAYOUT_GENERAL
         layout = self.layout if general else raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
         region = raw.struct("VkBufferImageCopy", **self.copy_region(level, 0))
-
-        def copy(cmd: raw.CData, target: raw.CData) -> None:
-            if not general:
-                vk.vkCmdPipelineBarrier2(cmd, self.layout_change(self.layout, layout))
-            vk.vkCmdCopyImageToBuffer(cmd, self.handle, layout, target, 1, region)
-            if not general:
-                vk.vkCmdPipelineBarrier2(cmd, self.layout_change(layout, self.layout))
-
-        shape = self.level_shape(level)
-        size = int(np.prod(shape)) * self.dtype.itemsize
-        return self._staging.read_back(size, copy).view(self.dtype).reshape(shape)
+        if not general:
+            vk.vkCmdPipelineBarrier2(cmd, self.layout_change(self.layout, layout))
+        vk.vkCmdCopyImageToBuffer(cmd, self.handle, layout, target, 1, region)
+        if not general:
+            vk.vkCmdPipelineBarrier2(cmd, self.layout_change(layout, self.layout))
 
     def destroy(self) -> None:
         """Destroy the image when the work submitted so far is done. Safe to call twice."""

@@ -12,7 +12,10 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
 
 REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")
-OPTIONAL_EXTENSIONS = ("VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget")
+OPTIONAL_EXTENSIONS = (
+    "VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget", "VK_KHR_external_memory_fd",
+    "VK_KHR_external_semaphore_fd",
+)  # fmt: skip
 
 # The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
 _STRUCTURES = {

@@ -7,16 +7,18 @@ from collections.abc import Collection, Sequence
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import ALL_COMMANDS
 
+SemaphoreValue = raw.CData | tuple[raw.CData, int]
+
 
 class Submission:
     """A VkSubmitInfo2 built once. Submitting it changes its timeline value in place, which costs microseconds.
 
-    waits, signals: binary semaphores that all commands wait for or signal.
+    waits, signals: semaphores that all commands wait for or signal, those of timelines with their value.
     """
 
     def __init__(
-        self, timeline: raw.CData, command_buffers: Sequence[raw.CData], waits: Sequence[raw.CData] = (),
-        signals: Sequence[raw.CData] = (),
+        self, timeline: raw.CData, command_buffers: Sequence[raw.CData], waits: Sequence[SemaphoreValue] = (),
+        signals: Sequence[SemaphoreValue] = (),
     ) -> None:  # fmt: skip
         self.commands = tuple(command_buffers)
         self._waits, self._signals = _semaphores(waits), _semaphores([timeline, *signals])
@@ -49,6 +51,8 @@ class Submission:
         return self._info
 
 
-def _semaphores(items: Sequence[raw.CData]) -> raw.CData:
-    infos = [raw.struct("VkSemaphoreSubmitInfo", semaphore=item, stageMask=ALL_COMMANDS) for item in items]
+def _semaphores(items: Sequence[SemaphoreValue]) -> raw.CData:
+    pairs = [item if isinstance(item, tuple) else (item, 0) for item in items]
+    infos = [raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=ALL_COMMANDS)
+             for semaphore, value in pairs]  # fmt: skip
     return raw.array("VkSemaphoreSubmitInfo", infos)

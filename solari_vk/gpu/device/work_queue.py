@@ -13,7 +13,7 @@ from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks
 from solari_vk.gpu.device.lent import Lent
 from solari_vk.gpu.device.logical import LogicalDevice
-from solari_vk.gpu.device.submission import Submission
+from solari_vk.gpu.device.submission import SemaphoreValue, Submission
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
 
@@ -56,8 +56,9 @@ class WorkQueue(LogicalDevice):
     # ---- submissions --------------------------------------------------------------------------------
 
     def submission(
-        self, command_buffers: Sequence[raw.CData], waits: Sequence[raw.CData] = (), signals: Sequence[raw.CData] = ()
-    ) -> Submission:
+        self, command_buffers: Sequence[raw.CData], waits: Sequence[SemaphoreValue] = (),
+        signals: Sequence[SemaphoreValue] = (),
+    ) -> Submission:  # fmt: skip
         """A submission for `submit_prepared`, which can be submitted many times."""
         return Submission(self.timeline, command_buffers, waits, signals)
 

@@ -12,14 +12,17 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.errors import DeviceError, SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.command_pool import CommandPool
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.recorded import Recorded
@@ -211,13 +214,42 @@ class Frame:
             return resource.read()
         binding = self.binding(name)
         if binding.element is not None:
-            count = self._resources.element_count(name)
-            values = -1 if count is None else count * math.prod(binding.element.shape)
-            flat = resource.read(binding.element.base, values, binding.element_offset)
-            return flat.reshape(-1, *binding.element.shape)  # type: ignore[no-any-return]
+            shape, dtype, offset = self._elements(name)
+            return resource.read(dtype, math.prod(shape), offset).reshape(shape)  # type: ignore[no-any-return]
         if binding.dtype is None:
             raise SolariError(f"{name} is a {binding.kind} and can't be read")
         return resource.read(binding.dtype, 1).reshape(())  # type: ignore[no-any-return]
+
+    def tensor(self, name: str) -> np.ndarray | CudaTensor:
+        """What `frame[name]` is, as a tensor that stays on the device: a copy that later frames don't change.
+
+        On software devices it is `frame[name]`. Raises SolariError, with the reason, where CUDA can't share memory with
+        the device.
+        """
+        if self.device.properties.kind == "cpu":
+            return self[name]
+        resource = self.resource(name)
+        try:
+            cuda = self.device.cuda
+        except DeviceError as error:
+            raise SolariError(f"there is no tensor of {name} on the device: {error}: read it to the host") from None
+        if isinstance(resource, Image):
+            return cuda.copy(resource.record_copy, resource.level_shape(0), resource.dtype)
+        shape, dtype, offset = self._elements(name)
+        if dtype.names:
+            raise SolariError(f"there is no tensor of {name}: it has records, with {', '.join(dtype.names)}")
+        size = math.prod(shape) * dtype.itemsize
+        return cuda.copy(partial(resource.record_copy, size=size, offset=offset), shape, dtype)
+
+    def _elements(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+        """Of a buffer's runtime array: its shape, the dtype of its values, and the byte offset where it begins."""
+        element, count = self.binding(name).element, self._resources.element_count(name)
+        if element is None:
+            raise SolariError(f"{name} isn't an array")
+        if count is None:
+            buffer: Buffer = self.resource(name)
+            count = (buffer.size - self.binding(name).element_offset) // element.itemsize
+        return (count, *element.shape), element.base, self.binding(name).element_offset
 
     @property
     def memory(self) -> dict[str, int]:

@@ -26,6 +26,8 @@ LENSES = {
     "circle": lambda: sv.Camera(projection="fisheye", vertical_fov=math.pi, image_circle=math.pi),
     "stereographic": lambda: sv.Camera(projection="stereographic", vertical_fov=4.5),
     "equirectangular": lambda: sv.Camera(projection="equirectangular"),
+    "stereo": lambda: sv.Camera(projection="equirectangular", eye_offset=0.2),
+    "cube": lambda: sv.Camera(projection="cube"),
 }  # fmt: skip
 PIXELS = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), -1)
 
@@ -72,14 +74,14 @@ def check_motion(device, name):
     after = LENSES[name]()
     step, turn = np.array((0.05, 0.03, 0.08)), np.array((0.1, 0.05, 0))
     after.place(after.position + step, after.position - after.transform[:3, 2] + turn)
-    if name != "equirectangular":
+    if name not in ("equirectangular", "stereo", "cube"):
         after.principal_point = np.add(after.principal_point, (0.05, -0.03))
     with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
         renderer.render(before)
         frame = renderer.render(after)
         motion, position, seen = frame["motion_vectors"] * SIZE, frame["position"], np.isfinite(frame["depth"])
     expected = before.project(position, SIZE) - after.project(position, SIZE)
-    if name == "equirectangular":
+    if name in ("equirectangular", "stereo"):
         expected[..., 0] -= np.round(expected[..., 0] / SIZE[0]) * SIZE[0]
     seen &= np.isfinite(expected).all(axis=-1)
     assert np.abs(expected[seen]).max() > 1

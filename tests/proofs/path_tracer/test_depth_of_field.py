@@ -51,10 +51,55 @@ def test_what_is_in_focus_is_sharp_everywhere(device):
     np.testing.assert_array_equal(*lit)
 
 
-def test_the_realtime_renderer_refuses_it(device):
-    scene = sv.builtin("cornell_box")
-    with sv.Renderer(device, scene, (8, 8)) as renderer, pytest.raises(sv.SolariError, match="only PathTracer renders"):
-        renderer.render(sv.Camera(aperture=0.1))
+def test_an_aperture_of_blades(device):
+    """The lamp's image has the variance of a regular polygon with the circumradius R: R² (2 + cos(2 pi / n)) / 12."""
+    for blades in (3, 6):
+        sharp, blurred = (spread(device, aperture=a, focus_distance=2.0, aperture_blades=blades) for a in (0, APERTURE))
+        pixel = 2 * DISTANCE * math.tan(FOV / 2) / SIZE[1]
+        radius = APERTURE / 2 / pixel
+        expected = radius**2 / 12 * (2 + math.cos(2 * math.pi / blades))
+        np.testing.assert_allclose(blurred[1] - sharp[1], expected, rtol=0.08)
+
+
+def test_blades_are_turned(device):
+    """A triangle with a corner at the right, or at the left."""
+    for turn, right in ((0.0, True), (math.pi, False)):
+        scene = sv.Scene(sv.Camera(vertical_fov=FOV, aperture=APERTURE, focus_distance=2.0, aperture_blades=3,
+                                   aperture_rotation=turn))  # fmt: skip
+        scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
+        light = trace(device, scene, 256, SIZE, seed=8, max_bounces=0)[..., 0].sum(axis=0)
+        along, at = light / light.sum(), np.arange(SIZE[0]) - (SIZE[0] - 1) / 2
+        radius = APERTURE / 2 / (2 * DISTANCE * math.tan(FOV / 2) / SIZE[1])
+        # The third moment of an equilateral triangle of the circumradius R about its center is R^3 / 40.
+        assert along @ at**3 == pytest.approx((1 if right else -1) * radius**3 / 40, rel=0.15)
+
+
+@pytest.mark.parametrize("fields", [
+    {"projection": "fisheye", "vertical_fov": 2.0}, {"projection": "equirectangular"},
+    {"vertical_fov": FOV, "distortion": (-0.1, 0.01, 0, 0)},
+], ids=["fisheye", "panorama", "distorted"])  # fmt: skip
+def test_other_lenses_have_apertures_too(device, fields):
+    """A disk of confusion of the angle that the aperture has from the lamp, less that from the focus."""
+    size = (192, 96)
+    widths = []
+    for aperture, focus in ((0.0, 1.0), (2 * APERTURE, DISTANCE), (2 * APERTURE, 2.0)):
+        camera = sv.Camera(**fields, aperture=aperture, focus_distance=focus)
+        scene = sv.Scene(camera)
+        scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
+        light = trace(device, scene, 256, size, seed=8, max_bounces=0).sum(axis=(0, 2))
+        along, at = light / light.sum(), np.arange(size[0])
+        widths.append((along * (at - (along * at).sum()) ** 2).sum())
+    edge = camera.project((APERTURE * abs(1 - DISTANCE / 2.0), 0, -DISTANCE), size)[0] - (size[0] - 1) / 2
+    assert widths[1] == pytest.approx(widths[0], abs=0.15)
+    assert widths[2] - widths[0] == pytest.approx(edge**2 / 4, rel=0.1)
+
+
+def test_focus_on_an_instance(device):
+    ball = sv.Instance(shapes.sphere(0.3, 8), transform=(1, 0, -4))
+    assert sv.Camera().focus_on(ball, 2.0).focus_distance == pytest.approx(4, abs=0.02)
+    fisheye = sv.Camera(projection="fisheye", vertical_fov=2.0).focus_on(ball, 2.0)
+    assert fisheye.focus_distance == pytest.approx(math.hypot(4, 1), abs=0.02)
+    assert fisheye.aperture == pytest.approx(0.024 / 2 / 1.0 / 2.0)
 
 
 def test_a_changed_lens_starts_a_new_picture(device):

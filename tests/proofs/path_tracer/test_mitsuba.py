@@ -30,6 +30,23 @@ def test_cornell_box_is_mitsubas(picture, name, samples, bar):
 
 
 @pytest.mark.slow
+def test_a_thin_lens_is_mitsubas(picture):
+    """The Cornell box out of focus, by the rule of the other pictures."""
+    scene, _ = CASES["lambert"]()
+    mitsuba = mitsuba_scene.select_variant(vectorized=False)
+    scene.camera.update(aperture=0.5, focus_distance=2.0)
+    live = mitsuba_scene.scene_of(mitsuba, scene, 48, 48, bounces=BOUNCES, lambert=True)
+    mean, variance = mitsuba_scene.render(mitsuba, live, 8, 48, seed=5)
+    made = picture(scene, (48, 48), 512, max_bounces=BOUNCES, lambert=True)
+    result = compare(made.mean, made.variance, mean, variance)
+    print(result)
+    assert_equal(result, 0.03, "thin lens")
+    scene.camera.aperture = 0.0
+    sharp = picture(scene, (48, 48), 128, max_bounces=BOUNCES, lambert=True)
+    assert compare(sharp.mean, sharp.variance, mean, variance).max_z > 3 * result.z_bar
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_stored_reference_is_what_mitsuba_renders(name):
     scene, lambert = CASES[name]()

@@ -54,7 +54,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         Segment segment = trace_segment(walk, receiver, rng);
         count_rays(segment.rays);
         first_t = first_t == 0.0 ? segment.hit.t : first_t;
-        if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
+        if (!accumulate_segment(walk, segment, receiver, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
         SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
@@ -90,6 +90,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         if (!brdf.specular.mirror || brdf.specular_probability < 1.0) {
             event = sample_light(walk, surface, brdf, frame, wo, below, receiver, true, rng);
         }
+        // Differs from Solari: later bounces sample the whole BRDF, so that matte surfaces need no MIS of their own.
         BrdfSample next = sample_brdf(brdf, wo, rng);
         spread(cone, next, brdf.specular.roughness);
         bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
@@ -98,7 +99,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         // last, when the surface isn't needed any more
         if (max_component(event.radiance) > 0.0) {
             count_ray();
-            radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
+            radiance += event.radiance * trace_shadow_ray(event.origin, event.medium, event.light_sample);
         }
         float carried = max_component(walk.throughput);
         if (!(possible && carried > 0.0)) { return radiance; }

@@ -1,0 +1,68 @@
+"""DLPack: memory that other libraries take as tensors without a copy (dmlc/dlpack, version 0.8)."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+CPU, CUDA = 1, 2
+_KINDS = {"i": 0, "u": 1, "f": 2}
+
+
+class _Tensor(ctypes.Structure):
+    _fields_ = (
+        ("data", ctypes.c_void_p),
+        ("device_type", ctypes.c_int32),
+        ("device_id", ctypes.c_int32),
+        ("ndim", ctypes.c_int32),
+        ("kind", ctypes.c_uint8),
+        ("bits", ctypes.c_uint8),
+        ("lanes", ctypes.c_uint16),
+        ("shape", ctypes.POINTER(ctypes.c_int64)),
+        ("strides", ctypes.POINTER(ctypes.c_int64)),
+        ("byte_offset", ctypes.c_uint64),
+        ("manager", ctypes.c_void_p),
+        ("deleter", ctypes.c_void_p),
+    )
+
+
+_held: dict[int, tuple[Any, ...]] = {}  # what tensors need, by the addresses of their structures
+_python: Any = ctypes.pythonapi
+_python.PyCapsule_New.restype = ctypes.py_object
+_python.PyCapsule_New.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+_python.PyCapsule_IsValid.argtypes = (ctypes.c_void_p, ctypes.c_char_p)
+_python.PyCapsule_GetPointer.restype = ctypes.c_void_p
+_python.PyCapsule_GetPointer.argtypes = (ctypes.c_void_p, ctypes.c_char_p)
+
+
+def _delete(address: int) -> None:
+    """A consumer doesn't need a tensor any more."""
+    *_, released = _held.pop(address)
+    released()
+
+
+def _delete_unused(capsule: int) -> None:
+    """A capsule is gone. Consumers rename those that they have taken."""
+    if _python.PyCapsule_IsValid(capsule, b"dltensor"):
+        _delete(_python.PyCapsule_GetPointer(capsule, b"dltensor"))
+
+
+_delete_in_c = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(_delete)
+_delete_unused_in_c = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(_delete_unused)
+
+
+def capsule(
+    address: int, shape: tuple[int, ...], dtype: np.dtype[Any], device: tuple[int, int], released: Callable[[], None]
+) -> Any:
+    """A capsule "dltensor" for packed memory. released: called, by any thread, when nobody needs the memory."""
+    sizes = (ctypes.c_int64 * len(shape))(*shape)
+    tensor = _Tensor(
+        address, *device, len(shape), _KINDS[dtype.kind], 8 * dtype.itemsize, 1, sizes, None, 0, None,
+        ctypes.cast(_delete_in_c, ctypes.c_void_p),
+    )  # fmt: skip
+    at = ctypes.addressof(tensor)
+    _held[at] = tensor, sizes, released
+    return _python.PyCapsule_New(at, b"dltensor", ctypes.cast(_delete_unused_in_c, ctypes.c_void_p))

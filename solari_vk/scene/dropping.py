@@ -1,0 +1,221 @@
+"""Things that fall until they rest: by MuJoCo, a kept engine of rigid bodies with wheels for all platforms.
+
+pybullet, the other candidate, has no wheels for current Pythons. MuJoCo's bodies are convex: what falls collides as its
+convex hull, which contains the mesh, so that meshes don't meet either. What lies still is exact: a convex mesh is
+itself, and of others each triangle is a slab behind its front.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError, checked_keywords, quoted
+from solari_vk.scene.bounds import bounds_of
+from solari_vk.scene.group import Group
+from solari_vk.scene.matrices import quaternion_rotation, transform_points
+from solari_vk.scene.objects import Instance
+
+Floats = NDArray[np.float64]
+SLAB = 0.05  # meters behind the front of a triangle that isn't part of a convex mesh
+MARGIN = 1e-3  # meters, at which contacts begin to push, so that nothing penetrates
+STEP = 0.002  # seconds
+SLOW, RESTING = 0.02, 50  # m/s or rad/s, and for how many steps, until things count as resting
+MOST_TRIANGLES = 5000
+TRIES = 200  # of places for one thing in a layer
+FRICTION = "0.8 0.02 0.005"  # sliding, turning, rolling
+FLAT = 1e-5  # of a mesh's size, by which a convex mesh's vertices may stand before its planes
+
+
+def drop(
+    everything: Sequence[Instance], falling: Sequence[Instance], *, on: Sequence[Instance] | None, region: Any,
+    seed: int, upright: bool, seconds: float,
+) -> None:  # fmt: skip
+    """The work of `Scene.drop`; everything: the instances of the scene."""
+    try:
+        import mujoco
+    except ImportError:
+        raise SolariError('Scene.drop: needs MuJoCo: install it by "pip install solari-vk[physics]"') from None
+    moved = set(falling)
+    supports = [one for one in (everything if on is None else on) if one.visible and one not in moved]
+    low, high = _region(region, supports)
+    bodies = [_Body(one) for one in falling]
+    _place(bodies, low, high, np.random.default_rng(seed), upright)
+    model = mujoco.MjModel.from_xml_string(_document(bodies, _still(supports, high[1]), low, high))
+    data = mujoco.MjData(model)
+    quiet = 0
+    for _ in range(math.ceil(seconds / STEP)):
+        mujoco.mj_step(model, data)
+        quiet = quiet + 1 if np.abs(data.qvel).max(initial=0.0) < SLOW else 0
+        if quiet >= RESTING:
+            break
+    else:
+        raise SolariError(f"Scene.drop: {len(bodies)} things don't rest after {seconds:g} s: give more seconds, or a "
+                          "larger region")  # fmt: skip
+    poses = data.qpos.reshape(-1, 7)
+    for body, pose in zip(bodies, poses, strict=True):
+        if not np.isfinite(pose).all() or pose[1] < low[1] - 1:
+            raise SolariError(f"Scene.drop: {body.instance.describe()} fell through: nothing is below it in the region")
+    for body, pose in zip(bodies, poses, strict=True):
+        w, x, y, z = pose[3:].tolist()
+        body.apply(pose[:3], np.array(quaternion_rotation(x, y, z, w)))
+
+
+class _Body:
+    """A thing that falls: its points about their middle, in the world's scale, and where it starts."""
+
+    def __init__(self, instance: Instance) -> None:
+        self.instance = instance
+        self.axes = instance.transform[:3, :3].copy()
+        points = np.unique(instance.posed_mesh().positions.astype(np.float64) @ self.axes.T, axis=0)
+        self.middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        self.points = points - self.middle
+        self.radius = float(np.linalg.norm(self.points, axis=1).max())
+        spread = np.linalg.svd(self.points - self.points.mean(axis=0), compute_uv=False)
+        if len(points) < 4 or spread[-1] < 1e-6 * spread[0]:
+            raise SolariError(f"Scene.drop: {instance.describe()} is flat: only things with a volume fall")
+        self.position, self.quaternion = np.zeros(3), np.array((0.0, 0.0, 0.0, 1.0))
+
+    def apply(self, position: Floats, turn: Floats) -> None:
+        transform = np.eye(4)
+        transform[:3, :3] = turn @ self.axes
+        transform[:3, 3] = position - turn @ self.middle
+        self.instance.transform = transform
+
+
+def _region(region: Any, supports: list[Instance]) -> tuple[Floats, Floats]:
+    found = bounds_of(supports)
+    if found is None:
+        raise SolariError("Scene.drop: there is nothing to fall on: add a floor")
+    try:
+        given = np.asarray([found.min, found.max] if region is None else region, np.float64)
+        if given.shape != (2, 3) or not np.isfinite(given).all() or not (given[0] <= given[1]).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        raise SolariError("Scene.drop: region is a box, its lowest and its highest corner (2, 3) in meters, not "
+                          f"{quoted(region)}") from None  # fmt: skip
+    return given[0], given[1]
+
+
+def _place(bodies: list[_Body], low: Floats, high: Floats, rng: np.random.Generator, upright: bool) -> None:
+    """Random places in layers above the region, without overlaps: of spheres around the bodies."""
+    bottom, layer, tallest = high[1] + MARGIN, list[_Body](), 0.0
+    at = low
+    for body in bodies:
+        numbers = rng.normal(size=4) if not upright else np.array((0, *rng.normal(size=1), 0, *rng.normal(size=1)))
+        body.quaternion = numbers / np.linalg.norm(numbers)
+        room = high - low - 2 * body.radius
+        if not min(room[0], room[2]) > 0:
+            raise SolariError(f"Scene.drop: {body.instance.describe()}, {2 * body.radius:.3g} m long, doesn't fit into "
+                              f"a region of {high[0] - low[0]:.3g} x {high[2] - low[2]:.3g} m")  # fmt: skip
+        for _ in range(TRIES):
+            at = low + body.radius + rng.uniform(size=3) * room
+            if all(math.dist(at[::2], other.position[::2]) > body.radius + other.radius + MARGIN for other in layer):
+                break
+        else:
+            bottom, layer, tallest = bottom + 2 * tallest + MARGIN, [], 0.0
+        body.position = np.array((at[0], bottom + body.radius, at[2]))
+        layer.append(body)
+        tallest = max(tallest, body.radius)
+
+
+def _still(supports: list[Instance], top: float) -> list[Floats]:
+    """The points of convex parts of what lies still and isn't wholly above the region."""
+    parts, count = list[Floats](), 0
+    for instance in supports:
+        mesh = instance.posed_mesh()
+        points = transform_points(instance.transform, mesh.positions.astype(np.float64))
+        corners = points[mesh.triangles]
+        if np.linalg.det(instance.transform[:3, :3]) < 0:
+            corners = corners[:, ::-1]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(normals, axis=1)
+        below = corners[..., 1].min(axis=1) <= top - MARGIN
+        upward = (normals[:, 1] > 0) & (corners[..., 1].max(axis=1) <= top + MARGIN)
+        keep = (area > 1e-12) & (below | upward)
+        corners, normals = corners[keep], normals[keep] / area[keep, None]
+        if not len(corners):
+            continue
+        if keep.all() and _is_convex(points, corners, normals):
+            parts.append(np.unique(points, axis=0))
+            continue
+        count += len(corners)
+        if count > MOST_TRIANGLES:
+            raise SolariError(f"Scene.drop: more than {MOST_TRIANGLES:,} triangles, with those of "
+                              f"{instance.describe()}: give `on`, what to fall on, or simpler meshes")  # fmt: skip
+        behind = corners - SLAB * normals[:, None]
+        parts += list(np.concatenate([corners, behind], axis=1))
+    return parts
+
+
+def _is_convex(points: Floats, corners: Floats, normals: Floats) -> bool:
+    if len(corners) * len(points) > 4_000_000:
+        return False
+    size = float(np.ptp(points, axis=0).max())
+    before = points @ normals.T - np.einsum("ti,ti->t", corners[:, 0], normals)
+    has_volume = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > FLAT * size
+    return bool(has_volume and before.max() <= FLAT * size)
+
+
+def _numbers(values: ArrayLike) -> str:
+    return " ".join(f"{number:.9g}" for number in np.ravel(values))
+
+
+def _document(bodies: list[_Body], still: list[Floats], low: Floats, high: Floats) -> str:
+    """The model as MuJoCo's XML. Planes around the region keep things in it."""
+    assets, world = [], []
+    for number, points in enumerate(still):
+        middle = points.mean(axis=0)
+        assets.append(f'<mesh name="still{number}" inertia="shell" vertex="{_numbers(points - middle)}"/>')
+        world.append(f'<geom type="mesh" mesh="still{number}" pos="{_numbers(middle)}"/>')
+    for corner, turns in ((low, ((0, 90, 0), (0, 0, 0))), (high, ((0, -90, 0), (0, 180, 0)))):
+        at = _numbers(corner)
+        world += [f'<geom type="plane" size="1 1 1" pos="{at}" euler="{_numbers(turn)}"/>' for turn in turns]
+    for number, body in enumerate(bodies):
+        x, y, z, w = body.quaternion
+        assets.append(f'<mesh name="body{number}" inertia="convex" vertex="{_numbers(body.points)}"/>')
+        world.append(
+            f'<body pos="{_numbers(body.position)}" quat="{_numbers((w, x, y, z))}"><freejoint/>'
+            f'<geom type="mesh" mesh="body{number}"/></body>'
+        )
+    return (
+        f'<mujoco><compiler angle="degree"/><option timestep="{STEP}" gravity="0 -9.81 0" integrator="implicitfast" '
+        'density="1.2" viscosity="0.5"/>'
+        f'<default><geom condim="6" friction="{FRICTION}" margin="{MARGIN}" solref="0.01 1.2" '
+        'solimp="0.95 0.99 0.0005"/></default>'
+        f"<asset>{''.join(assets)}</asset><worldbody>{''.join(world)}</worldbody></mujoco>"
+    )
+
+
+class Dropping:
+    """The part of `Scene` in which things fall."""
+
+    @checked_keywords()
+    def drop(
+        self: Any, *items: Instance | Group | str, on: Sequence[Instance] | None = None,
+        region: ArrayLike | None = None, seed: int = 0, upright: bool = False, seconds: float = 20.0,
+    ) -> None:  # fmt: skip
+        """Let things fall until they rest on what is there and on each other, without meeting.
+
+        items: instances or their names, which are in the scene; a Group's instances fall one by one. on: what they fall
+        on, by default all other visible instances. region: a box, its lowest and its highest corner (2, 3) in meters;
+        things start at random places above its top and stay within its sides, and what lies above it, such as a
+        ceiling, doesn't count. By default it is the bounds of what they fall on. seed: of the places, and of the
+        rotations, with upright about the vertical axis only. seconds: the longest that they may take.
+
+        Things collide as their convex hulls, all of one density, with friction, and rest within 1 mm. The same seed
+        gives the same transforms on one machine. Needs the extra `physics` (MuJoCo). Raises SolariError for things that
+        are flat, don't fit into the region, find nothing below them or don't rest; all is then as it was.
+        """
+        falling = list[Instance]()
+        for item in items:
+            one = self.instances[item] if isinstance(item, str) else item
+            found = one.items if isinstance(one, Group) else [one]
+            falling += (things := [thing for thing in found if isinstance(thing, Instance)])
+            if not things:
+                raise SolariError(f"{self.describe()}: drop takes instances, not {quoted(item)}")
+        drop(self.instances[:], falling, on=on, region=region, seed=seed, upright=upright, seconds=seconds)

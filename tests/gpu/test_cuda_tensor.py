@@ -1,0 +1,162 @@
+"""Results as tensors that stay on the device: on NVIDIA devices in CUDA's memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.gpu.device import dlpack
+
+SIZE = (40, 24)
+
+
+@pytest.fixture
+def cuda(device):
+    """PyTorch, with the tests' device as its CUDA device."""
+    torch = pytest.importorskip("torch", reason="needs PyTorch")
+    try:
+        ordinal = device.cuda.cuda.ordinal
+    except sv.DeviceError as error:
+        pytest.skip(f"needs a device that CUDA shares: {error}")
+    with torch.cuda.device(ordinal):
+        yield torch
+
+
+class HostTensor:
+    """An array that only DLPack's capsule shows."""
+
+    def __init__(self, array, released):
+        self._array, self._released = array, released
+
+    def __dlpack_device__(self):
+        return dlpack.CPU, 0
+
+    def __dlpack__(self, **_):
+        return dlpack.capsule(
+            self._array.ctypes.data, self._array.shape, self._array.dtype, (dlpack.CPU, 0), self._released
+        )
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int32, np.uint8, np.float16])
+def test_a_capsule_shows_memory_until_its_last_user_is_gone(dtype):
+    released = []
+    array = np.arange(24).reshape(2, 3, 4).astype(dtype)
+    taken = np.from_dlpack(HostTensor(array, lambda: released.append("used")))
+    assert taken.dtype == dtype
+    assert np.array_equal(taken, array)
+    part = taken[1]
+    del taken
+    assert not released
+    del part
+    capsule = HostTensor(array, lambda: released.append("unused")).__dlpack__()
+    del capsule
+    assert released == ["used", "unused"]
+    assert not dlpack._held
+
+
+def test_software_devices_give_arrays(device):
+    if device.properties.kind != "cpu":
+        pytest.skip("needs a software device")
+    with sv.PathTracer(device, sv.builtin("cornell_box"), SIZE) as tracer:
+        frame = tracer.render(samples=1)
+        for name in ("radiance", "depth", "instance_id"):
+            assert np.array_equal(frame.tensor(name), frame[name])
+        with pytest.raises(sv.SolariError, match="'variance' is made on the host"):
+            frame.tensor("variance")
+
+
+def test_a_device_that_cuda_cannot_share_says_why(device, monkeypatch):
+    if "VK_KHR_external_semaphore_fd" in device.extensions:
+        pytest.skip("needs a device without VK_KHR_external_semaphore_fd")
+    with sv.PathTracer(device, sv.builtin("cornell_box"), SIZE) as tracer:
+        frame = tracer.render(samples=1)
+        monkeypatch.setattr(device, "properties", dataclasses.replace(device.properties, kind="discrete gpu"))
+        with pytest.raises(sv.SolariError, match=r"lacks .*VK_KHR_external_semaphore_fd: read it to the host"):
+            frame.tensor("radiance")
+
+
+class ElsewhereTensor:
+    """What PyTorch's tensors on other devices are to numpy: no array, unless they are copied."""
+
+    def __init__(self, array):
+        self._array = array
+
+    def __array__(self, *_, **__):
+        raise TypeError("can't convert")
+
+    def detach(self):
+        return self
+
+    def cpu(self):
+        return self._array
+
+
+def test_what_is_given_may_be_tensors(device):
+    """Poses, vertices and points, wherever they are."""
+    scene = sv.builtin("cornell_box")
+    instance = scene.instances[0]
+    poses = np.stack([sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)).transform] * 2)
+    for wrap in (np.asarray, ElsewhereTensor):
+        instance.transform = wrap(np.eye(4))
+        instance.mesh.positions = wrap(instance.mesh.positions + 0.1)
+        with sv.Batch(device, scene, (8, 8), 2, outputs=("depth",)) as batch:
+            assert np.isfinite(batch.render(wrap(poses))["depth"]).any()
+        with sv.RayTracer(device, scene) as tracer:
+            assert len(tracer.trace(wrap(np.ones((3, 3))), wrap(np.eye(3))).t) == 3
+
+
+def test_tensors_are_what_is_read(device, cuda):
+    with sv.Renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
+        frame = renderer.render()
+        for name in ("radiance", "display", "depth", "shading_normal", "instance_id"):
+            tensor = cuda.from_dlpack(frame.tensor(name))
+            expected = frame[name]
+            assert tensor.is_cuda
+            assert tuple(tensor.shape) == expected.shape
+            expected = expected.view(np.int32) if expected.dtype == np.uint32 else expected
+            assert np.array_equal(tensor.cpu().numpy(), expected)
+
+
+def test_later_frames_leave_tensors_alone(device, cuda):
+    """Also while a stream is slow, and others take tensors by the hundred."""
+    scene = sv.builtin("cornell_box")
+    with sv.Renderer(device, scene, SIZE) as renderer:
+        taken = []
+        for number in range(200):
+            frame = renderer.render(sv.Camera.look_at((1 + 0.002 * number, 1, -2.5), (1, 1, 1)))
+            tensor = cuda.from_dlpack(frame.tensor("radiance"))
+            if number % 20 == 0:
+                taken.append((tensor, frame["radiance"]))
+            else:
+                tensor.mul(2.0)  # then it is given back while the stream may still read it
+        for tensor, expected in taken:
+            assert np.array_equal(tensor.cpu().numpy(), expected)
+        tensors = device.cuda
+        assert len([place for places in tensors._free.values() for place in places]) <= 4
+
+
+def test_tensors_outlive_their_device(cuda):
+    with sv.Device() as own, sv.Batch(own, sv.builtin("cornell_box"), (16, 16), 3, outputs=("depth",)) as batch:
+        batch.render(np.stack([sv.Camera.look_at((1, 1, -2.5 - i), (1, 1, 1)).transform for i in range(3)]))
+        expected = batch["depth"]
+        tensor = cuda.from_dlpack(batch.tensor("depth"))
+    gc.collect()
+    assert tuple(tensor.shape) == (3, 16, 16)
+    assert np.array_equal(tensor.cpu().numpy(), expected)
+
+
+def test_ten_thousand_tensors_keep_no_memory(device, cuda):
+    with sv.PathTracer(device, sv.builtin("cornell_box"), SIZE) as tracer:
+        frame = tracer.render(samples=1)
+        used = []
+        for _ in range(10):
+            for _ in range(1000):
+                cuda.from_dlpack(frame.tensor("radiance"))
+            cuda.cuda.synchronize()
+            device.wait_idle()
+            used.append(cuda.cuda.mem_get_info()[0])
+        assert max(used[1:]) - min(used[1:]) < 8 << 20

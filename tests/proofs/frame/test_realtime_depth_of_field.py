@@ -1,0 +1,118 @@
+"""Depth of field in realtime frames: the mean is the path tracer's, and denoised frames converge as sharp ones do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from support.realtime import GBUFFER, make_renderer, trace
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
+from solari_vk.errors import SolariError
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte, place
+
+SIZE = (64, 64)
+FOV, DISTANCE, APERTURE = 0.5, 4.0, 0.4
+
+
+def balls():
+    """Balls before, in and behind the focus, on a floor, in a lit box."""
+    scene = sv.builtin("cornell_box")
+    for z, color in ((-0.3, (0.8, 0.2, 0.1)), (0.9, (0.2, 0.7, 0.2)), (1.7, (0.2, 0.3, 0.8))):
+        scene.add(sv.Instance(shapes.sphere(0.22, 24), matte(color), transform=place(1.0, (0.6 + 0.4 * z, 0.3, z))))
+    scene.camera = sv.Camera.look_at((1, 0.9, -2.6), (1, 0.9, 1), vertical_fov=0.8, ev100=scene.camera.ev100)
+    scene.camera.update(aperture=0.25, focus_distance=3.5)
+    return scene
+
+
+def relative_error(picture, truth):
+    return np.mean((picture - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2))
+
+
+def check_disk(device, kind="perspective", focus=2.0):
+    """The mean of frames of a small lamp is the disk of confusion that optics gives, with the same light."""
+    found = []
+    for aperture in (0.0, APERTURE):
+        fields = {"orthographic_height": 2 * DISTANCE * math.tan(FOV / 2)} if kind == "orthographic" else {}
+        scene = sv.Scene(sv.Camera(vertical_fov=FOV, aperture=aperture, focus_distance=focus, **fields))
+        scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
+        with make_renderer(device, scene, SIZE, jitter=True) as renderer:
+            light = sum(np.asarray(renderer.render()["sample_radiance"], np.float64)[..., 0] for _ in range(256)) / 256
+        at, variances = np.arange(SIZE[0]), []
+        for axis in range(2):
+            along = light.sum(axis=axis) / light.sum()
+            variances.append((along * (at - (along * at).sum()) ** 2).sum())
+        found.append((light.sum(), np.array(variances)))
+    (sharp, narrow), (blurred, wide) = found
+    assert blurred == pytest.approx(sharp, rel=0.05)
+    radius = APERTURE / 2 * abs(1 - DISTANCE / focus)
+    pixel = 2 * DISTANCE * math.tan(FOV / 2) / SIZE[1]
+    np.testing.assert_allclose(wide - narrow, (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
+
+
+@pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0)])
+def test_the_disk_of_confusion(device, kind, focus):
+    check_disk(device, kind, focus)
+
+
+def test_points_are_where_the_lens_shows_them(device):
+    """Positions of the G-buffer lie on its surfaces, and motion vectors follow the point of the lens."""
+    scene = balls()
+    with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
+        renderer.render()
+        frame = renderer.render()
+        assert renderer.gbuffer == "traced"
+        motion = np.abs(frame["motion_vectors"] * SIZE).max(axis=-1)
+        depth = scene.camera.near / np.maximum(frame["gbuffer_depth"].reshape(SIZE), 1e-9)
+    # The parallax of two points of the lens is 0 in focus, and grows with the difference of inverse depths.
+    apart = np.abs(1 / depth - 1 / 3.5)
+    assert motion[apart < 1e-3].max() < 0.05
+    ratio = motion[apart > 0.05] / apart[apart > 0.05]
+    assert ratio.min() > 0
+    assert np.ptp(ratio) < 0.2 * ratio.mean()
+
+
+@pytest.mark.slow
+def test_denoised_frames_converge_as_sharp_ones_do(device):
+    """The mean of frames within 2 % of the path tracer's, sixteenths nearly as a sharp picture's; the error of frame 32
+    at most twice a sharp picture's."""
+    errors, worst = {}, {}
+    for aperture in (0.0, 0.25):
+        scene = balls()
+        scene.camera.aperture = aperture
+        truth = trace(device, scene, 1024, SIZE)
+        with sv.Renderer(device, scene, SIZE) as renderer:
+            frames = [np.asarray(renderer.render()["radiance"], np.float64) for _ in range(64)]
+        errors[aperture] = relative_error(frames[31], truth)
+        mean = np.mean(frames[32:], axis=0)
+        off = mean.mean() / truth.mean() - 1
+        tiles = [picture.reshape(4, 16, 4, 16, 3).mean(axis=(1, 3, 4)) for picture in (mean, truth)]
+        worst[aperture] = np.abs(tiles[0] / tiles[1] - 1).max()
+        print(f"aperture {aperture}: relMSE of frame 32 {errors[aperture]:.4f}, mean {off:+.2%}, "
+              f"tiles {worst[aperture]:.2%}")  # fmt: skip
+        assert abs(off) < 0.02
+    assert errors[0.25] <= 2 * errors[0.0]
+    assert worst[0.25] < worst[0.0] + 0.04
+
+
+def test_what_realtime_refuses(device):
+    with sv.Renderer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
+        with pytest.raises(SolariError, match="only PathTracer renders the depth of field of a fisheye camera"):
+            renderer.render(sv.Camera(projection="fisheye", aperture=0.1))
+        renderer.settings.gbuffer = "raster"
+        with pytest.raises(SolariError, match="raster draws no lenses"):
+            renderer.render(sv.Camera(aperture=0.1))
+
+
+LENS = ("scene/camera.glsl", "view_line")
+test_a_seeded_bug_is_noticed = bug_tests({
+    "a lens twice as wide": (check_disk, Bug(
+        *LENS, "ViewLine line = correct(position, from); line.start.xy += from.lens_offset;\n"
+        "    line.along.xy -= from.lens_offset / from.focus_distance; return line;")),
+    "motion without the lens": (test_points_are_where_the_lens_shows_them, Bug(
+        "scene/camera.glsl", "project_to_uv",
+        "Camera still = from; still.lens_offset = vec2(0.0); return correct(world_position, still);")),
+})  # fmt: skip
