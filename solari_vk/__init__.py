@@ -30,6 +30,7 @@ _HOMES = {
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
+    "scene.lights.portal": ("Portal",),
     "scene.lights.profile": ("LightProfile",),
     "scene.lights.punctual": ("PointLight", "SpotLight"),
     "bound.binder": ("SceneBinder",),
@@ -80,8 +81,8 @@ __all__ = [
     "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "CameraRig", "Channel",
     "ColmapImage", "Deformation", "DepthImage", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow",
     "Frame", "Group", "HitGroup", "Instance", "Keypoint", "Lidar", "LidarScan", "LightProfile", "Material", "Mesh",
-    "Pass", "PathTracer", "PointLight", "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig",
-    "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter", "Silhouette", "Sky", "SolariError",
+    "Pass", "PathTracer", "PointLight", "Portal", "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer",
+    "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter", "Silhouette", "Sky", "SolariError",
     "SpotLight", "Stage", "Texture", "TextureImage", "TimeOfFlightCamera", "ValidationError", "Viewer", "Views",
     "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
     "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load", "load_colmap", "load_gltf",
@@ -126,6 +127,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.group import Group
     from solari_vk.scene.labels import label_instances
+    from solari_vk.scene.lights.portal import Portal
     from solari_vk.scene.lights.profile import LightProfile
     from solari_vk.scene.lights.punctual import PointLight, SpotLight
     from solari_vk.scene.lights.sky import Sky

@@ -21,7 +21,7 @@ float unpack_unorm(uint bits, uint bit_count) {
 // ---- positive floats ----------------------------------------------------------------------------------
 
 // Positive floats keep all exponents, so that no exposure overflows, and their highest bits of mantissa. Rounding is
-// random: rounding to the nearest would stop means of many frames short of where they tend to.
+// stochastic: rounding to the nearest would stop means of many frames short of where they tend to.
 const float LARGEST_PACKED = 1e37;
 
 uint pack_positive(float value, uint bit_count, inout uint rng) {

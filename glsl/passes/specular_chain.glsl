@@ -54,7 +54,7 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
             found.first_transmittance = segment.transmittance;
             segment.transmittance = FULL_TRANSMITTANCE;
         }
-        found.exists = accumulate_segment(walk, segment, found.emitted);
+        found.exists = accumulate_segment(walk, segment, NO_RECEIVER, found.emitted);
         if (!found.exists) { return found; }
         found.surface = arrive_at_surface(walk, segment.hit);
         found.ray_t = segment.hit.t;

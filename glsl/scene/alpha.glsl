@@ -103,7 +103,7 @@ uint hit_edge(uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) 
 const uvec2 EVERY_SURFACE = uvec2(0xFFFFFFFFu);
 
 // A surface with less alpha is passed: uniform in [0, 1), and independent for each triangle, or edge between triangles.
-// `alpha_seed` is a place in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van
+// `alpha_seed` is the Morton code of a position in the picture, and the index of a sample there. Two van
 // der Corput sequences, over places and over samples, are added modulo 1, so that aligned blocks of pixels and of
 // samples cover it evenly. Each triangle and each edge takes both in an order of its own.
 float alpha_threshold(uvec2 alpha_seed, uint instance_index, uint triangle, uint edge) {

@@ -111,8 +111,11 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint leaf_count;
     uint part_count;               // of all light sources together
-    uint first_pass_through_light;  // index into light_sources; first those that rays pass, then those at infinity
-    uint first_light_at_infinity;  // come last
+    // Indices into light_sources: portals, lights that rays pass, and lights at infinity come last, in this order.
+    uint first_portal;
+    uint first_pass_through_light;
+    uint first_light_at_infinity;
+    uint first_environment;
     float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
 } scene_info;
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,

@@ -5,9 +5,11 @@
 #include "scene/sampling.glsl"
 #include "scene/trace.glsl"
 
-// From a ray origin, already offset from its surface, to just before the light's point.
+// From a ray origin, already offset from its surface, to just before the light's point; the direction to a light at
+// infinity.
 vec3 shadow_ray_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
     light_sample = light_sample_for_receiver(light_sample, ray_origin);
+    if (is_at_infinity(light_sample.kind)) { return light_sample.world_position; }
     vec3 to_light = light_sample.world_position - ray_origin;
     // ends before the light by the rounding error of the light's point and of a ray of this length
     float offset = light_sample.ray_offset + 16.0 * ROUNDING_UNIT * max_component(abs(to_light));
@@ -17,7 +19,7 @@ vec3 shadow_ray_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
 // The share of a light sample's light that reaches a ray origin, which is already offset from its surface.
 vec3 trace_light_transmittance(vec3 ray_origin, ResolvedLightSample light_sample) {
     bool at_infinity = is_at_infinity(light_sample.kind);
-    vec3 segment = at_infinity ? light_sample.world_position : shadow_ray_segment(ray_origin, light_sample);
+    vec3 segment = shadow_ray_segment(ray_origin, light_sample);
     return trace_transmittance(ray_origin, segment, at_infinity ? INFINITY : 1.0);
 }
 

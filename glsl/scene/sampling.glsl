@@ -8,6 +8,8 @@
 #include "generated/bound/lights/light_kinds.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/choice.glsl"
+#include "scene/lights/openings.glsl"
+#include "scene/lights/tree.glsl"
 #include "scene/lights/types.glsl"
 
 struct LightContribution {
@@ -81,13 +83,54 @@ vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float mi
     return light_hit.radiance * power_heuristic(mis_pdf, light_pdf);
 }
 
-// The radiance of all lights at infinity along a ray that hit no surface.
-vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf) {
+// What light samples of portals, or of an environment itself, stand for in the light along a ray, as a share of all of
+// it; `weighted`: by MIS against light samples.
+struct EnvironmentShare {
+    float share;
+    float weighted;
+};
+
+// `density`: with which all light samples have the direction, those of the environment with `own`.
+EnvironmentShare share_of_environment(float own, float density, float mis_pdf) {
+    float share = own / density;
+    return EnvironmentShare(share, share * power_heuristic(mis_pdf, own));
+}
+
+// The same for a portal that the ray passes. `receiver`: where light samples choose it.
+EnvironmentShare share_of_portal(uint index, Opening opening, float density, float mis_pdf, Receiver receiver) {
+    if (opening.density == 0.0) { return EnvironmentShare(0.0, 0.0); }
+    LightSource light = light_sources.at[scene_info.first_portal + index];
+    float chosen = leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
+    float share = opening.density / density;
+    return EnvironmentShare(share, share * power_heuristic(mis_pdf, chosen * opening.density));
+}
+
+// The radiance of an environment along a ray, by MIS against samples of itself and of portals.
+vec3 mis_weighted_environment(
+    LightSource light, LightHit light_hit, vec3 origin, vec3 direction, float mis_pdf, Receiver receiver
+) {
+    if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
+    float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
+    float density = own + density_of_openings(origin, direction, NO_INDEX);
+    float weight = density > 0.0 ? share_of_environment(own, density, mis_pdf).weighted : 1.0;
+    for (uint i = 0u; i < portal_count(); i++) {
+        weight += share_of_portal(i, find_opening(i, origin, direction), density, mis_pdf, receiver).weighted;
+    }
+    return light_hit.radiance * weight;
+}
+
+// The radiance of all lights at infinity along a ray that hit no surface. `receiver`: where the light samples were
+// chosen that compete with it.
+vec3 mis_weighted_radiance_at_infinity(vec3 origin, vec3 direction, float mis_pdf, Receiver receiver) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
-        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
+        if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {
+            radiance += mis_weighted_environment(light, light_hit, origin, direction, mis_pdf, receiver);
+        } else {
+            radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
+        }
     }
     return radiance;
 }

@@ -3,11 +3,12 @@
 //     Walk walk = start_walk(origin, direction);
 //     while (true) {
 //         Segment segment = trace_segment(walk, receiver, rng);
-//         if (!accumulate_segment(walk, segment, radiance)) { break; }
+//         if (!accumulate_segment(walk, segment, receiver, radiance)) { break; }
 //         SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
 //         radiance += emitted_light(walk, surface, light_pdf);
-//         radiance += sample_light(walk, ...), if its shadow ray says so
-//         if (!scatter(walk, surface, sample_brdf(...)) || !survives(walk, ...)) { break; }
+//         NextEvent event = sample_light(walk, ...);
+//         radiance += event.radiance * trace_shadow_ray(event.origin, ...);
+//         if (!scatter(walk, sample_brdf(...), ...) || !survives(walk, ...)) { break; }
 //     }
 //
 // What differs between walks is where they start and end, and how they sample lights. Light samples and BRDF samples
@@ -57,15 +58,16 @@ struct Walk {
     vec3 direction;
     float t_min, t_max;
     bool is_camera_ray;  // sees front faces alone, and what lies behind blended surfaces untinted
-    bool delta_path_from_camera;  // shows unlit surfaces
+    // Whether the walk comes from the camera and left all surfaces by delta lobes: then it sees what unlit ones emit.
+    bool delta_path_from_camera;
     // p_b / n_l of Veach: the pdf of the direction in solid angle, over the number of light samples that compete with
     // it in MIS. INFINITY for delta lobes and where no light samples do, 0 where light samples alone find lights.
     float mis_pdf;
     vec3 throughput;
     Medium medium;
     float wavelength;        // in nanometers, or ALL_WAVES
-    float wavelength_below;  // which it has below the surface where it is
-    float cone_width;   // of the footprint of textures, which grows by cone_spread for each meter
+    float wavelength_below;  // the wavelength that it takes if it passes into the surface where it is
+    float cone_width;        // of the ray cone for texture filtering, which grows by cone_spread for each meter
     float cone_spread;
 };
 
@@ -86,8 +88,8 @@ Walk start_walk(CameraRay ray) {
 // What lights emit that a ray passes through: spheres, which add to a ray's radiance but don't end it.
 struct LightAlongRay {
     vec3 radiance;
-    // For the candidates of reservoirs: without transmittance, over the probability that the ray passes blended
-    // surfaces until there.
+    // For the candidates of reservoirs: an estimate without transmittance, which is the radiance over the probability
+    // that a ray passes the blended surfaces before the light.
     vec3 radiance_over_probability;
 };
 
@@ -96,7 +98,9 @@ const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
 // A ray of a walk, to the next surface if there is one.
 struct Segment {
     Hit hit;
-    RayTransmittance transmittance;  // of light from the hit; all light to a camera passes free
+    // Of blended surfaces and walls of glass before the hit. FULL_TRANSMITTANCE for camera rays: they pass no walls,
+    // and what blended surfaces let pass keeps its color.
+    RayTransmittance transmittance;
     LightAlongRay along_ray;
     uint rays;        // that this took
 };
@@ -137,11 +141,12 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
 
 // Adds what lights emit along a segment, and lights at infinity if it hits no surface, and multiplies the throughput by
 // its transmittance. Returns whether there is a surface.
-bool accumulate_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
+bool accumulate_segment(inout Walk walk, Segment segment, Receiver receiver, inout vec3 radiance) {
     radiance += walk.throughput * segment.along_ray.radiance;
     walk.throughput *= segment.transmittance.weight;
     if (segment.hit.instance != NO_INDEX) { return true; }
-    radiance += walk.throughput * mis_weighted_radiance_at_infinity(walk.direction, walk.mis_pdf);
+    radiance += walk.throughput
+        * mis_weighted_radiance_at_infinity(walk.origin, walk.direction, walk.mis_pdf, receiver);
     return false;
 }
 
@@ -165,8 +170,9 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     }
 }
 
-// Bends the light of the walk by its wavelength, which u chooses where it hasn't one. What is reflected outside of the
-// glass keeps light of all waves.
+// Gives dispersive glass the index of refraction for the walk's wavelength. A walk with light of all waves gets a
+// wavelength by u, which it takes only if it passes into the glass (wavelength_below): what the outside of the glass
+// reflects keeps light of all waves.
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, float u) {
     walk.wavelength_below = walk.wavelength;
     if (!material.base.solid) { return; }
@@ -258,7 +264,7 @@ struct NextEvent {
 };
 
 // The share of the light of a light sample that reaches the origin of a shadow ray.
-vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
+vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
     vec3 visible = trace_light_transmittance(origin, light_sample);
     if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return visible; }
     bool far = is_at_infinity(light_sample.kind);

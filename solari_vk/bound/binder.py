@@ -280,9 +280,10 @@ class SceneBinder:
             row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
             self._materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
         )  # fmt: skip
+        box = self._geometry.centers[ray_mesh], self._geometry.half_sizes[ray_mesh]
         self._traced.write(
-            row, (a, b, c, x, d, e, f, y, g, h, i, z), self._geometry.centers[ray_mesh], visible, material.double_sided,
-            instance.alpha_mode, self._geometry.blases[ray_mesh].address,
+            row, (a, b, c, x, d, e, f, y, g, h, i, z), box, visible, material.double_sided, instance.alpha_mode,
+            self._geometry.blases[ray_mesh].address,
         )  # fmt: skip
 
     # ---- from records to the device -----------------------------------------------------------------

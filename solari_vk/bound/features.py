@@ -15,6 +15,7 @@ from typing import Any
 
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PointLight, PunctualLight
 from solari_vk.scene.material import Material
 from solari_vk.scene.objects import Instance, Mesh
@@ -40,6 +41,7 @@ class Feature:
 
 FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
+    Feature("PORTAL", Portal, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
     Feature("PROFILES", PointLight, lambda light: light.profile is not None),

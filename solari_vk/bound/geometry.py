@@ -164,7 +164,7 @@ class Geometry:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
-        order = self.orders[mesh] = spatial_order(corners.mean(axis=1))
+        order = self.orders[mesh] = spatial_order(corners.min(axis=1), corners.max(axis=1))
         triangles = triangles[order]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2

@@ -1,8 +1,9 @@
-"""An order of points in which neighbors in space are neighbors in memory.
+"""An order of boxes in which neighbors in space are neighbors in memory.
 
 Lavapipe (Mesa 25.0) builds its trees over primitives and instances in the given order and halves the list at each
-level; with a random order, rays are a hundred times slower than with this order. Other drivers sort primitives
-themselves, but gain coherent memory accesses.
+level, the larger half first. With a random order, rays are a hundred times slower than with this one, which chooses
+each halving by the surface area heuristic (MacDonald and Booth, "Heuristics for ray tracing using space subdivision",
+1990). Other drivers sort primitives themselves, but gain coherent memory accesses.
 """
 
 from __future__ import annotations
@@ -11,17 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
+THIN = 1e-3  # of a list's longest extent: by how much boxes are thicker where areas are compared, so that none is 0
 
 
-def spatial_order(points: NDArray[np.floating]) -> Indices:
-    """A permutation (N) of points (N, 3): the points are halved along their longest extent, and the halves likewise."""
-    axes = np.ascontiguousarray(points.T, np.float32)
-    order = np.arange(len(points))
-    starts, sizes = np.array([0]), np.array([len(points)])
-    while len(points) and sizes.max() > 2:
+def spatial_order(low: NDArray[np.floating], high: NDArray[np.floating] | None = None) -> Indices:
+    """A permutation (N) of boxes from `low` to `high`, both (N, 3), or of points (N, 3).
+
+    The boxes are sorted by their centers along an axis and halved, and the halves likewise. The axis is that whose
+    halves have the least surface area.
+    """
+    boxes = np.concatenate([low.T, (low if high is None else high).T], dtype=np.float32)
+    order = np.arange(len(low))
+    starts, sizes = np.array([0]), np.array([len(low)])
+    while len(low) and sizes.max() > 2:
         for size in np.unique(sizes):  # at most two sizes, because the halves of n differ by at most one
             if size > 2:
-                _split(axes, order, starts[sizes == size], int(size))
+                _split(boxes, order, starts[sizes == size], int(size))
         starts, sizes = halved(starts, sizes)
     return order
 
@@ -37,22 +43,39 @@ def runs(count: int, largest: int) -> tuple[Indices, Indices, int]:
 
 
 def halved(starts: Indices, sizes: Indices) -> tuple[Indices, Indices]:
-    """The starts and sizes (2 R,) of the halves of runs (R,)."""
-    left = sizes // 2
-    return np.stack([starts, starts + left], axis=1).ravel(), np.stack([left, sizes - left], axis=1).ravel()
+    """The starts and sizes (2 R,) of the halves of runs (R,), the larger half first."""
+    right = sizes // 2
+    left = sizes - right
+    return np.stack([starts, starts + left], axis=1).ravel(), np.stack([left, right], axis=1).ravel()
 
 
-def _split(axes: NDArray[np.float32], order: NDArray[np.int64], starts: NDArray[np.int64], size: int) -> None:
-    """Partition each run of `size` points into a lower and an upper half along the run's longest extent."""
+def _split(boxes: NDArray[np.float32], order: Indices, starts: Indices, size: int) -> None:
+    """Sort each run of `size` boxes (6, N) into a lower and an upper half along the run's best axis."""
     positions = starts[:, None] + np.arange(size)
-    runs = axes[:, positions]
-    longest = np.argmax([_extent(run) for run in runs], axis=0)
-    keys = runs[longest, np.arange(len(starts))]
-    chosen = starts[:, None] + np.argpartition(keys, size // 2, axis=1)
-    axes[:, positions], order[positions] = axes[:, chosen], order[chosen]
+    found = boxes[:, positions]
+    rows, left = np.arange(len(starts))[:, None], size - size // 2
+    longest = _extents(found).max(axis=0)
+    longest[longest == 0] = 1
+    best = least = None
+    for low, high in zip(found[:3], found[3:], strict=True):
+        chosen = np.argpartition(low + high, left - 1, axis=1)
+        parts = found[:, rows, chosen]
+        cost = left * _area(parts[:, :, :left], longest) + (size - left) * _area(parts[:, :, left:], longest)
+        if best is None or least is None:
+            best, least = chosen, cost
+        better = cost < least
+        best[better], least[better] = chosen[better], cost[better]
+    boxes[:, positions], order[positions] = found[:, rows, best], order[starts[:, None] + best]
 
 
-def _extent(runs: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The maximum minus the minimum of each row. For many short rows numpy is faster by columns."""
-    columns = np.ascontiguousarray(runs.T) if runs.shape[1] < 64 else runs.T
-    return np.asarray(columns.max(axis=0) - columns.min(axis=0))
+def _extents(runs: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The extents (3, R) of the bounds of runs of boxes (6, R, K)."""
+    extents: NDArray[np.float32] = runs[3:].max(axis=2) - runs[:3].min(axis=2)
+    return extents
+
+
+def _area(runs: NDArray[np.float32], unit: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Half the surface area (R,) of the bounds of runs of boxes (6, R, K), in squares of a unit of length (R,)."""
+    x, y, z = _extents(runs) / unit + np.float32(THIN)
+    area: NDArray[np.float32] = x * y + y * z + z * x
+    return area

@@ -20,7 +20,9 @@ NO_OPAQUE = raw.VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
-FEW = 64  # up to this many instances need no spatial order
+FEW = 64  # moved instances up to this many need no new order
+Box = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""The center and half the size (3,) of a mesh's bounds, in object space."""
 
 
 class TracedInstances:
@@ -36,7 +38,7 @@ class TracedInstances:
         self.count = 0
         self._device = device
         self._indices: dict[int, int] = {}  # index of the record of each row
-        self._mesh_centers: dict[int, NDArray[np.float32]] = {}  # center of each row's mesh, in object space
+        self._mesh_boxes: dict[int, Box] = {}
         self._end = 0  # number of records, including those of removed rows
         self._sorted = True
         self._moved = 0
@@ -60,17 +62,17 @@ class TracedInstances:
         return True
 
     def write(
-        self, row: int, transform: Sequence[float], mesh_center: NDArray[np.float32], visible: bool, double_sided: bool,
+        self, row: int, transform: Sequence[float], box: Box, visible: bool, double_sided: bool,
         alpha_mode: str, address: int,
     ) -> None:  # fmt: skip
-        """Set a row: world from object (12 numbers, row by row), the mesh's center (3,), and its BLAS's address."""
+        """Set a row: world from object (12 numbers, row by row), the mesh's bounds, and its BLAS's address."""
         index = self._indices.get(row)
         if index is None:
             index = self._indices[row] = self._end
             self._end += 1
             self.table.reserve(self._end)
             self._sorted = False
-        self._mesh_centers[row] = mesh_center
+        self._mesh_boxes[row] = box
         self._moved += 1
         # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
         mask = HIDDEN if not visible else BLENDED if alpha_mode == "blend" else VISIBLE
@@ -80,15 +82,16 @@ class TracedInstances:
     def remove(self, row: int) -> None:
         """Remove a row."""
         self._indices.pop(row, None)
-        self._mesh_centers.pop(row, None)
+        self._mesh_boxes.pop(row, None)
         self._sorted = False
 
-    def _centers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The centers of instances (N, 3), in world space."""
+    def _boxes(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The centers and half the sizes, both (N, 3), of the bounds of instances in world space."""
         transforms = self.table.records["transform"][[self._indices[row] for row in rows.tolist()]].astype(np.float64)
-        mesh_centers = np.array([self._mesh_centers[row] for row in rows.tolist()])
-        centers: NDArray[np.float64] = np.einsum("nij,nj->ni", transforms[:, :, :3], mesh_centers) + transforms[:, :, 3]
-        return centers
+        boxes = np.array([self._mesh_boxes[row] for row in rows.tolist()])
+        turns = transforms[:, :, :3]
+        centers = np.einsum("nij,nj->ni", turns, boxes[:, 0]) + transforms[:, :, 3]
+        return centers, np.einsum("nij,nj->ni", np.abs(turns), boxes[:, 1])
 
     def _rows(self) -> NDArray[np.int64]:
         return np.fromiter(self._indices, np.int64, len(self._indices))
@@ -97,7 +100,7 @@ class TracedInstances:
         """The area of a disk around the instances' centers, in square meters; at least 1."""
         if not self._indices:
             return 1.0
-        return max(float(np.square(np.ptp(self._centers(self._rows()), axis=0)).sum()) * np.pi / 4, 1.0)
+        return max(float(np.square(np.ptp(self._boxes(self._rows())[0], axis=0)).sum()) * np.pi / 4, 1.0)
 
     def update(self) -> bool:
         """Restore the spatial order if needed; returns whether the TLAS was replaced by a larger one."""
@@ -117,7 +120,8 @@ class TracedInstances:
     def _sort(self) -> None:
         rows = np.sort(self._rows())
         if len(rows):
-            rows = rows[spatial_order(self._centers(rows))]
+            centers, half_sizes = self._boxes(rows)
+            rows = rows[spatial_order(centers - half_sizes, centers + half_sizes)]
         self.count = self._end = len(rows)
         self.table.records[: self.count] = self.table.records[[self._indices[row] for row in rows.tolist()]]
         self.table.mark(range(self.count))

@@ -82,6 +82,18 @@ class JudgedSettings(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Portals(Measurement):
+    MODULE = "portals"
+    files: tuple[Path, ...] = option("environment maps beside the built-in skies", names=("files",), nargs="*",
+                                     type=Path, default=())
+    size: tuple[int, int] = option("of the pictures (128x96)", "WxH", type=size, default=(128, 96))
+    samples: int = option("of the pictures that are judged (64)", "N", type=positive, default=64)
+    converged: int = option("samples of the pictures that judge (16384)", "N", type=positive, default=16384)
+    seeds: int = option("independent runs (4)", "N", type=positive, default=4)
+    quick: bool = flag(_QUICK)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cluster(Measurement):
     MODULE = "cluster"
     workers: tuple[int, ...] = option("processes, one for each device (1 and 2; repeatable)", "N", type=positive,

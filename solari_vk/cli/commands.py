@@ -53,6 +53,7 @@ COMMANDS = (
             _part("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", bench.Frame),
             _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
             _part("settings", "errors and times with other settings, raw and denoised", bench.JudgedSettings),
+            _part("portals", "what a portal in a room's window saves", bench.Portals),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
             _part("cpu", "processor time to an error on software devices, beside other renderers", bench.Cpu),
             _part("batch", "views a second of batches, beside the same views one by one", bench.Batch),

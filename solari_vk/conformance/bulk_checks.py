@@ -87,7 +87,7 @@ def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32
     corners = np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     corners = corners[area > 0]
-    ordered: NDArray[np.float32] = corners[spatial_order(corners.mean(axis=1))]
+    ordered: NDArray[np.float32] = corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]
     return ordered
 
 

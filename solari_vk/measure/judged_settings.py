@@ -59,7 +59,7 @@ def run(
     with measuring(select, rays, markdown, "Settings, judged", INTRO) as (device, report):
         tables: list[list[list[str]]] = [[] for _ in change]
         for subject in scenes:
-            spent, *times = _milliseconds(device, subject, timed_size, (unchanged, *changed))
+            spent, *times = milliseconds(device, subject, timed_size, (unchanged, *changed))
             for case in list(cases(subject, size, max(looks)))[: 1 if quick or still else 3]:
                 report.progress(f"{subject.name}, {case.name}")
                 kept = references and references / f"{subject.name}, {case.name}, {size[0]}x{size[1]}.npz"
@@ -84,7 +84,7 @@ def _settings(*texts: str) -> Settings:
     return settings
 
 
-def _milliseconds(
+def milliseconds(
     device: Device, scene: Scene, size: tuple[int, int], every: Sequence[Settings], warm_up: int = 16, frames: int = 32
 ) -> list[float]:
     """Of all passes of a settled frame with each of the settings. Frames take turns, so that other work of the machine

@@ -169,7 +169,7 @@ def _emissive_mesh(device: Device, report: Report) -> None:
     rng = np.random.default_rng(1)
     corners = 20 * rng.random((LARGE_SCENE, 1, 3)) + 0.02 * rng.random((LARGE_SCENE, 3, 3))
     lamp = Instance(Mesh(corners.reshape(-1, 3).astype(np.float32)), Material(emissive=rgb(1.0)))
-    order = spatial_order(corners.mean(axis=1))
+    order = spatial_order(corners.min(axis=1), corners.max(axis=1))
     binder = SceneBinder(device, Scene())
     emissions = Emissions(device, binder.lights.leaves.table.records["by_power"].dtype)
 

@@ -61,7 +61,8 @@ def height_field(triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32
     first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
     corners = np.stack([first, first + side + 1, first + 1, first + 1, first + side + 1, first + side + 2], axis=1)
     indices = corners.reshape(-1, 3).astype(np.uint32)
-    return positions, indices[spatial_order(positions[indices].mean(axis=1))]
+    corners = positions[indices]
+    return positions, indices[spatial_order(corners.min(axis=1), corners.max(axis=1))]
 
 
 def hilly(triangles: int) -> Scene:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import quoted, shortened
+from solari_vk.host_array import host_array
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.observed import Checked
@@ -30,7 +31,7 @@ LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
 
 def real(value: Any, dtype: Any = None) -> NDArray[Any]:
     """An array of real numbers; numpy would drop imaginary parts, and take objects for numbers."""
-    given = np.asarray(value)
+    given = host_array(value)
     if given.size and given.dtype.kind not in "biuf":
         raise ValueError(f"must be real numbers, not {given.dtype}")
     return given if dtype is None else given.astype(dtype)
@@ -98,7 +99,7 @@ def pixels(value: Any) -> NDArray[np.uint8]:
         from solari_vk.scene.images.image_files import read_pixels
 
         value = read_pixels(value)
-    given = np.asarray(value)
+    given = host_array(value)
     if given.ndim == 2:
         given = np.stack([given] * 3, axis=-1)
     if given.ndim == 3 and given.shape[2] == 3:

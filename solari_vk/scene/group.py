@@ -13,12 +13,13 @@ from solari_vk.errors import Hints, SolariError, unknown_name
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PunctualLight
 from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.objects import Instance
 from solari_vk.scene.placement import PARTS, Scaled, parts, placed
 
-KINDS = (Instance, PunctualLight, DirectionalLight, Camera)
+KINDS = (Instance, PunctualLight, DirectionalLight, Portal, Camera)
 
 
 class Group(Scaled, Hints):
@@ -117,9 +118,12 @@ class Group(Scaled, Hints):
         return f"{self.describe()}[{', '.join(item.describe() for item in self._items)}]"
 
 
+_PLACES = ("position", "direction", "horizontal", "center", "half_u", "half_v")  # fields of lights
+
+
 def _where(item: Any) -> dict[str, Any]:
     """The fields of an object that `_move` changes."""
-    names = ("transform",) if isinstance(item, Group | Instance | Camera) else ("position", "direction", "horizontal")
+    names = ("transform",) if isinstance(item, Group | Instance | Camera) else _PLACES
     return {name: getattr(item, name) for name in names if hasattr(item, name)}
 
 
@@ -131,6 +135,8 @@ def _move(item: Any, move: NDArray[np.float64]) -> None:
     if isinstance(item, Camera):
         position, turn, _ = parts(move @ item.transform)
         item.update(position=position, rotation=turn)
+    if isinstance(item, Portal):
+        item.update(**Portal.placed(move @ item.transform))
     if isinstance(item, PunctualLight):
         item.position = transform_points(move, item.position).astype(np.float32)
     if isinstance(item, Light):

@@ -26,8 +26,9 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.reference import PathTracer
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.matrices import by_columns
-from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.model import DirectionalLight, Environment, Instance, Material, Mesh, Scene, Texture, TextureImage
 
 
 @pytest.fixture
@@ -85,9 +86,22 @@ def assert_mirrors(binder, scene):
     info = table(binder, "scene_info")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]
     assert info["light_count"] == len(emissive) + len(scene.lights)
-    assert info["first_light_at_infinity"] == len(emissive)
-    assert (sources["kind"][: len(emissive)] == KIND_INDEX["emissive_mesh"]).all()
-    assert (sources["kind"][len(emissive) : info["light_count"]] == KIND_INDEX["directional"]).all()
+    portals, suns, skies = ([light for light in scene.lights if isinstance(light, kind)]
+                            for kind in (Portal, DirectionalLight, Environment))  # fmt: skip
+    assert info["first_portal"] == len(emissive)
+    assert info["first_pass_through_light"] == info["first_light_at_infinity"] == len(emissive) + len(portals)
+    assert not skies or info["first_environment"] == info["light_count"] - len(skies)
+    counts = {"emissive_mesh": len(emissive), "portal": len(portals), "directional": len(suns),
+              "environment": len(skies)}  # fmt: skip
+    kinds = np.repeat([KIND_INDEX[name] for name in counts], list(counts.values()))
+    np.testing.assert_array_equal(sources["kind"][: info["light_count"]], kinds)
+    flux = sum(sky.flux for sky in skies)
+    of_portals = slice(len(emissive), len(emissive) + len(portals))
+    np.testing.assert_allclose(binder.lights.powers[of_portals], [p.area / 2 * flux for p in portals], rtol=1e-4)
+    records = {"corner": lambda p: p.center - p.half_u - p.half_v, "side_v": lambda p: 2 * p.half_v}
+    for field, value in records.items() if portals else ():
+        found = table(binder, "portals")[field][: len(portals)]
+        np.testing.assert_allclose(found, [value(portal) for portal in portals], rtol=1e-5, atol=1e-5)
     row_of = {instance: row for row, instance in binder.instances.items()}
     assert row_of.keys() == set(scene)
     for instance, row in row_of.items():
@@ -209,10 +223,27 @@ class Edits(RuleBasedStateMachine):
     def add_sun(self, rng):
         self.scene.add(DirectionalLight(direction=rng.normal(size=3)))
 
+    @rule(rng=RNGS)
+    def add_portal(self, rng):
+        self.scene.add(Portal(*rng.normal(size=(3, 3))))
+
+    @rule(intensity=st.sampled_from([None, 0.0, 1.0, 2.0]), rng=RNGS, anew=st.booleans())
+    def edit_sky(self, intensity, rng, anew):
+        if intensity is None or anew or self.scene.environment is None:
+            self.scene.environment = None if intensity is None else Environment(rng.random(3), intensity=intensity)
+        else:
+            self.scene.environment.intensity = intensity
+
+    @precondition(lambda self: any(isinstance(light, Portal) for light in self.scene.lights))
+    @rule(number=ANY, rng=RNGS)
+    def move_portal(self, number, rng):
+        portals = [light for light in self.scene.lights if isinstance(light, Portal)]
+        portals[number % len(portals)].update(center=rng.normal(size=3), half_u=rng.normal(size=3))
+
     @precondition(lambda self: self.scene.lights)
-    @rule()
-    def remove_sun(self):
-        self.scene.remove(self.scene.lights[0])
+    @rule(number=ANY)
+    def remove_light(self, number):
+        self.scene.remove(self.scene.lights[number % len(self.scene.lights)])
 
     @rule(part=st.sampled_from(PARTS), calls=CALLS, count=st.integers(0, 17), rng=RNGS, kept=st.booleans())
     def fail_to_update(self, part, calls, count, rng, kept):

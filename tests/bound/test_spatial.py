@@ -26,6 +26,19 @@ def test_neighbors_stay_together():
     assert np.ptp(runs, axis=1).max(axis=1).mean() < 2 * ideal
 
 
+def test_boxes_are_halved_where_the_halves_are_small():
+    """Bars along x, 100 times as long as wide, whose centers spread most along x: halves along x would overlap."""
+    centers, half_sizes = RNG.random((1000, 3)) * (3, 2, 1), np.array([50, 0.5, 0.5])
+    ordered = centers[spatial_order(centers - half_sizes, centers + half_sizes)]
+    assert ordered[:500, 1].max() <= ordered[500:, 1].min()
+
+
+def test_the_larger_half_comes_first():
+    """As in Mesa's builder."""
+    points = np.array([[0, 0, 0], [9, 0, 0], [1, 0, 0]])
+    assert sorted(spatial_order(points)[:2]) == [0, 2]
+
+
 def test_halves_are_apart():
     points = RNG.random((1000, 3)) * (3, 1, 1)
     ordered = points[spatial_order(points)]

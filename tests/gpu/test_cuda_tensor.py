@@ -79,6 +79,36 @@ def test_a_device_that_cuda_cannot_share_says_why(device, monkeypatch):
             frame.tensor("radiance")
 
 
+class ElsewhereTensor:
+    """What PyTorch's tensors on other devices are to numpy: no array, unless they are copied."""
+
+    def __init__(self, array):
+        self._array = array
+
+    def __array__(self, *_, **__):
+        raise TypeError("can't convert")
+
+    def detach(self):
+        return self
+
+    def cpu(self):
+        return self._array
+
+
+def test_what_is_given_may_be_tensors(device):
+    """Poses, vertices and points, wherever they are."""
+    scene = sv.builtin("cornell_box")
+    instance = scene.instances[0]
+    poses = np.stack([sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)).transform] * 2)
+    for wrap in (np.asarray, ElsewhereTensor):
+        instance.transform = wrap(np.eye(4))
+        instance.mesh.positions = wrap(instance.mesh.positions + 0.1)
+        with sv.Batch(device, scene, (8, 8), 2, outputs=("depth",)) as batch:
+            assert np.isfinite(batch.render(wrap(poses))["depth"]).any()
+        with sv.RayTracer(device, scene) as tracer:
+            assert len(tracer.trace(wrap(np.ones((3, 3))), wrap(np.eye(3))).t) == 3
+
+
 def test_tensors_are_what_is_read(device, cuda):
     with sv.Renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
         frame = renderer.render()

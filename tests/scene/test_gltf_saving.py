@@ -121,6 +121,7 @@ def scenes(draw):
         sv.SpotLight(at, at + 1, color=color, range=draw(st.none() | st.just(7.5)), inner_cone_angle=0.2, name="a")
     )
     scene.add(sv.DirectionalLight(-at, color=color, angular_diameter=0.5, name="sun"))
+    scene.add(sv.Portal(at, *(random.normal(size=(2, 3)) + np.eye(2, 3) * 3), name="window"))
     scene.add(sv.Camera.look_at(at, at + random.normal(size=3), ev100=3.5, aperture=0.1, vertical_fov=0.3, name="b"))
     scene.add(sv.Camera(position=at, orthographic_height=3, name="map"))
     scene.add(sv.Camera(projection="fisheye", vertical_fov=3.2, image_circle=3, pixel_aspect=1.1, name="fish"))

@@ -1,4 +1,5 @@
-// Adds each pixel's light to its mean over frames, whose length changes of light shorten.
+// Adds this frame's light of each pixel to the pixel's mean over frames. Where light has changed, the history length is
+// first multiplied by the history's confidence, so that the new light replaces the old sooner.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/alternate_history.glsl"

@@ -10,7 +10,8 @@
 #include "passes/denoise/signal.glsl"
 
 struct AlternateHistory {
-    uvec2 surface;  // a packed guide, with the number of frames in the depth's last 8 bits, 6 to 13; 0 for none
+    // A packed guide, in which the number of frames replaces the lowest 8 bits of the depth (6 to 13 of y); 0: none.
+    uvec2 surface;
     uvec3 light;    // the radiance of both lobes and their second moments
 };
 
@@ -18,6 +19,7 @@ layout(set = 1, scalar) buffer DenoiseAlternateBlock { AlternateHistory at[]; } 
 
 const uint FRAMES_MASK = 0xFFu << 6u;
 
+// The packed guide: depth bits that the number of frames has replaced are set to the middle of their range.
 uvec2 surface_of(AlternateHistory alternate) {
     return uvec2(alternate.surface.x, alternate.surface.y & ~FRAMES_MASK | 0x80u << 6u);
 }
@@ -47,7 +49,7 @@ void unpack_alternate(AlternateHistory alternate, out LobeHistory diffuse, out L
         frames);
 }
 
-// After a change of light, of which histories remain valid by the share `confidence`.
+// Makes the history count as fewer frames after a change of light that left the share `confidence` of it valid.
 void shorten_alternate(uint index, float confidence) {
     uvec2 surface = denoise_alternate.at[index].surface;
     denoise_alternate.at[index].surface = with_frames(surface, frames_of(surface) * confidence);

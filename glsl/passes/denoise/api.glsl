@@ -16,18 +16,18 @@ bool uses_denoiser(uint index) {
     return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NOT_DENOISED;
 }
 
-// The number of frames that the mean of a lobe has: before this frame's light is added, or after it.
+// The history length of a lobe: with this frame in it once denoise/accumulate has run, and without it before that.
 float history_length(uint index) { return unpack_lobe_history(denoise_diffuse.at[index]).frames; }
 float specular_history_length(uint index) { return unpack_lobe_history(denoise_specular.at[index]).frames; }
 
-// The standard error of the mean of the diffuse lobe over frames, over that mean.
+// The relative standard error of the diffuse lobe's mean over frames.
 float history_noise(uint index) {
     LobeHistory lobe = unpack_lobe_history(denoise_diffuse.at[index]);
     float mean = luminance(lobe.radiance), variance = max(lobe.second_moment - mean * mean, 0.0);
     return mean > 0.0 ? sqrt(variance / lobe.frames) / mean : 0.0;
 }
 
-// The estimated standard error of the luminance of light that is multiplied by these albedos.
+// The estimated error of the luminance of light that is multiplied by these albedos: noise and the filter's bias.
 float standard_error(Denoised light, vec3 diffuse_albedo, vec3 specular_albedo) {
     return ERROR_OVER_NOISE * length(light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
 }

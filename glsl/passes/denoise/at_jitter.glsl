@@ -1,6 +1,7 @@
-// The denoised light at a pixel's sample. Histories average samples all over the pixel, so that their light is that of
-// the pixel's center. It matters where pixels of the picture are smaller: there the light's slope is taken from the
-// neighbors whose surfaces are alike, of which there may be one alone.
+// The denoised light at the position of this frame's sample in a pixel. Histories average samples from all over the
+// pixel, so that denoised light is that of the pixel's center. When the picture is upscaled, the difference shows:
+// several of its pixels lie in one rendered pixel. So the light is extrapolated to the sample by its spatial gradient,
+// from the neighbors on both sides, or on one side where only that neighbor shows a similar surface.
 #ifndef PASSES_DENOISE_AT_JITTER_GLSL
 #define PASSES_DENOISE_AT_JITTER_GLSL
 
@@ -10,12 +11,14 @@
 
 Signals load_filtered(uint index) { return unpack_signals(denoise_pong.at[index].xyz); }
 
-// Adds the light's slope along an axis times the distance from the pixel's center. below, above: the pixels on both
-// sides, with their weights.
-void add_slope(inout vec3 sum, Signal own, Signal below, Signal above, vec2 weights, float distance) {
+// Adds the first-order term of light along an axis: its spatial gradient times the distance from the pixel's center.
+// below, above: the pixels on both sides, with their edge-stopping weights.
+void add_first_order_term(
+    inout vec3 sum, Signal own, Signal below, Signal above, vec2 weights, float distance
+) {
     weights *= vec2(below.standard_error >= 0.0, above.standard_error >= 0.0);
-    vec3 slope = weights.x * (own.radiance - below.radiance) + weights.y * (above.radiance - own.radiance);
-    sum += own.standard_error >= 0.0 ? slope * distance / max(weights.x + weights.y, 1.0) : vec3(0.0);
+    vec3 gradient = weights.x * (own.radiance - below.radiance) + weights.y * (above.radiance - own.radiance);
+    sum += own.standard_error >= 0.0 ? gradient * distance / max(weights.x + weights.y, 1.0) : vec3(0.0);
 }
 
 void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
@@ -38,8 +41,12 @@ void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
         }
         weights = transpose(weights);
         float distance = this_frame.sample_offset[axis];
-        add_slope(diffuse.radiance, own.diffuse, found[0].diffuse, found[1].diffuse, weights[0], distance);
-        add_slope(specular.radiance, own.specular, found[0].specular, found[1].specular, weights[1], distance);
+        add_first_order_term(
+            diffuse.radiance, own.diffuse, found[0].diffuse, found[1].diffuse, weights[0], distance
+        );
+        add_first_order_term(
+            specular.radiance, own.specular, found[0].specular, found[1].specular, weights[1], distance
+        );
     }
     diffuse.radiance = max(diffuse.radiance, vec3(0.0));
     specular.radiance = max(specular.radiance, vec3(0.0));

@@ -1,9 +1,10 @@
 // One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous
-// Wavelet Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are,
-// and by how well the relative_error of their light explains its difference, so that the blur ends where histories are
-// long. Both pixels' uncertainties count, so that outliers are spread over their neighbors. In the diffuse lobe,
-// two pixels of a surface take the same share of each other's light, so that none is lost; in the specular lobe as far
-// as both are equally uncertain.
+// Wavelet Transform for Fast Global Illumination Filtering" (HPG 2010), with a kernel of 3 x 3 pixels. A neighbor's
+// weight is its edge-stopping weight times how well the standard errors of both pixels explain the difference of their
+// light, so that the blur ends where histories are long. The errors of both pixels count, so that outliers are spread
+// over their neighbors. In the diffuse lobe the weights are symmetric: two pixels of a surface take the same share of
+// each other's light, which conserves it. In the specular lobe they are symmetric as far as both pixels are equally
+// uncertain.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/edge_stopping.glsl"
@@ -29,16 +30,16 @@ void store_bits(uint index, uvec4 bits) {
 
 struct FilterSum {
     vec3 radiance;
-    float weight_sum;      // weight of the surfaces that are alike
-    float accepted_weight;  // of it, what was added
-    float sensitivity;      // derivative of the sum by its signals, since weights depend on them too
-    float variance;         // if the noise of pixels is independent
-    float correlated_deviation;  // if it is the same in all
+    float weight_sum;       // sum of the edge-stopping weights
+    float accepted_weight;  // sum of the weights by which signals were added, after the comparison of light
+    float sensitivity;      // sum of the derivatives of `radiance` by each signal, since weights depend on signals too
+    float variance;         // of `radiance` if the noise of all pixels is independent
+    float correlated_deviation;  // standard deviation of `radiance` if the noise of all pixels is the same
 };
 
 const FilterSum EMPTY_SUM = FilterSum(vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
-// sensitivity: derivative of the sum by the signal.
+// sensitivity: derivative of `sum.radiance` by the signal.
 void add(inout FilterSum sum, Signal signal, float weight, float sensitivity) {
     float deviation = sensitivity * signal.standard_error;
     sum.radiance += weight * signal.radiance;
@@ -65,11 +66,14 @@ bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     return length(albedos * deviations) < CONVERGED_NOISE * dot(albedos, values);
 }
 
-// A neighbor counts by how well noise explains its difference: by the square of `luminance_weight`. The rest of its
-// weight is the center's. A neighbor that is done takes no light, so that none is taken from it. Since a weight falls
-// when signals differ more, the sum responds less to the neighbor than the weight says, and more to the center: with
-// f = t / (t + d^2), the derivative of f^2 d by d is f^2 (4 f - 3), of which what is below 0 counts as 0. In the first
-// pass, weights hardly depend on the signals themselves.
+// A neighbor's edge-stopping weight is multiplied by the square of `luminance_weight`, which says how well noise
+// explains the difference of both luminances. The rest of its weight goes to the center. A neighbor that is done takes
+// no light, so that none is taken from it.
+// The weight falls as the signals differ more, so that the sum responds less to the neighbor's signal than its weight
+// says, and more to the center's. With luminance_weight f = t / (t + d^2), where t is the tolerance and d the
+// difference, the neighbor adds f^2 d to the center's signal; the derivative by d is f^2 (4 f - 3), or 0 if that is
+// negative. In the first pass d is the difference of means of 3 x 3 pixels, which one signal hardly changes, so that
+// the derivative is the weight.
 void add_neighbor(
     inout FilterSum sum, Signal center, Signal other, float difference, float weight, bool other_done
 ) {
@@ -83,7 +87,7 @@ void add_neighbor(
     add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * luminance_weight - 3.0, 0.0));
 }
 
-// The mean of the sum and the center.
+// The weighted mean. The center gets CENTER_WEIGHT, and what the comparisons of light took from its neighbors' weights.
 Signal mean(FilterSum sum, Signal center) {
     if (center.standard_error >= 0.0) {
         sum.weight_sum += CENTER_WEIGHT;

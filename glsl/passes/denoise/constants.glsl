@@ -11,8 +11,9 @@ const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_RE
 const float MIN_NORMAL_COSINE = 0.9;
 const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.roughness_or_albedo
 const float BACKGROUND_DEPTH = 1e6;
-const float MAX_TAP_WEIGHT_ERROR = 0.02;  // of the taps' sum from 1; more: some of them showed another surface
-const float MIN_PSR_ALBEDO = 0.02;  // that the light of reflections is divided by
+// Difference from 1 of the sum of the taps' weights: beyond it, some of the taps showed another surface.
+const float MAX_TAP_WEIGHT_ERROR = 0.02;
+const float MIN_PSR_ALBEDO = 0.02;  // least albedo by which light of primary surface replacement (PSR) is demodulated
 
 // Reflections: Zhdan, "ReBLUR" (2021).
 // Perceptual roughness from which reflections move like their surface; and up to which like their virtual image.
@@ -33,19 +34,20 @@ const float FAST_WEIGHT = 0.2;  // weight of a frame in LobeHistory.fast_luminan
 const float FAST_VARIANCE = 0.111;
 const float MIN_GRADIENT_FRAMES = 3.0;  // shorter histories tell nothing
 const int MAX_RING = 2;  // cells from the center of the widest neighborhood
-// Standard deviations between which a temporal gradient becomes a change of light; and where the lists of lights say
-// that all light may have changed.
+// Standard deviations of noise between which a temporal gradient begins to count as a change of light and counts whole;
+// and the same where passes/light_change.glsl expects that EXPECTED_CHANGE or more of the light changes.
 const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_IF_EXPECTED = vec2(0.5, 1.5);
+const float EXPECTED_CHANGE = 0.25;  // share of the light
 const float CHANGE_EXPONENT = 16.0;  // of the share of light that didn't change, for the confidence
 const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightest
 
 // ---- variance and fireflies -------------------------------------------------------------------------
 
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
-const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood
+const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood: the kernel (1 2 1)^2
 const float TEMPORAL_VARIANCE_FRAMES = 40.0;  // frames from which a pixel's temporal variance suffices
-// How many times as bright a pixel may be as its neighbors' mean; and, for each frame of its history, as the mean of
-// the 3 x 3 cells around it.
+// How many times as bright a pixel may be as its neighbors' mean; and as the mean of the 3 x 3 cells around it times
+// the pixel's number of frames, so that light that more frames confirm is not limited.
 const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_BLOCK = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // least weight of the neighbors that a pixel is compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples differ
@@ -66,15 +68,15 @@ const float MATERIAL_TOLERANCE = 0.1;
 // ---- the blur: Dammertz et al. (HPG 2010) ------------------------------------------------------------
 
 const float SIGMA_LUMINANCE = 2.2;  // standard deviations
-const float CENTER_WEIGHT = 4.0;
+const float CENTER_WEIGHT = 4.0;  // of the kernel, the outer product of (1 2 1) with itself; Dammertz et al. have 5 x 5
 const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
 const float MIN_ACCEPTED_RATIO = 0.25;  // share of the neighbors' weight that is taken
-// Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
+// Correlation of the noise of pixels that a pass averages, by its level: earlier passes averaged some of the same ones.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 const float EPSILON = 1e-30;
 
-// The error over the deviation of the noise that is left, since the blur has an error of its own: chosen so that about
-// 68 % of the pixels of mirror_hall and other scenes are within one standard error.
+// The estimated error over the standard deviation of the noise that is left, since the blur also has a bias. Chosen so
+// that the error of about 68 % of the pixels of mirror_hall and other scenes is at most the estimate.
 const float ERROR_OVER_NOISE = 1.38;
 
 #endif

@@ -1,5 +1,5 @@
-// Sums over a cell of CELL x CELL pixels: how much light differs from its history, and how bright it is. And what the
-// cells tell of the pixels among them.
+// Sums over a cell of CELL x CELL pixels (the strata of A-SVGF; solari_vk/passes/denoise.py has the size): how much
+// light differs from its history, and how bright it is. And what the cells around a cell tell of its pixels.
 #ifndef PASSES_DENOISE_GRADIENT_CELL_GLSL
 #define PASSES_DENOISE_GRADIENT_CELL_GLSL
 

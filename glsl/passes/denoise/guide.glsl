@@ -11,7 +11,7 @@
 #include "passes/guides/bindings.glsl"
 #include "scene/camera.glsl"
 
-const uint NOT_DENOISED = 0u;     // nothing that has noise: no surface, or in mirrors of metal none but lights
+const uint NOT_DENOISED = 0u;     // nothing that has noise: no surface, or a metal mirror that shows a light or nothing
 const uint PRIMARY_SURFACE = 1u;  // what the pixel shows itself
 // Primary surface replacement: the guides are of the surface that a pixel shows in a mirror of metal or through clear
 // glass, in the place of its own.
@@ -37,8 +37,9 @@ uvec2 pack_guide(Guide guide) {
     );
 }
 
-// What a position of the rendered frame, in pixels, shows at a depth, relative to the camera. `Camera.jitter` is the
-// offset of this frame's sample in each pixel, and a user's own offset of the picture.
+// What a position of the rendered frame, in pixels, shows at a depth, relative to the camera. `Camera.jitter` is more
+// than the jitter of this frame's samples: it includes the jitter that the application gives its camera, and the shift
+// of the principal point.
 vec3 position_at(vec2 pixel_position, float depth, Camera from) {
     ViewLine line = view_line(pixel_position + from.jitter, from);
     return mat3(from.world_from_view) * line.start + depth * (mat3(from.world_from_view) * line.along);
@@ -74,7 +75,7 @@ Guide load_previous_guide(ivec2 pixel) {
     return unpack_guide(bits, pixel, previous_camera);
 }
 
-// The share of light that the surface reflects which the pixel shows by itself or in mirrors.
+// The albedo, diffuse and specular, of the surface that the guide images describe.
 vec3 guide_albedo(ivec2 pixel) {
     vec3 albedo = imageLoad(guides_diffuse_albedo, pixel).rgb + imageLoad(guides_specular_albedo, pixel).rgb;
     return min(albedo, vec3(1.0));

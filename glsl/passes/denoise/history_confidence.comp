@@ -39,13 +39,16 @@ float confidence(LobeGradient sum, vec2 sigmas) {
     return min(confidence(sum.current, sum.variance_sum, sigmas), fast);
 }
 
-// The share of a cell's light that may have changed: by lights near it, however long ago, or by a change of all lights.
+// The share of a cell's light that may have changed: by lights near it, in any recent frame, or by a change of all
+// lights. Demodulated radiance is about the irradiance over pi.
 float cell_light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance_sum / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
 }
 
-vec2 change_sigmas(float change) { return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_IF_EXPECTED, min(4.0 * change, 1.0)); }
+vec2 change_sigmas(float change) {
+    return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_IF_EXPECTED, min((1.0 / EXPECTED_CHANGE) * change, 1.0));
+}
 
 // By which variance.comp limits fireflies: the mean without the brightest pixel. Of few pixels the sum, which no pixel
 // exceeds, so that none is limited.

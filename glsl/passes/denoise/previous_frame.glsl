@@ -11,7 +11,8 @@
 // A surface in the previous frame.
 struct PreviousSurface {
     vec2 pixel;     // in pixels without jitter; centers are at + 0.5
-    vec3 position;  // relative to the previous camera; of PSR surfaces that of this frame, since depths are compared
+    // Relative to the previous camera. Of PSR surfaces that of this frame: is_consistent compares their depths instead.
+    vec3 position;
     vec3 normal;
 };
 
@@ -24,8 +25,9 @@ struct Taps {
     float normal_divergence;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
 };
 
-// Motion in pixels of the rendered frame, with that of the whole picture where a user's own offset of it has changed:
-// picture_shift, in pixels of the upscaled picture. Samples' offsets in their pixels are no motion.
+// Converts motion from uv to pixels of the rendered frame. Adds the shift of the whole picture when the jitter that the
+// application gives its camera has changed: picture_shift, in pixels of the upscaled picture. The jitter of the frame's
+// own samples is no motion.
 vec2 in_pixels(vec2 motion) {
     return (motion + this_frame.picture_shift / vec2(camera.picture_size)) * vec2(camera.size);
 }

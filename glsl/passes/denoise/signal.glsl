@@ -21,9 +21,10 @@ struct Signals {
 // (TEMPORAL_VARIANCE_FRAMES), that variance.comp didn't look for the edges of bright reflections, at which the blur is
 // to stop.
 const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, REFLECTION_EDGES_UNKNOWN = 3u;
-const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
+const uint NO_SAMPLE = 0x7FFFu;  // packed in place of a standard error, none of which is packed to this
 
-// Eight bits a channel with the exponent of the largest. random: 30 bits, for random rounding.
+// Eight bits a channel with a shared exponent (RGBE), that of the largest channel, which is scaled to between 127.5 and
+// 255. random: 30 bits, for stochastic rounding.
 uint pack_color(vec3 color, uint random) {
     color = clamp(color, 0.0, LARGEST_PACKED);
     uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);
@@ -38,7 +39,7 @@ vec3 unpack_color(uint bits) {
     return scale * vec3(ivec3(int(bits), int(bits >> 8u), int(bits >> 16u)) & 0xFF);
 }
 
-// random: 16 bits, for random rounding.
+// random: 16 bits, for stochastic rounding.
 uint pack_standard_error(float standard_error, uint random) {
     return standard_error < 0.0 ? NO_SAMPLE : floatBitsToUint(min(standard_error, LARGEST_PACKED)) + random >> 16u;
 }

@@ -1,6 +1,6 @@
-// Begins the filter: the light of each lobe, and its standard deviation, from its temporal variance and from the
-// spatial variance of 3 x 3 pixels. A value far from its neighbors counts as uncertain, since in few frames it is most
-// often noise.
+// Prepares the input of the blur: the mean light of each lobe over frames, and the standard error of that mean, from
+// the temporal variance and from the spatial variance of 3 x 3 pixels (SVGF). A value far from its neighbors counts as
+// uncertain, since in few frames it is most often noise.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/gradient_cell.glsl"
@@ -24,10 +24,10 @@ void add_moments(inout Moments sum, LobeHistory lobe, float weight) {
     sum.squared_luminance_sum += weight * lobe.second_moment;
 }
 
-// The luminances of the reflections around a pixel.
+// Bounds of the specular luminances around a pixel. Each is known within one standard error, above and below its mean.
 struct Range {
-    float max_lower_bound;  // the largest mean minus its standard deviation
-    float min_upper_bound;    // the smallest mean plus its standard deviation
+    float max_lower_bound;  // of the neighbor whose mean minus its standard error is largest
+    float min_upper_bound;  // of the neighbor whose mean plus its standard error is smallest
 };
 
 void extend(inout Range range, LobeHistory lobe) {
@@ -56,7 +56,7 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
         value = limit;
     }
     float spatial_variance = max(sum.squared_luminance_sum / sum.weight_sum - local_mean * local_mean, 0.0);
-    // the mean square of samples minus local_mean
+    // the mean of the samples' squared differences from local_mean
     float temporal_variance = max(lobe.second_moment + local_mean * (local_mean - 2.0 * value), 0.0);
     float sample_variance = (SPATIAL_VARIANCE_FRAMES * spatial_variance + lobe.frames * temporal_variance)
         / (SPATIAL_VARIANCE_FRAMES + lobe.frames);
@@ -85,6 +85,7 @@ void main() {
             guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_UNKNOWN_EDGES
         );
     }
+    // Of 3 x 3 pixels, of which number 4 is the center; with a long history the center alone.
     for (int i = has_long_history ? 4 : 0; i < (has_long_history ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
@@ -103,8 +104,9 @@ void main() {
         estimate_signal(own_diffuse, diffuse, luminance_limit.x),
         estimate_signal(own_specular, specular, luminance_limit.y), state
     );
-    // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With an
-    // error no larger than the dark side's luminance, the blur takes the bright side's difference for one of light.
+    // At the edge of a bright reflection the samples of a pixel show both sides of it, so that they differ without
+    // noise. A pixel with a brighter neighbor may be on the dark side. Its standard error is limited to the luminance
+    // of its darkest neighbor, so that the blur doesn't take the bright side's difference for noise and stops there.
     if (reflection_edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
         signals.specular.standard_error = min(signals.specular.standard_error, range.min_upper_bound);
     }

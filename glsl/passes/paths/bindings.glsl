@@ -20,7 +20,7 @@ layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct PathState {
     uint rng;
-    uint flags;  // rays | those that left mirrors << 8 | wavelength << 16 | SPECULAR_ONLY | DIFFUSE_AT_X2
+    uint flags;  // bounce | delta_bounces << 8 | wavelength << 16 | DIFFUSE_AT_X2 | SPECULAR_ONLY
     PerLobe attenuated_first_weight;  // path.first_weight times the transmittance of the first ray
     vec3 throughput;
     vec3 direction;

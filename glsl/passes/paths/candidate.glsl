@@ -8,8 +8,9 @@
 uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
 // The point of a light that the path's first ray has hit, as PathReservoir.point. One light is stored for the sum of
-// those that the ray meets: the first that it passes, or of lights at infinity that overlap, such as a sun and its sky,
-// one chosen by its radiance. The candidate's weight is that of the sum, so that the mean is right.
+// those that the ray meets: the first that it passes, or of lights at infinity that overlap, such as a sun, its sky and
+// portals before it, one chosen by its part of the light that the ray found. The candidate's weight is that of the sum,
+// so that the mean is right.
 uvec4 hit_light_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
@@ -28,18 +29,31 @@ uvec4 hit_light_point(inout Path path) {
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, path.walk.direction);
-        bool chosen = light_hit.inverse_solid_angle_pdf > 0.0
-            && choose_weighted(sum, luminance(light_hit.radiance), path.rng);
-        if (chosen) { point = pack_light_point(i, light_hit.part, light_hit.u); }
+        if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
+        float probability = light_probability_by_power(light), whole = luminance(light_hit.radiance);
+        float own = probability / light_hit.inverse_solid_angle_pdf, density = own;
+        if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
+            density += density_of_openings(origin, path.walk.direction, NO_INDEX);
+        }
+        float weight = whole * share_of_environment(own, density, path.walk.mis_pdf).weighted;
+        if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
+        for (uint j = 0u; SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && j < portal_count(); j++) {
+            Opening opening = find_opening(j, origin, path.walk.direction);
+            weight = whole
+                * share_of_portal(j, opening, density, path.walk.mis_pdf, receiver(path.vertex)).weighted;
+            if (choose_weighted(sum, weight, path.rng)) {
+                point = pack_light_point(scene_info.first_portal + j, 0u, opening.u);
+            }
+        }
     }
     return point;
 }
 
-// Writes the candidates of a path that has traced its first ray, and returns the light that isn't reused. Until now
-// `path.radiance` is what lights emit where the ray ended.
+// Writes the candidates of a path that has traced its first ray alone, and returns the light that isn't reused. After
+// one ray, `path.radiance` is only what lights emit where it ended.
 PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
-    // Targets have no transmittance, and rays pass blended surfaces with a probability, so that this is divided by and
-    // not by the transmittance.
+    // Target functions leave out transmittance. The ray has passed the blended surfaces before its hit by chance, so
+    // that radiance over that probability is the estimate without transmittance.
     RayTransmittance transmittance = path.first_transmittance;
     PerLobe at_hit = scale(
         path.first_weight, path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability
@@ -56,7 +70,7 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
         candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
     candidate.instance = path.hit.instance;
-    // one over the pdf of the first ray alone, until now
+    // after one ray, the sum is one over the pdf of that ray
     candidate.path_contribution_weight =
         path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / transmittance.probability;
     candidate.position = path.vertex.origin;

@@ -37,9 +37,12 @@ struct Path {
     PerLobe direct;          // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
     bool first_ray_is_diffuse;    // whether the diffuse lobe proposed the first ray
-    // The footprint of the path, in meters: the root of the sum of one over the pdfs of its directions, in steradians,
-    // times the length of each ray. Müller et al., "Real-time Neural Radiance Caching for Path Tracing" (2021).
-    float sum_of_inverse_pdfs, footprint;
+    // The solid angle in steradians over which the path's directions have spread so far; 0 while all were delta.
+    float sum_of_inverse_pdfs;
+    // The path's footprint in meters, the root of the area spread in Müller et al., "Real-time Neural Radiance Caching
+    // for Path Tracing" (2021): the sum over rays of length times the root of the solid angle. There each ray has that
+    // of its own direction alone; here earlier directions widen later rays too.
+    float footprint;
     uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames
     // What the first vertex samples with: the candidates of its light sample, and the random numbers of its direction.
     uint candidates;
@@ -197,7 +200,7 @@ bool advance(inout Path path) {
         if (!is_at_infinity(ris_sample.resolved.kind)) { to_light -= path.vertex.position; }
         bool transmits = SCENE_TRANSMISSION && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
-        vec3 transmittance = trace_light(from, transmits ? path.medium_below : medium, ris_sample.resolved);
+        vec3 transmittance = trace_shadow_ray(from, transmits ? path.medium_below : medium, ris_sample.resolved);
         if (transmittance != vec3(0.0)) {
             if (first) {
                 path.direct = ris_sample.contribution;
@@ -223,7 +226,7 @@ bool advance(inout Path path) {
         segment.transmittance = FULL_TRANSMITTANCE;
     }
     vec3 emitted = vec3(0.0);
-    bool hits = accumulate_segment(path.walk, segment, emitted);
+    bool hits = accumulate_segment(path.walk, segment, receiver(path.vertex), emitted);
     add_light(path, emitted, path.diffuse_at_x2);
     if (!hits) { return false; }
     path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;

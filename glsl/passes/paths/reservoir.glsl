@@ -132,7 +132,7 @@ vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_
             vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
             origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
         }
-        to_sample = at_infinity ? light.world_position : shadow_ray_segment(origin, light);
+        to_sample = shadow_ray_segment(origin, light);
         t_max = at_infinity ? INFINITY : 1.0;
     }
     count_ray();

@@ -37,8 +37,9 @@ PathReservoir load_previous_reservoir(uvec2 pixel) {
     return reservoir;
 }
 
-// How much the previous frame's reservoir counts for a sample. It could not find lights that didn't exist, hits on what
-// moves stay where they were, and the light of hits is what it was, so that they count less while lights change.
+// The confidence of the previous frame's reservoir for one sample. It is 0 for a light that the previous frame didn't
+// have, and for a path sample on a moving instance, whose hit point is out of date. For other path samples it falls
+// while lights change, since their radiance is out of date.
 float previous_confidence(float confidence, PathReservoir reservoir) {
     if (is_path_sample(reservoir)) {
         return is_static(reservoir.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;

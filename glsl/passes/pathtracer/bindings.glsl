@@ -12,7 +12,7 @@ layout(set = 1, scalar) uniform PathSamplingBlock {
     uint first_row;             // the dispatch covers rows from here
     uint row_count;
     uint first_sample;          // of the picture: where it begins in the sequences of its seed
-    uint sample_index;          // samples that every pixel of these rows has already, or has of its range
+    uint sample_index;          // samples of earlier dispatches: of every pixel, or counted from its range's begin
     uint has_sample_ranges;     // whether pixels have ranges of samples of their own
     uint samples_per_dispatch;
     uint max_bounces;           // 0: only emission

@@ -6,7 +6,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// The samples that pixels have and shall have, of each half of a block of 8x8, divided like a checkerboard.
+// Adaptive sampling, planned by solari_vk/output/adaptive.py: the numbers of samples before and after a pass. A block
+// of 8x8 pixels is divided like a checkerboard in two halves with numbers of their own. The other half and other blocks
+// decide on them, since a mean is biased if its own samples decide when it stops.
 layout(set = 1, scalar) readonly buffer SampleRangesBlock { uvec2 at[]; } sample_ranges;
 
 uvec2 sample_range(uvec2 pixel) {

@@ -40,7 +40,7 @@ float mis_pdf(float pdf) {
 bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     Segment segment = trace_segment(path.walk, path.receiver, rng);
     path.rays += segment.rays;
-    if (!accumulate_segment(path.walk, segment, path.radiance)) { return false; }
+    if (!accumulate_segment(path.walk, segment, path.receiver, path.radiance)) { return false; }
     SurfaceInteraction surface = arrive_at_surface(path.walk, segment.hit);
     if (path.bounce == 0u) {
         path.radiance += path.walk.throughput * shown_emission(surface);
@@ -82,12 +82,12 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     // last, when the surface isn't needed any more
     if (max_component(event.radiance) > 0.0) {
         path.rays += 1u;
-        path.radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
+        path.radiance += event.radiance * trace_shadow_ray(event.origin, event.medium, event.light_sample);
     }
     return goes_on;
 }
 
-// The samples of a dispatch in which every pixel takes as many.
+// The samples of a dispatch in which all pixels take the same number.
 uvec2 even_sample_range() {
     return path_sampling.sample_index + uvec2(0u, path_sampling.samples_per_dispatch);
 }
@@ -112,12 +112,12 @@ void trace_paths() {
     if (range.x >= range.y) { return; }
     uint sample_index = range.x;
     vec3 mean = vec3(0.0);
-    float deviations = 0.0;
+    float squared_deviations = 0.0;  // their sum
     Path path;
     path.rays = 0u;
     if (sample_index > 0u) {
         mean = radiance_mean.at[index];
-        deviations = luminance_deviations.at[index];
+        squared_deviations = luminance_deviations.at[index];
         path.rays = ray_count.at[index];
     }
 
@@ -147,14 +147,14 @@ void trace_paths() {
         if (path_ended) {
             sample_index += 1u;
             // Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
-            vec3 apart = path.radiance - mean;
-            mean += apart / float(sample_index);
-            deviations += luminance(apart) * luminance(path.radiance - mean);
+            vec3 difference = path.radiance - mean;
+            mean += difference / float(sample_index);
+            squared_deviations += luminance(difference) * luminance(path.radiance - mean);
         }
     }
 
     radiance_mean.at[index] = mean;
-    luminance_deviations.at[index] = deviations;
+    luminance_deviations.at[index] = squared_deviations;
     ray_count.at[index] = path.rays;
 }
 

@@ -34,7 +34,7 @@ PartOfLeaf part_of_leaf(LightSource light, uint part) {
     if (light.halvings == NO_INDEX) { return PartOfLeaf(light.first_leaf + part, 1.0); }
     uint leaf = 0u, first = 0u, count = light.part_count;
     for (uint i = 0u; i < light.halvings; i++) {
-        uint lower = count / 2u;
+        uint lower = count - count / 2u;
         bool above = part >= first + lower;
         leaf = 2u * leaf + uint(above);
         first += above ? lower : 0u;

@@ -7,6 +7,7 @@
 #include "common/math.glsl"
 #include "common/packing.glsl"
 #include "scene/bindings.glsl"
+#include "scene/lights/openings.glsl"
 #include "scene/lights/types.glsl"
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Texels { uint at[]; };  // rgb9e5
@@ -55,12 +56,12 @@ ResolvedLightSample resolve_environment(uint index, uint part, vec2 u, float inv
     vec3 direction = map.world_from_map
         * vec3(polar_sine * cos(longitude), cos(polar_angle), polar_sine * sin(longitude));
     return ResolvedLightSample(
-        LIGHT_ENVIRONMENT, 0u, direction, -direction, 0.0, environment_radiance(map, position),
+        LIGHT_ENVIRONMENT, index, direction, -direction, 0.0, environment_radiance(map, position),
         inverse_probability * texel_solid_angle(map, polar_sine)
     );
 }
 
-float emission_cosine_environment(uint data, float cosine) { return 1.0; }
+float emission_cosine_environment(uint index, float cosine) { return 1.0; }
 
 uint debug_color_id_environment(uint index) { return ~index - 0x10000u; }
 
@@ -78,6 +79,18 @@ LightHit evaluate_environment(uint index, vec3 direction) {
         environment_radiance(map, position), texel_solid_angle(map, polar_sine) / probability, part,
         clamp(position - vec2(texel), 0.0, 1.0), INFINITY
     );
+}
+
+// What samples of the environment stand for in the light from a direction; samples of portals stand for the rest.
+ResolvedLightSample sample_for_receiver_environment(ResolvedLightSample light_sample, vec3 receiver) {
+    if (!SCENE_PORTAL) { return light_sample; }
+    vec3 direction = light_sample.world_position;
+    LightHit light_hit = evaluate_environment(light_sample.data, direction);
+    if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return light_sample; }
+    LightSource light = light_sources.at[scene_info.first_environment + light_sample.data];
+    float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
+    light_sample.radiance *= own > 0.0 ? own / (own + density_of_openings(receiver, direction, NO_INDEX)) : 1.0;
+    return light_sample;
 }
 
 #endif

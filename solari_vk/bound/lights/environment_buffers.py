@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,14 @@ class EnvironmentBuffers:
         height, width = image.shape[:2]
         codes, scale = encode_texels(image)
         table = alias_table(texel_weights(image).ravel(), row)
-        self._texels = device.buffer(codes.nbytes, "environment texels")
-        self._texels.upload(codes)
-        self._choices = device.buffer(table.nbytes, "environment choices")
-        self._choices.upload(table)
+        with ExitStack() as unless_made:
+            self._texels = device.buffer(codes.nbytes, "environment texels")
+            unless_made.callback(self._texels.destroy)
+            self._texels.upload(codes)
+            self._choices = device.buffer(table.nbytes, "environment choices")
+            unless_made.callback(self._choices.destroy)
+            self._choices.upload(table)
+            unless_made.pop_all()
         self.emission = Emission(1.0, len(table), self._choices)
         self.record = {
             "texels": self._texels.address, "choices": self._choices.address, "size": (width, height), "scale": scale,

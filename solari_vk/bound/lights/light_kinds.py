@@ -18,7 +18,8 @@ choose between the kinds. Each NAME.glsl defines:
     LightHit intersect_NAME(uint index, vec3 origin, vec3 direction, float t_max)
         Kinds that rays pass only: what a ray of this length sees of the light.
     ResolvedLightSample sample_for_receiver_NAME(ResolvedLightSample light_sample, vec3 receiver)
-        Kinds that depend on the receiver only: what a resolved sample is to one receiver.
+        Kinds that depend on the receiver only: what a resolved sample is to one receiver. Samples of kinds that rays
+        meet BEYOND them are then, as those of kinds at infinity, directions with densities in solid angle.
 
 `index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
 buffer, in set 0. tests/proofs/lights/test_light_kinds.py adds two kinds in this way.
@@ -38,11 +39,12 @@ from solari_vk.bound.features import FEATURES
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
 from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PointLight, PunctualLight, SpotLight
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import DirectionalLight, Instance
 
-AT_SURFACES, NEVER, PASSED, AT_INFINITY = PLACES = "at surfaces", "never", "passed", "at infinity"
+AT_SURFACES, NEVER, BEYOND, PASSED, AT_INFINITY = PLACES = "at surfaces", "never", "beyond", "passed", "at infinity"
 """Where rays meet lights, in the order of the list of lights."""
 SHADOW_DISTANCE = 10.0  # meters from a light's shadows to what casts them, roughly: how far they move when it turns
 
@@ -53,10 +55,11 @@ class LightKind:
 
     name: part of the names of files, functions and constants in GLSL. source: the class of the scene's objects, of
     which the kind is those that `holds` takes. met_by_rays: where rays meet such a light without having chosen it:
-    AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. depends_on_receiver: whether there is a
-    sample_for_receiver_NAME. buffer: the buffer of its records, whose fields `record` gives; None: the light's index is
-    its instance's row. power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an
-    emissive surface, for all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves
+    AT_SURFACES, AT_INFINITY, NEVER, PASSED: on their way, which goes on, or BEYOND: at infinity, on a way through the
+    light. depends_on_receiver: whether there is a sample_for_receiver_NAME. buffer: the buffer of its records, whose
+    fields `record` gives; None: the light's index is its instance's row. power: luminous flux in lumens, roughly, of a
+    light and a number: of an emissive surface its area in square meters, of a portal the flux of all environments in
+    lux, for all other kinds the scene's cross-section in square meters. position: a point (3,) in meters that moves
     when the light does, None for instances, whose geometry says it. bounds: the box around the light, min and max (2,
     3) in meters; None for instances and lights at infinity.
     """
@@ -93,6 +96,20 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
 
 def _environment_record(light: EnvironmentLight) -> dict[str, Any]:
     return {"intensity": light.intensity, "world_from_map": light.rotation.T}  # GLSL holds columns
+
+
+def _portal_record(light: Portal) -> dict[str, Any]:
+    u, v, normal = 2 * light.half_u.astype(np.float64), 2 * light.half_v.astype(np.float64), light.transform[:3, 2]
+    return {
+        "corner": light.center - light.half_u - light.half_v, "side_u": u, "side_v": v, "normal": normal,
+        "across_u": np.cross(v, normal) / light.area, "across_v": np.cross(normal, u) / light.area, "area": light.area,
+    }  # fmt: skip
+
+
+def _corners(light: Portal) -> NDArray[np.float64]:
+    signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    corners: NDArray[np.float64] = light.center + signs @ np.stack([light.half_u, light.half_v]).astype(np.float64)
+    return corners
 
 
 def _punctual_record(light: PointLight | SpotLight) -> dict[str, Any]:
@@ -149,6 +166,16 @@ LIGHT_KINDS = (
         buffer="environments",
         record=_environment_record,
         position=lambda light: SHADOW_DISTANCE * light.brightest,
+        depends_on_receiver=True,
+    ),
+    LightKind(
+        "portal", Portal, BEYOND,
+        power=lambda light, flux: light.cross_section * flux,
+        buffer="portals",
+        record=_portal_record,
+        position=lambda light: light.center.astype(np.float64),
+        bounds=lambda light: np.stack([_corners(light).min(axis=0), _corners(light).max(axis=0)]),
+        depends_on_receiver=True,
     ),
     _punctual_kind("point", NEVER, lambda light: light.radius == 0),
     _punctual_kind("sphere", PASSED, lambda light: light.radius > 0),
@@ -166,9 +193,10 @@ def glsl_header() -> str:
     """The generated header: LIGHT_*, the kinds' files, and functions that call those of a given kind."""
     every = list(LIGHT_KINDS)
     met = {place: [kind for kind in LIGHT_KINDS if kind.met_by_rays == place] for place in PLACES}
+    places = [kind.met_by_rays for kind in LIGHT_KINDS]
     masks = {
-        "KINDS_AT_INFINITY": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays == AT_INFINITY),
-        "KINDS_HIT_BY_RAYS": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays != NEVER),
+        "KINDS_AT_INFINITY": sum(1 << i for i, place in enumerate(places) if place in (BEYOND, AT_INFINITY)),
+        "KINDS_HIT_BY_RAYS": sum(1 << i for i, place in enumerate(places) if place != NEVER),
     }
     return "\n".join([
         '#include "generated/bound/features.glsl"',

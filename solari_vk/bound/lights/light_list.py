@@ -14,11 +14,13 @@ from solari_vk.bound.lights import light_kinds
 from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
-from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
+from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
 from solari_vk.bound.table import Table
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Instance, Light
 
 Position = tuple[float, float, float]
@@ -195,7 +197,7 @@ class LightList:
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
-        self._update_edited(lit_area)
+        self._update_edited(others, lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return
         places = self._emissive_places[: len(self._emissive)]
@@ -208,10 +210,24 @@ class LightList:
             self._update_choices(others, lit_area)
         self._update_tree(places, others)
 
-    def _update_edited(self, lit_area: Callable[[], float]) -> None:
+    def _portals(self) -> list[Any]:
+        return [light for lights in self._others.values() for light in lights if isinstance(light, Portal)]
+
+    def _lit(self, kind: LightKind, lit_area: Callable[[], float]) -> float:
+        """What the power of a light of a kind is computed with. Where there are portals, light from infinity comes
+        through them."""
+        if kind.met_by_rays == AT_INFINITY:
+            openings = sum(portal.cross_section for portal in self._portals())
+            return min(lit_area(), openings) if openings else lit_area()
+        if kind.met_by_rays == BEYOND:
+            return sum(e.flux for lights in self._others.values() for e in lights if isinstance(e, EnvironmentLight))
+        return 0.0
+
+    def _update_edited(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Write the records of edited lights, unless all are about to be written."""
-        for light, kind in self._edited.items():
-            self._set_power(light, kind.power(light, lit_area() if kind.met_by_rays == AT_INFINITY else 0.0))
+        follow = self._portals() and any(isinstance(light, Portal | EnvironmentLight) for light in self._edited)
+        for kind, light in others if follow else [(kind, light) for light, kind in self._edited.items()]:
+            self._set_power(light, kind.power(light, self._lit(kind, lit_area)))
         if self._edited and not self._changed:
             index_of = {light: index for lights in self._others.values() for index, light in enumerate(lights)}
             for light, kind in self._edited.items():
@@ -222,9 +238,8 @@ class LightList:
     def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Update what depends on the lights' number, order and powers."""
         if self._changed and others:
-            area = lit_area()
             for kind, light in others:
-                self._set_power(light, kind.power(light, area))
+                self._set_power(light, kind.power(light, self._lit(kind, lit_area)))
         listed: list[Instance | Light] = [*self._emissive, *(light for _, light in others)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False
@@ -260,18 +275,21 @@ class LightList:
         self.sources.reserve(light_count)
         row = len(self._emissive)
         counts = {place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
-                  for place in (PASSED, AT_INFINITY)}  # fmt: skip
+                  for place in (BEYOND, PASSED, AT_INFINITY)}  # fmt: skip
         first_at_infinity = light_count - counts[AT_INFINITY]
+        info = self.info.records[0]
         for kind, lights in self._others.items():
             self._records[kind].reserve(len(lights))
+            if kind.source is EnvironmentLight:
+                info["first_environment"] = row
             for index, light in enumerate(lights):
                 found = self._own.get(light)
                 self._write_source(row, kind, index, found.emission if found else ONE_PART)
                 self._write_record(kind, index, light)
                 row += 1
-        info = self.info.records[0]
         info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
         info["first_pass_through_light"] = first_at_infinity - counts[PASSED]
+        info["first_portal"] = first_at_infinity - counts[PASSED] - counts[BEYOND]
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:

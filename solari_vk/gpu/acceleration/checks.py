@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.host_array import host_array
 
 _SHOWN = 60  # maximum number of characters of a value in a message
 
@@ -54,7 +55,7 @@ def check_whole(array: NDArray[Any], what: str) -> None:
 def numbers(given: Any, what: str) -> NDArray[Any]:
     """The given numbers as an array of their own type, or float64; raises SolariError unless they are real numbers."""
     try:
-        array = np.asarray(given)
+        array = host_array(given)
         if array.dtype.kind == "O":
             if any(item is None for item in array.flat):
                 raise TypeError("None is not a number")  # numpy would convert it to NaN

@@ -23,6 +23,11 @@ class BufferRange:
     offset: int
     size: int
 
+    @property
+    def address(self) -> int:
+        """The address of its first byte."""
+        return self.buffer.address + self.offset
+
 
 class DescriptorSets:
     """Sets 0 and 1 of an interface, with a pool of their own. `counts`: the lengths of their bindless arrays."""

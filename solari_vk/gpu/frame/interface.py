@@ -18,6 +18,7 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, read_by_address
 from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module
 from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
 
@@ -73,7 +74,10 @@ def _difference(one: Binding, other: Binding) -> str:
     return "; ".join(f"{key} is {first[key]} and {second[key]}" for key in first if first[key] != second[key])
 
 
-def _pushed_bytes(modules: Iterable[Module]) -> int:
+def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
+    """The bytes of push constants: all that there are where buffers are read by their addresses."""
+    if device.properties.kind == "cpu":
+        return int(device.properties.limits.maxPushConstantsSize)
     return max((module.push_constants.itemsize for module in modules if module.push_constants), default=0)
 
 
@@ -92,7 +96,7 @@ class Interface:
             device.properties.core12.maxPerStageUpdateAfterBindResources // 2,
             _BINDLESS_LIMIT,
         )
-        self._pushed = pushed = _pushed_bytes(modules)
+        self._pushed = pushed = _pushed_bytes(device, modules)
         self.key = pushed, *((name, at.set, at.binding, at.kind, at.count) for name, at in self.bindings.items())
         """Equal for interfaces whose pipelines are the same."""
         handles: list[tuple[str, raw.CData]] = []
@@ -135,10 +139,21 @@ class Interface:
             at += int(words[at]) >> 16
         return words.tobytes()
 
+    def addressed(self, module: Module, code: bytes) -> tuple[bytes, tuple[str, ...]]:
+        """The code of a linked compute shader as the device runs it, and the buffers whose addresses its push constants
+        are: `read_by_address`, on software devices."""
+        if self.device.properties.kind != "cpu" or module.push_constants is not None:
+            return code, ()
+        main = module.main
+        buffers = {variable: name for variable, name in module.variables.items()
+                   if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1
+                   and name in main.reads and name not in main.writes}  # fmt: skip
+        return read_by_address(code, buffers, self._pushed // ADDRESS_BYTES)
+
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""
         shapes = [{name: _shape(binding) for name, binding in part.items()} for part in (bindings, self.bindings)]
-        return shapes[0] == shapes[1] and _pushed_bytes(modules) == self._pushed
+        return shapes[0] == shapes[1] and _pushed_bytes(self.device, modules) == self._pushed
 
     def _find_bindless(self, index: int) -> Binding | None:
         members = [binding for binding in self.bindings.values() if binding.set == index and binding.count == 0]

@@ -56,12 +56,14 @@ class PipelineInfo:
 class Pipeline:
     """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline.
 
-    has_run: whether it has run once to have a software driver compile it (`Slot.run_new`).
+    addresses: the buffers whose addresses are its push constants (`read_by_address`). has_run: whether it has run once
+    to have a software driver compile it (`Slot.run_new`).
     """
 
     handle: raw.CData
     bind_point: int
     table: ShaderBindingTable | None
+    addresses: tuple[str, ...] = ()
     has_run: bool = False
 
 
@@ -72,6 +74,7 @@ class Pipelines:
         self._device = device
         self._kept = device.pipelines
         self._taken: dict[PipelineKey, Pipeline] = {}
+        self._addresses: dict[PipelineKey, tuple[str, ...]] = {}
 
     def make(self, wanted: Sequence[PipelineInfo], interface: Interface) -> list[tuple[PipelineKey, Pipeline]]:
         """A pipeline for each pass, and the key that keeps it in `retain`. What the device lacks is created in threads.
@@ -89,9 +92,12 @@ class Pipelines:
                 if key not in self._taken and (known := self._kept.take(key)) is not None:
                     self._taken[key] = known
                 if key not in self._taken and key not in missing:
+                    linked = [interface.linked(module) for module in item.modules]
+                    if item.kind is None:
+                        linked[0], self._addresses[key] = interface.addressed(item.modules[0], linked[0])
                     stages = [
-                        self._stage(shaders, item.name, module, interface.linked(module), specialization)
-                        for module, specialization in zip(item.modules, specializations, strict=True)
+                        self._stage(shaders, item.name, module, code, specialization)
+                        for module, code, specialization in zip(item.modules, linked, specializations, strict=True)
                     ]
                     missing[key] = item, self._creation(stages, item.kind, layout)
             self._create(missing)
@@ -164,7 +170,8 @@ class Pipelines:
             self._taken[key] = known
             return None
         device.share(token)
-        self._taken[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table)
+        addresses = self._addresses.pop(key, ())
+        self._taken[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table, addresses)
         self._kept.add(key, self._taken[key], destroy)
         return None
 

@@ -126,6 +126,7 @@ class Slot:
         assert self._sets is not None
         self._sets.bind(commands, pipeline.bind_point)
         self._device.vk.vkCmdBindPipeline(commands, pipeline.bind_point, pipeline.handle)
+        self._push_addresses(commands, pipeline)
         if pipeline.table is None:
             self._device.vk.vkCmdDispatch(commands, 0, 0, 0)
         else:
@@ -148,6 +149,17 @@ class Slot:
             self._sets.bind(self.commands, pipeline.bind_point)
             bound.add(pipeline.bind_point)
         self._device.vk.vkCmdBindPipeline(self.commands, pipeline.bind_point, pipeline.handle)
+        self._push_addresses(self.commands, pipeline)
+
+    def _push_addresses(self, commands: raw.CData, pipeline: Pipeline) -> None:
+        """Record the addresses of the buffers that a pipeline reads by address."""
+        if pipeline.addresses:
+            assert self._program is not None
+            buffers = [self._bound[name] for name in pipeline.addresses]
+            addresses = np.array([buffer.address for buffer in buffers], np.uint64)
+            layout, data = self._program.interface.pipeline_layout, raw.ffi.from_buffer(addresses)
+            every = raw.VK_SHADER_STAGE_ALL
+            self._device.vk.vkCmdPushConstants(commands, layout, every, 0, addresses.nbytes, data)
 
     def _dispatch(self, step: BuiltStep, item: Pass) -> None:
         vk, commands = self._device.vk, self.commands

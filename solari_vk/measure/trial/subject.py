@@ -16,6 +16,7 @@ from solari_vk.output.picture import save_image
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
 from solari_vk.scene.model import Camera, Scene
 
@@ -51,7 +52,7 @@ def write(subject: Subject, conditions: Conditions, folder: Path) -> None:
         "file": str(subject.file.resolve()), "size": conditions.size, "max_bounces": conditions.max_bounces,
         "device": conditions.device, "rays": conditions.rays,
         "camera": {"transform": camera.transform.tolist(), "vertical_fov": camera.vertical_fov, "near": camera.near},
-        "lights": [described(light) for light in scene.lights if not isinstance(light, EnvironmentLight)],
+        "lights": [described(light) for light in scene.lights if not isinstance(light, EnvironmentLight | Portal)],
         "environment": None if environment is None else {
             "picture": "environment.exr", "texels": "environment.npy", "intensity": environment.intensity,
             "rotation": environment.rotation.tolist(),

@@ -14,6 +14,7 @@ from solari_vk.scene.animation.keyframes import Sample, unit_quaternions
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.matrices import compose, upright
 from solari_vk.scene.objects import Instance, Mesh
 
@@ -241,7 +242,10 @@ class Rig:
 
 
 def placed_light(light: Light, world: Matrix) -> dict[str, Matrix]:
-    """The fields of a light that the transform of its node says: it shines along the node's -z."""
+    """The fields of a light that the transform of its node says: it shines along the node's -z. A portal is the square
+    from (-1, -1, 0) to (1, 1, 0) of its node, and stays as it was where a scale of 0 leaves no area."""
+    if isinstance(light, Portal):
+        return {} if Portal.fault(world[:3, 0], world[:3, 1]) else Portal.placed(world)
     fields = {"position": world[:3, 3]} if hasattr(light, "position") else {}
     if (transform := upright(world)) is not None:
         axes = {"direction": -transform[:3, 2], "horizontal": transform[:3, 0]}

@@ -11,6 +11,7 @@ from solari_vk.scene.gltf.saving.content import plain
 from solari_vk.scene.gltf.values import Entry
 
 KEY = "solari_vk"
+PORTAL = "portal"  # of a node that is one
 
 
 def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from solari_vk.scene.gltf.cameras import DEFAULT, make_camera, read_lens
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
-from solari_vk.scene.gltf.extras import read_label, read_own
+from solari_vk.scene.gltf.extras import PORTAL, read_label, read_own
 from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
@@ -32,6 +32,7 @@ from solari_vk.scene.gltf.skies import read_sky
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
 from solari_vk.scene.libraries import warn_of_missing
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = (
@@ -132,6 +133,9 @@ class _Loader:
                     self._add(node, luminaire)
                     if luminaire is not None:
                         self._animatable["nodes", node.number] = [(node, luminaire)]
+            if read_own(node.entry, (PORTAL,)).get(PORTAL) is True:
+                with self._report.costs("portals without an area are left out"):
+                    self._add(node, Portal(**Portal.placed(node.world), name=node.entry.name))
         if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
             raise self._report.first_error
         for animation in self._animations.finish(self._animated):

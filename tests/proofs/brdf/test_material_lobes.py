@@ -57,7 +57,10 @@ LOSSES = {
 }  # fmt: skip
 SMOOTH = ("a smooth coat", "smooth sheen", "a smooth anisotropic dielectric")  # whose lobes cells don't resolve
 DRAWN = {f"glass, {name}": {"roughness": 0.55, **WHITE_GLASS, **side} for name, side in SIDES.items()}
+FILM = {"iridescence": 1.0, "iridescence_ior": 1.8, "iridescence_thickness": (0, 300)}
+DRAWN |= {f"a film on {name}": {**fields, **FILM} for name, fields in DRAWN.items()}
 DRAWN |= {name: layers for name, layers in LAYERS.items() if name not in SMOOTH}
+DRAWN["a film on metal"] = {"metallic": 1.0, "roughness": 0.5, **FILM}
 CELLS = (32, 32)  # over the cosine, of both sides, and the turn of a direction
 FINE = 12  # points of a cell along each axis
 
@@ -95,6 +98,46 @@ def check_layer_furnace(shaders):
             print(name, albedo.min(), albedo.max())
             assert albedo.max() < 1.004, name
             assert albedo.min() > 1 - LOSSES.get(name, COAT_LOSS), name
+
+
+def charlie(alpha, wo, wi):
+    """Sheen of white fibers times the cosine of wi (N,), as appendix B of KHR_materials_sheen and Khronos' sample
+    viewer have it: Estevez and Kulla (2017)."""
+    half_vector = wo + wi
+    half_vector /= np.linalg.norm(half_vector, axis=1, keepdims=True)
+    distribution = (2 + 1 / alpha) * (1 - half_vector[:, 2] ** 2) ** (0.5 / alpha) / (2 * np.pi)
+    weight = (1 - alpha) ** 2
+    a, b, c, d, e = (np.array((21.5473, 3.82987, 0.19823, -1.97760, -4.32054)) * (1 - weight)
+                     + np.array((25.3245, 3.32435, 0.16801, -1.27393, -4.85967)) * weight)  # fmt: skip
+
+    def fit(cosine):
+        return a / (1 + b * cosine**c) + d * cosine + e
+
+    def shadowing(cosine):
+        below = np.exp(fit(np.minimum(cosine, 0.5)))
+        return np.where(cosine < 0.5, below, np.exp(2 * fit(0.5) - fit(np.minimum(1 - cosine, 0.5))))
+
+    return distribution / ((1 + shadowing(wo[:, 2]) + shadowing(wi[:, 2])) * 4 * wo[:, 2])
+
+
+def check_charlie(shaders):
+    """Sheen over black has the values of its formula, and the albedo of the formula's integral."""
+    rng = np.random.default_rng(5)
+    z = rng.uniform(0.17, 1, (2, 20_000))
+    turn, sine = rng.uniform(0, 2 * np.pi, z.shape), np.sqrt(1 - z**2)
+    wo, wi = np.stack([sine * np.cos(turn), sine * np.sin(turn), z], axis=-1)
+    steps = (np.arange(400) + 0.5) / 400  # of the cosine and of the turn
+    cosine, around = (grid.ravel() for grid in np.meshgrid(steps, 2 * np.pi * steps))
+    over = np.stack([np.sqrt(1 - cosine**2) * f(around) for f in (np.cos, np.sin)] + [cosine], axis=1)
+    for roughness in (0.3, 0.5, 1.0):
+        black = {"base_color": 0.0, "specular": 0.0, "sheen_color": 1.0, "sheen_roughness": roughness}
+        rows = run(shaders, "evaluate", len(wo), brdf_runs.materials(**black), wo, wi)
+        expected = charlie(roughness**2, wo, wi)
+        np.testing.assert_allclose(rows[:, 1, 0] + rows[:, 3, 0], expected, rtol=2e-3, atol=1e-5 * expected.max())
+        for degrees, albedo in zip(DEGREES[:4], sampled_albedos(shaders, 0.4, [black])[0, :4], strict=True):
+            seen = np.broadcast_to(brdf_runs.direction(degrees).astype(np.float64), over.shape)
+            whole = 2 * np.pi * charlie(roughness**2, seen, over).mean()
+            np.testing.assert_allclose(albedo, whole, rtol=0.02, err_msg=f"{roughness}, {degrees} degrees")
 
 
 # ---- samples ----------------------------------------------------------------------------------------
@@ -181,7 +224,7 @@ def check_reciprocity(shaders, count=100_000):
 # ---- each check holds, and can fail -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("check", [check_glass_furnace, check_layer_furnace, check_reciprocity])
+@pytest.mark.parametrize("check", [check_glass_furnace, check_layer_furnace, check_charlie, check_reciprocity])
 def test_holds(shaders, check):
     check(shaders)
 
@@ -246,6 +289,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "DiffuseTransmissionParameters lobe = correct(bits); lobe.weight *= 0.9; return lobe;")),
     "reciprocity of glass": (RECIPROCITY, Bug(
         GLASS, "evaluate_glass", "return correct(glass, wo, wi) * (1.0 + 0.1 * wo.z);")),
+    "another sheen": (with_shaders(check_charlie), Bug(
+        SHEEN, "sheen_alpha", "return 0.9 * correct(perceptual_roughness);")),
     "reciprocity of sheen": (RECIPROCITY, Bug(
         SHEEN, "evaluate_sheen(float", "return correct(alpha, wo, wi) * (1.0 + 0.1 * wo.z);")),
 }, quick=("layers gain light",))  # fmt: skip

@@ -78,7 +78,7 @@ def take_tiles(renderer, frames=1):
 def triangles_of(mesh):
     """A mesh's triangles (N, 3, 3) in the order of upload, and the share of each in its area in object space."""
     corners = mesh.positions[mesh.triangles]
-    corners = corners[spatial_order(corners.mean(axis=1))].astype(np.float64)
+    corners = corners[spatial_order(corners.min(axis=1), corners.max(axis=1))].astype(np.float64)
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return corners, areas / areas.sum()
 

@@ -69,7 +69,7 @@ def part_shares(world):
     """The probabilities of each light's parts, in the order of upload."""
     for instance in world:
         corners = instance.mesh.positions[instance.mesh.triangles]
-        order = spatial_order(corners.mean(axis=1))
+        order = spatial_order(corners.min(axis=1), corners.max(axis=1))
         corners = corners.astype(np.float64)
         weights = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         texture = instance.material.emissive_texture

@@ -8,6 +8,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from support.oracles.encodings import decode_srgb
+from support.realtime import GUIDES, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -105,20 +106,40 @@ def test_near_textures_use_the_finest_level(tracer):
     assert 0.4 < albedo.mean() < 0.6
 
 
+LEVELS = 9
+
+
+@pytest.fixture
+def gray_by_level():
+    """A material whose texture has a gray of its own at each level, which shows the level in use over LEVELS."""
+    grays = (encode_srgb(np.arange(LEVELS) / LEVELS) * 255).round().astype(np.uint8)
+    chain = [np.full((256 >> k, 256 >> k, 4), grays[k], np.uint8) for k in range(LEVELS)]
+    with mock.patch("solari_vk.bound.texture_table.mip_chain", return_value=chain):
+        yield sv.Material(base_color=1.0, base_color_texture=sv.Texture(image=sv.TextureImage(pixels=chain[0])))
+
+
+def expected_level(distance, height):
+    return math.log2(256 / 2 * distance / height)  # texels per meter times the pixel's height there
+
+
 @pytest.mark.parametrize(("degrees", "distance"), [(0, 2), (0, 4.7), (60, 2), (75, 3)])
-def test_level_of_detail(tracer, degrees, distance):
-    """Each level of the image has its own gray, which shows the level in use: that of the footprint's narrow axis."""
-    levels = 9
-    grays = (encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
-    chain = [np.full((256 >> k, 256 >> k, 4), grays[k], np.uint8) for k in range(levels)]
-    texture = sv.Texture(image=sv.TextureImage(pixels=chain[0]))
+def test_level_of_detail(tracer, gray_by_level, degrees, distance):
+    """It is that of the footprint's narrow axis."""
     turn = math.radians(degrees)
     mesh = shapes.quad((0, 0, -distance), (math.cos(turn), 0, -math.sin(turn)), (0, 1, 0))
-    with mock.patch("solari_vk.bound.texture_table.mip_chain", return_value=chain):
-        renderer = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture), mesh, (32, 32), 1)
-    seen = renderer["albedo"][15:17, 15:17, 0].mean() * levels
-    expected = math.log2(256 / 2 * distance / 32)  # texels per meter times the pixel's height there
-    assert abs(seen - expected) < 0.1
+    albedo = look(tracer, gray_by_level, mesh, (32, 32), 1)["albedo"]
+    assert abs(albedo[15:17, 15:17, 0].mean() * LEVELS - expected_level(distance, 32)) < 0.1
+
+
+@pytest.mark.parametrize("upscale", [1, 2])
+def test_upscaled_frames_have_the_level_of_the_pictures_pixels(device, gray_by_level, upscale):
+    """Of half as many rendered pixels, textures are as sharp as of all."""
+    scene = sv.Scene(sv.Instance(shapes.quad((0, 0, -4.7), (1, 0, 0), (0, 1, 0)), gray_by_level))
+    scene.add(sv.Camera(vertical_fov=2 * math.atan(0.5)))
+    with make_renderer(device, scene, (64, 64), passes=GUIDES, antialiasing=True, upscale=upscale) as renderer:
+        albedo = renderer.render(scene.camera)["guides_diffuse_albedo"]
+    middle = len(albedo) // 2
+    assert abs(albedo[middle, middle, 0] * LEVELS - expected_level(4.7, 64)) < 0.15
 
 
 def test_samples_average_textures_that_are_as_fine_as_they_can_be(tracer):

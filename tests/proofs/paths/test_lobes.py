@@ -210,7 +210,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
                                  "vec3(0.0)); } return correct(vertex, next);")),
     MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_DELTA_BOUNCES", "0u")),
     CHAIN: (measure_mirror_chain, Bug("passes/paths/path_state.glsl", "load_path_state",
-                                      "Path path = correct(pixel_index); path.specular_bounces = 0u; return path;")),
+                                      "Path path = correct(pixel_index); path.delta_bounces = 0u; return path;")),
     MIRROR_DISTANCE: (measure_mirrors, writing("lengths = vec2(max(lengths.x, lengths.y), 0.0);")),
     LOBES: (measure_lobes, Bug(PATH, "path_light", "PerLobe light = correct(path); "
                                "light.diffuse += light.specular; return light;")),

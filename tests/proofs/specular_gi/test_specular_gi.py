@@ -227,7 +227,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "a flat mirror: no Fresnel term": (test_a_flat_mirror_shows_the_mirrored_cameras_picture, Bug(
         LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
         "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),
-    GLOSSY: (measure_gallery, Bug("scene/walk.glsl", "trace_light", "return vec3(0.0);")),
+    GLOSSY: (measure_gallery, Bug("scene/walk.glsl", "trace_shadow_ray", "return vec3(0.0);")),
     # the pdf of another lobe
     PANEL: (measure_gallery, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
                                  "if (next.pdf != INFINITY) { next.weight /= 1.1; } return next;")),

@@ -54,7 +54,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         Segment segment = trace_segment(walk, receiver, rng);
         count_rays(segment.rays);
         first_t = first_t == 0.0 ? segment.hit.t : first_t;
-        if (!accumulate_segment(walk, segment, radiance)) { return radiance; }
+        if (!accumulate_segment(walk, segment, receiver, radiance)) { return radiance; }
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
         SurfaceInteraction surface = arrive_at_surface(walk, segment.hit);
@@ -98,7 +98,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         // last, when the surface isn't needed any more
         if (max_component(event.radiance) > 0.0) {
             count_ray();
-            radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
+            radiance += event.radiance * trace_shadow_ray(event.origin, event.medium, event.light_sample);
         }
         float carried = max_component(walk.throughput);
         if (!(possible && carried > 0.0)) { return radiance; }

@@ -13,7 +13,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.gltf.cameras import ANGLE, LARGEST_YFOV
 from solari_vk.scene.gltf.cameras import OWN as OWN_OF_CAMERAS
 from solari_vk.scene.gltf.extras import KEY as EXTRAS
-from solari_vk.scene.gltf.extras import write_own
+from solari_vk.scene.gltf.extras import PORTAL, write_own
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import MAX_INTENSITY, OWN_OF_PROFILES, PROFILES
 from solari_vk.scene.gltf.lights import OWN as OWN_OF_LIGHTS
@@ -21,6 +21,7 @@ from solari_vk.scene.gltf.saving.content import Content, plain
 from solari_vk.scene.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.matrices import orthogonal, unit
@@ -130,6 +131,9 @@ class Nodes:
 
     def light(self, parent: int | None, light: Light, matrix: Matrix | None = None) -> int | None:
         """The node of a light. matrix: from its -z to the parent, by default where the light is."""
+        if isinstance(light, Portal):
+            place = light.transform if matrix is None else matrix
+            return self.place(parent, place, name=light.name, extras={EXTRAS: {PORTAL: True}})
         if isinstance(light, PointLight) and light.profile:
             return self._luminaire(parent, light, light.profile, matrix)
         if isinstance(light, DirectionalLight):

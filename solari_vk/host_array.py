@@ -1,0 +1,18 @@
+"""Arrays and tensors of any library as numpy arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def host_array(value: Any) -> NDArray[Any]:
+    """`np.asarray`, also of tensors that need a gradient (PyTorch) or are in the memory of another device, whose values
+    are copied once the work that makes them is done."""
+    if hasattr(value, "detach") and hasattr(value, "cpu"):  # PyTorch
+        value = value.detach().cpu()
+    elif hasattr(value, "__cuda_array_interface__") and hasattr(value, "get"):  # CuPy
+        value = value.get()
+    return np.asarray(value)
