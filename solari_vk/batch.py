@@ -286,7 +286,7 @@ class _ViewTracer(PathTracer):
 
     def trace(self, samples: int) -> None:
         """Trace new pictures with this many samples per pixel."""
-        self._begin_picture(denoises=False)
+        self._begin_picture()
         self._warn_of_darkness()
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:

@@ -39,14 +39,17 @@ class ShutterRenderer(PictureRenderer):
     """A renderer that accumulates samples, each of which may show the scene at a time of its own."""
 
     settings: pathtracer.Settings
-    samples: int
     _projection: Projection
     _shown: tuple[Any, ...] | None
     _guides: list[NDArray[Any]] | None
-    _denoises: bool
+
+    @property
+    @abstractmethod
+    def samples(self) -> int:
+        """The samples per pixel of all rows."""
 
     @abstractmethod
-    def _begin_picture(self, denoises: bool) -> None:
+    def _begin_picture(self) -> None:
         """Discard all samples."""
 
     @abstractmethod
@@ -66,10 +69,9 @@ class ShutterRenderer(PictureRenderer):
             for number, moment in enumerate(shutter.moments(samples, height, self.settings.seed)):
                 shown = self._show(camera, poses, moment.time)
                 if number == 0:
-                    self._begin_picture(self._denoises)
+                    self._begin_picture()
                     self._frame.apply_edits()
                     pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-                    self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
                 CameraUniforms(self._frame.uniforms).write(shown, self.size)
                 submission = self._trace_rows(*moment.rows, *moment.samples)
                 if denoise:

@@ -20,16 +20,14 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.motion_blur import ShutterRenderer
 from solari_vk.output import oidn
-from solari_vk.output.adaptive import SamplePlan
-from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
 from solari_vk.rendered import RenderedFrame
+from solari_vk.sample_control import SampleControl
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.shutter import Shutter
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
-FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
 _SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
 
 
@@ -78,18 +76,17 @@ class PathTracer(ShutterRenderer):
         lambert: bool = False,
         first_sample: int = 0,
     ) -> None:
-        self.samples: int
-        """The number of samples per pixel in the picture so far, of the pixel that has most."""
         self.settings = pathtracer.Settings(
             max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
         )
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
-            self._begin_picture(denoises=False)
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
+            self._control = SampleControl(self._frame, self.size, self.read)
+            self._begin_picture()
         except BaseException:
             self.close()
             raise
@@ -106,6 +103,7 @@ class PathTracer(ShutterRenderer):
         rows = pathtracer.max_rows(size)
         self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
         self.size = size
+        self._control = SampleControl(self._frame, size, self.read)
         self._begin_adapting(rows, self._frame.frame_count)
         self.reset()
 
@@ -143,18 +141,17 @@ class PathTracer(ShutterRenderer):
     def reset(self) -> None:
         """Discard the picture's samples."""
         self._shown = self._latest = None
-        self._begin_picture(self._denoises)
+        self._begin_picture()
 
-    def _begin_picture(self, denoises: bool) -> None:
-        self.samples = 0
-        self._plan: SamplePlan | None = None  # where pixels may have different numbers of samples
+    def _begin_picture(self) -> None:
+        self._control.begin()
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides = None
-        self._set_denoising(denoises)
 
-    def _set_denoising(self, denoises: bool) -> None:
-        self._denoises = denoises
-        self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if denoises else 1, self.samples))
+    @property
+    def samples(self) -> int:
+        """The number of samples per pixel in the picture so far, of the pixel that has most."""
+        return self._control.samples
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -187,24 +184,19 @@ class PathTracer(ShutterRenderer):
             raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
         if denoise:
             oidn.check_installed()
-        if denoise != self._denoises:
-            self._set_denoising(denoise)
         if shutter is not None or pose is not None:
             if target_error is not None:
                 raise SolariError("PathTracer.render: a picture with a shutter has a fixed number of samples: leave "
                                   "target_error out")  # fmt: skip
+            self._control.aim(None, denoise)
             return self._expose(camera, samples, shutter, pose, denoise, time_limit, progress)
         started = time.perf_counter()
         self._prepare(camera)
+        self._control.aim(target_error, denoise)
         self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
-        adapts = bool(target_error) and not denoise
-        if adapts and self._plan is None:
-            self._plan = SamplePlan(self.size, self.samples)
-        elif not adapts:
-            self._even_out(camera)
-        while wanted := self._samples_to_look(samples, target_error):
+        while wanted := self._control.wanted(samples):
             self.advance(camera, wanted)
             if progress is not None:
                 progress(self.samples)
@@ -213,52 +205,11 @@ class PathTracer(ShutterRenderer):
         assert self._latest is not None
         return self._finish(self._latest)
 
-    def _samples_to_look(self, samples: int, target_error: float | None) -> int:
-        """The samples per pixel up to the next estimate of the error; 0 when the picture is done."""
-        if target_error is None:
-            return max(samples - self.samples, 0)
-        if self._plan is None:
-            if self._estimate_error() <= target_error:
-                return 0
-            return max(min(samples, self._estimate.next_count) - self.samples, 0)
-        if not self._plan.remaining:
-            if self.samples:
-                self._plan.look(self.read("raw_radiance"), self._frame["ray_count"].reshape(self.size[::-1]))
-            self._plan.go_on(samples, target_error)
-            self._write_sample_ranges(self._plan)
-        return self._plan.remaining
-
-    def _even_out(self, camera: Camera) -> None:
-        """Give all pixels as many samples as the one that has most."""
-        if self._plan is not None:
-            self._plan.even_out()
-            self._write_sample_ranges(self._plan)
-            while self._plan.remaining:
-                self.advance(camera, self._plan.remaining)
-            self._plan = None
-            self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
-            self._set_denoising(self._denoises)
-
-    def _write_sample_ranges(self, plan: SamplePlan) -> None:
-        self._frame.resource("sample_ranges").upload(np.stack([plan.begins, plan.ends], axis=1).astype(np.uint32))
-        self._frame.uniforms["path_sampling.has_sample_ranges"] = 1
-
-    def _estimate_error(self) -> float:
-        estimate, samples = self._estimate, self.samples
-        if samples >= estimate.next_count:
-            mean = self.read("raw_radiance")
-            if self._denoises:
-                estimate.look_at_other(samples, mean, lambda: self.read("radiance"))
-            else:
-                estimate.look_at_mean(samples, mean)
-        return estimate.error
-
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:
         """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
-        if self._plan is not None and not self._plan.remaining:
-            self._even_out(camera)
+        self._control.more()
         submission = self._add_samples(min(self._batch, max_samples))
         self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
@@ -271,23 +222,18 @@ class PathTracer(ShutterRenderer):
         shown = (self.binder.revision, self.size, *projection.view)
         if shown != self._shown:
             self._shown, self._projection = shown, projection
-            self._begin_picture(self._denoises)
+            self._begin_picture()
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
-            self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
 
     def _add_samples(self, count: int) -> int:
         """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
-        first = self.samples if self._plan is None else self._plan.taken
+        first = self._control.first
         try:
-            submission = self._trace_rows(0, self.size[1], first, first + count)
+            return self._trace_rows(0, self.size[1], first, first + count)
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
-        if self._plan is not None:
-            self._plan.taken += count
-            self.samples = self._plan.samples
-        return submission
 
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
         uniforms, submission = self._frame.uniforms, 0
@@ -302,7 +248,7 @@ class PathTracer(ShutterRenderer):
                 self._sizes.append((submission, count * self._band_rows))
             first += count
         if below == self.size[1]:
-            self.samples = end
+            self._control.add(end - self._control.first)
         return submission
 
     def _adapt(self) -> None:
@@ -327,7 +273,7 @@ class PathTracer(ShutterRenderer):
     # ---- results ------------------------------------------------------------------------------------
 
     def read(self, name: str) -> NDArray[Any]:
-        if name == "radiance" and self._denoises:
+        if name == "radiance" and self._control.denoises:
             return self._read_denoised().copy()
         if name in ("radiance", "raw_radiance"):
             return pathtracer.read_mean(self._frame, self.size)
@@ -338,7 +284,7 @@ class PathTracer(ShutterRenderer):
         return self._frame[name]
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
-        if (name == "radiance" and self._denoises) or name == "variance":
+        if (name == "radiance" and self._control.denoises) or name == "variance":
             raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
         if name not in ("radiance", "raw_radiance"):
             raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
@@ -360,15 +306,14 @@ class PathTracer(ShutterRenderer):
     def error(self) -> float:
         """The picture's estimated error relative to its luminance, 0.01 for 1 %: the root of relMSE.
 
-        inf before there are enough samples, and if `render` is called without target_error. For a denoised picture, it
-        is the error with at most half as many samples, and bias counts; the picture is compared with later samples.
-        """
-        return self._estimate.error if self._plan is None else self._plan.error
+        inf before there are enough samples, and after `render` without target_error. For a denoised picture it is the
+        error with at most half as many samples, bias included, which later samples tell."""
+        return self._control.error
 
     @property
     def sample_counts(self) -> NDArray[np.int64]:
         """The number of samples (height, width) of each pixel; they differ where `target_error` chose them."""
-        return np.full(self.size[::-1], self.samples) if self._plan is None else self._plan.counts
+        return self._control.counts
 
     @property
     def rays(self) -> int:

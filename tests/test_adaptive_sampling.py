@@ -27,7 +27,7 @@ class Noise:
 
 def rendered(seed, target, rays=10):
     """A picture's mean, number of samples of each pixel, and estimated error."""
-    noise, plan = Noise(seed), SamplePlan(SIZE)
+    noise, plan = Noise(seed), SamplePlan(SIZE, 8)
     total, counts = np.zeros(SIZE[::-1]), plan.counts
     plan.go_on(1_000_000, target)
     while plan.remaining:
@@ -63,7 +63,7 @@ def test_choosing_numbers_of_samples_is_not_seen_in_the_mean():
 
 
 def test_pixels_catch_up():
-    plan = SamplePlan(SIZE, samples=20)
+    plan = SamplePlan(SIZE, 8, samples=20)
     plan.ends = np.where(np.arange(len(plan.ends)) % 3 == 0, 50, 20)
     plan.taken = 10
     plan.even_out()

@@ -27,7 +27,7 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
-    "annotate", "randomize", "sensors", "motion_blur",
+    "annotate", "randomize", "sensors", "motion_blur", "host_array", "sample_control",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -37,6 +37,7 @@ RENDERING = {
 MAY_IMPORT = {
     "color": set(),
     "errors": {"other_words"},
+    "host_array": set(),
     "other_words": set(),
     "settings": {"errors", "gpu.shaders"},
     "output": {"color", "errors", "files", "gpu.shaders", "scene"},
@@ -47,8 +48,8 @@ MAY_IMPORT = {
     "gpu.device": {"disk_cache", "errors"},
     "gpu.shaders": {"disk_cache", "errors"},
     "gpu.frame": {"errors", "gpu.device", "gpu.shaders"},
-    "gpu.acceleration": {"errors", "gpu.device"},
-    "scene": {"budget", "color", "errors", "files"},
+    "gpu.acceleration": {"errors", "host_array", "gpu.device"},
+    "scene": {"budget", "color", "errors", "files", "host_array"},
     "bound": {"color", "errors", "scene", *GPU},
     "passes": {"errors", "settings", "gpu.device", "gpu.shaders", "gpu.frame"},
     "rt": {"errors", *GPU},
@@ -61,7 +62,8 @@ MAY_IMPORT = {
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},
     "motion_blur": RENDERING,
-    "reference": {"motion_blur", *RENDERING},
+    "sample_control": {"output", "passes", "gpu.frame"},
+    "reference": {"motion_blur", "sample_control", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},

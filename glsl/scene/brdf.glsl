@@ -159,6 +159,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
         metal = mix(metal, film_albedo(brdf.specular.metal_film, ab), material.base.film.weight);
     }
     float specular = luminance(mix(dielectric * share, metal, material.base.metallic));
+    // Differs from Solari: lobes are chosen by the light that each reflects, colors included, not by Fresnel alone.
     // Not above 1 by the rounding of a division.
     brdf.specular_probability = diffuse > 0.0 ? min(specular / (specular + diffuse), 1.0) : 1.0;
     if (SCENE_LOBES) { prepare_lobes(brdf, material, wo, specular + diffuse); }

@@ -55,6 +55,7 @@ ResolvedLightSample resolve_light_sample(LightSample light_sample) {
 }
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.
+// Differs from Solari: it asks for the kind of light, since points and suns are no areas with a cosine of their own.
 LightContribution calculate_resolved_light_contribution(ResolvedLightSample light_sample, vec3 world_position) {
     light_sample = light_sample_for_receiver(light_sample, world_position);
     vec3 origin = is_at_infinity(light_sample.kind) ? vec3(0.0) : world_position;

@@ -21,6 +21,7 @@ struct TrianglePoint {
     mat3x3 normal_matrix;  // world from object for normals; does not keep their length
 };
 
+// Differs from Solari: tangents are made where a material asks for them, as few do.
 struct SurfaceInteraction {
     vec3 world_position;
     vec3 world_normal;            // shading normal, faces the ray too

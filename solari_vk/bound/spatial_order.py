@@ -65,6 +65,7 @@ def _split(boxes: NDArray[np.float32], order: Indices, starts: Indices, size: in
             best, least = chosen, cost
         better = cost < least
         best[better], least[better] = chosen[better], cost[better]
+    assert best is not None
     boxes[:, positions], order[positions] = found[:, rows, best], order[starts[:, None] + best]
 
 

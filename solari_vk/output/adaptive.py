@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from solari_vk.output.error import Floats, error_of_mean, luminance
 
-BLOCK = 8  # pixels on a side of the shader's workgroup, whose pixels are traced together
 MIN_SAMPLES = 16  # of any pixel; fewer don't tell a variance
 GROWTH = 1.5  # of a pixel's number of samples in one pass, at most
 LOOKS = 5  # that are kept
@@ -21,17 +20,18 @@ class SamplePlan:
     """How many samples each pixel takes, pass by pass. The owner traces a pass, looks, and begins the next one.
 
     The numbers are in proportion to sqrt(variance / cost), which a mean over the picture needs (Neyman, "On the Two
-    Different Aspects of the Representative Method", 1934); cost is counted in rays. Blocks of 8x8 pixels are divided
+    Different Aspects of the Representative Method", 1934); cost is counted in rays. Blocks of pixels are divided
     like checkerboards in two cells, and what one cell needs is told by the other cells around it: pixels that stop
     because of their own samples are too dark where bright samples are rare (Kirk and Arvo, "Unbiased Sampling
-    Techniques for Image Synthesis", 1991). size: (width, height). samples: the number that all pixels have already.
+    Techniques for Image Synthesis", 1991). size: (width, height). block: the pixels on a side of a block, which the
+    device traces together. samples: the number that all pixels have already.
     """
 
-    def __init__(self, size: tuple[int, int], samples: int = 0) -> None:
+    def __init__(self, size: tuple[int, int], block: int, samples: int = 0) -> None:
         width, height = size
         rows, columns = np.indices((height, width))
-        blocks = math.ceil(height / BLOCK), math.ceil(width / BLOCK)
-        self.cells = 2 * (rows // BLOCK * blocks[1] + columns // BLOCK) + (rows + columns) % 2
+        blocks = math.ceil(height / block), math.ceil(width / block)
+        self.cells = 2 * (rows // block * blocks[1] + columns // block) + (rows + columns) % 2
         """The cell (height, width) of each pixel: 0 and 1 those of the first block, and so on row by row."""
         self._grid = *blocks, 2
         self._pixels = np.bincount(self.cells.ravel(), minlength=math.prod(self._grid))

@@ -13,12 +13,12 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms
-from solari_vk.output.adaptive import BLOCK
 from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
+SAMPLE_BLOCK = 8  # pixels on a side of the block whose halves have numbers of samples of their own
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
 FIRST_HIT_AOVS = (
     "depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic", "emissive",
@@ -61,14 +61,14 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
     camera; with "trace_views" the picture is a strip of the pictures of `views`, each with a seed of its own.
-    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`; of the shader
-    "trace" also `sample_ranges`, which the host writes.
+    Inputs: `*_table`, `brdf_averages`, with the shader "trace" `sample_ranges`, which the host writes. Outputs:
+    `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     buffers = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
     if shader == "trace":
-        buffers["sample_ranges"] = 2 * math.prod(math.ceil(side / BLOCK) for side in size)
+        buffers["sample_ranges"] = 2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size)
     return Stage(
         "pathtracer",
         buffers=buffers,

@@ -203,7 +203,9 @@ def sphere_grid(columns: int = 8, rows: int = 3, base_color: ArrayLike = (0.9, 0
     return scene
 
 
-def shiny_floor(roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95) -> Scene:
+def shiny_floor(
+    roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95, base_color: ArrayLike = (0.95, 0.9, 0.8)
+) -> Scene:
     """Matte balls in the sun over a floor of rough metal, under a black sky.
 
     The floor, 6 x 6 m, has a strip with a ball for each roughness. That is GGX's alpha, the square of perceptual
@@ -218,13 +220,20 @@ def shiny_floor(roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95) 
     for i, alpha in enumerate(alphas.tolist()):
         x = (2 * i + 1) * half - 3
         metal = Material(
-            base_color=rgb((0.95, 0.9, 0.8)), metallic=metallic, perceptual_roughness=math.sqrt(alpha), name="metal"
+            base_color=rgb(base_color), metallic=metallic, perceptual_roughness=math.sqrt(alpha), name="metal"
         )
         scene.add(shapes.quad((x, 0, 0), (0, 0, 3), (half, 0, 0), name="strip"), metal, name=f"floor {i}")
         scene.add(ball, paints[i % len(paints)], (x, 1.1, -0.3), name=f"ball {i}")
     travels = np.array((0.15, -0.75, -0.6), np.float32)
     scene.add(DirectionalLight(direction=travels, illuminance=10.0, color=rgb((1, 0.95, 0.85)), name="sun"))
     scene.add(Camera.look_at((0, 1.9, 7.5), (0, 0.6, 0), vertical_fov=math.radians(36), ev100=1.5))
+    return scene
+
+
+def polished_floor(roughness: ArrayLike = (0.0, 0.0025, 0.01), base_color: ArrayLike = (0.02, 0.02, 0.02)) -> Scene:
+    """`shiny_floor` with a floor of dark polished stone, a dielectric: what it reflects is most of what it shows."""
+    scene = shiny_floor(roughness, 0.0, base_color)
+    scene.name = "polished_floor"
     return scene
 
 
@@ -248,7 +257,8 @@ def lamp_gap(gap: float = 0.03) -> Scene:
 SCENES: dict[str, Callable[..., Scene]] = {
     function.__name__: function
     for function in (
-        cornell_box, closed_box, many_lights, rooms, mirror_hall, thin_wall, sphere_grid, shiny_floor, lamp_gap,
+        cornell_box, closed_box, many_lights, rooms, mirror_hall, thin_wall, sphere_grid, shiny_floor,
+        polished_floor, lamp_gap,
     )
 }  # fmt: skip
 

@@ -1,5 +1,7 @@
 // World cache, step 4: the irradiance of active cells, by a path that starts at the cell's point as at a white diffuse
 // surface. It ends in the cache's values of the previous frame, so that light travels one bounce further each frame.
+// Differs from Solari: one dispatch has direct and indirect light, from one path, and rays are not cut at 50 m, which
+// would darken large halls and streets.
 #version 460
 #include "passes/paths/path.glsl"
 #include "passes/world_cache/division.glsl"

@@ -90,6 +90,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         if (!brdf.specular.mirror || brdf.specular_probability < 1.0) {
             event = sample_light(walk, surface, brdf, frame, wo, below, receiver, true, rng);
         }
+        // Differs from Solari: later bounces sample the whole BRDF, so that matte surfaces need no MIS of their own.
         BrdfSample next = sample_brdf(brdf, wo, rng);
         spread(cone, next, brdf.specular.roughness);
         bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
