@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -72,9 +73,7 @@ def _as_given(low: NDArray[Any], high: NDArray[Any] | None = None) -> NDArray[np
 def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
     """Binders that are updated in this context give the builder this order and these options."""
 
-    def blas(*given: Any, **named: Any) -> Blas:
-        return Blas(*given, **named, **options)
-
+    blas = functools.partial(Blas, **options)
     with (
         mock.patch.object(geometry, "spatial_order", order),
         mock.patch.object(traced_instances, "spatial_order", order),

@@ -50,8 +50,7 @@ REALTIME = 155_000, 34_000, 45
 def compiled(shaders):
     shaders.write("x", SHADER)
     module = reflect(compile_shader("passes/x.comp", root=shaders.root), "x")
-    buffers = {variable: name for variable, name in module.variables.items()}
-    return module, buffers
+    return module, dict(module.variables)
 
 
 @pytest.mark.parametrize("most", [1, 32])
@@ -96,7 +95,8 @@ def test_shaders_compute_the_same(shaders, any_device, monkeypatch):
     turns, pairs = numbers[:, :6].reshape(COUNT, 2, 3), numbers[:, 6:]
     expected = 2 * np.einsum("nij,ni->nj", turns, pairs) + loose[words[:, 10]]
     expected += (floats[:COUNT] + floats[1 : COUNT + 1] + floats[2 : COUNT + 2])[:, None]
-    np.testing.assert_allclose(results[0].view(np.float32).reshape(COUNT, 3), expected + [0, 1, 0], rtol=1e-5)
+    expected += np.float32([0, 1, 0])
+    np.testing.assert_allclose(results[0].view(np.float32).reshape(COUNT, 3), expected, rtol=1e-5)
     np.testing.assert_array_equal(np.frombuffer(results[1].tobytes(), np.uint32).reshape(COUNT, 5), words[:, 6:11])
     assert results[2].view(np.uint32)[0] == words[:, 9].sum()
 

@@ -223,8 +223,8 @@ class Frame:
     def tensor(self, name: str, count: int | None = None) -> np.ndarray | CudaTensor:
         """What `frame[name]` is, as a tensor that stays on the device: a copy that later frames don't change.
 
-        count: of the first elements of a buffer, by default all. On software devices it is `frame[name]`. Raises SolariError, with the reason, where CUDA can't share memory with
-        the device.
+        count: of the first elements of a buffer, by default all. On software devices it is `frame[name]`. Raises
+        SolariError, with the reason, where CUDA can't share memory with the device.
         """
         if self.device.properties.kind == "cpu":
             return self[name][:count]
