@@ -27,7 +27,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
-from solari_vk.reference import numbered_seeds
+from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 

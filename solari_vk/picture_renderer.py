@@ -5,8 +5,9 @@ from __future__ import annotations
 import operator
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from contextlib import closing
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,15 @@ from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Instance, Scene
 
 METERING_FRAMES = 4  # realtime frames that choose the exposure of a camera with auto_exposure
+
+
+Values = TypeVar("Values", NDArray[Any], NDArray[Any] | CudaTensor)
+
+
+def by_pixel(values: Values, sizes: Iterable[tuple[int, int]]) -> Values:
+    """Values (N, ...) as (height, width, ...), if they are one for each pixel of one of the sizes, (width, height)."""
+    fitting = ((h, w) for w, h in sizes if values.shape[:1] == (w * h,))
+    return values.reshape(*next(fitting, values.shape[:1]), *values.shape[1:])
 
 
 class PictureRenderer(SceneUser, ABC):

@@ -23,7 +23,7 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled
-from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer, checked_seed
+from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer, by_pixel, checked_seed
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
@@ -193,10 +193,8 @@ class Renderer(PictureRenderer):
             self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
 
     def _write_settings(self) -> None:
-        self._frame.uniforms.update_declared(uniform_values(self.settings))
-        self._frame.uniforms.update_declared(
-            {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
-        )
+        shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
+        self._frame.uniforms.update_declared(uniform_values(self.settings) | shown)
 
     def _write_uniforms(self, camera: Camera) -> Projection:
         offset = (0.0, 0.0)
@@ -259,10 +257,6 @@ class Renderer(PictureRenderer):
         self._tonemap = TONEMAPS.index(name)
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Change the picture's size to (width, height) in pixels, from the next frame on. The history is dropped.
-
-        Raises SolariError for a size that the device can't hold; the size then stays as it was.
-        """
         self.size = self._checked_size(size)
         self.reset()
 
@@ -289,9 +283,9 @@ class Renderer(PictureRenderer):
     def read(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame. Waits for the frame.
 
-        Images, and buffers with one element per pixel, have the shape (height, width[, channels]); other buffers keep
-        theirs. "stage/counter" is a counter of a stage in COUNTING, such as "world_cache/active_cells". In other names
-        "/" stands for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0 for background.
+        Images, and buffers with one element per pixel, have the shape (height, width[, channels]); others keep theirs.
+        "stage/counter" is a counter of a stage in COUNTING, such as "world_cache/active_cells"; elsewhere "/" stands
+        for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0 for background.
         """
         stage, _, counter = name.partition("/")
         block = f"{stage}_counters"
@@ -303,26 +297,20 @@ class Renderer(PictureRenderer):
             raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if not self._has(resource):
-            if resource in self._frame:
-                raise SolariError(f"Renderer: there is no '{name}': it needs the setting denoise=on")
-            if needed := lighting.that_has(resource):
-                raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={needed}")
+            lit = lighting.that_has(resource)
+            if needed := "denoise=on" if resource in self._frame else lit and f"lighting={lit}":
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting {needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
-        read: NDArray[Any] = self._by_pixel(resource, self._frame[resource])
-        return read
+        return by_pixel(self._frame[resource], self._result_sizes(resource))
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
         resource = name.replace("/", "_")
         if not self._has(resource):
             self.read(name)  # which says why
             raise SolariError(f"Renderer: there is no tensor of '{name}': frame['{name}'] reads it")
-        tensor: NDArray[Any] | CudaTensor = self._by_pixel(resource, self._frame.tensor(resource))
-        return tensor
+        return by_pixel(self._frame.tensor(resource), self._result_sizes(resource))
 
-    def _by_pixel(self, resource: str, values: Any) -> Any:
-        """A buffer's values as (height, width[, channels]), if it has one element for each pixel."""
-        if isinstance(self._frame.resource(resource), Buffer):
-            for width, height in (self._built[0], self._built_render_size):
-                if values.shape[:1] == (width * height,):
-                    return values.reshape(height, width, *values.shape[1:])
-        return values
+    def _result_sizes(self, resource: str) -> list[tuple[int, int]]:
+        """The sizes of pictures that a buffer may have one element a pixel of."""
+        is_buffer = isinstance(self._frame.resource(resource), Buffer)
+        return [self._built[0], self._built_render_size] if is_buffer else []

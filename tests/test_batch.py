@@ -19,7 +19,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
-from solari_vk.reference import numbered_seed
+from solari_vk.passes.path_sampling import numbered_seed
 
 SIZE = (13, 7)  # views begin within workgroups
 FIRST_HITS = [name for name in passes.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS]

@@ -86,7 +86,8 @@ def test_cameras_of_any_kind_and_upscaling(device, first):
         fields = {"transform": sv.Camera.look_at((1, 1, 0.3 - 0.02 * index), (1, 1, 1)).transform}
         return [
             sv.Camera(**fields, **first), sv.Camera(**fields, orthographic_height=1.5, jitter=(0.3 * index, -2)),
-            sv.Camera.look_at((1, 1, -2.4), (1, 1 + 0.02 * index, 0), principal_point=(0.4, 0.7), aperture=0.2),
+            sv.Camera.look_at((1, 1, -2.4), (1, 1 + 0.02 * index, 0), principal_point=(0.4, 0.7), ev100=-1,
+                              aperture=0.2),
         ]  # fmt: skip
 
     frames = [(frame(index), {}, False) for index in range(3)]

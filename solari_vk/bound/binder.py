@@ -111,8 +111,7 @@ class SceneBinder:
     def keep_previous_tlas(self, renderer: object, needed: bool) -> None:
         """Say whether a renderer needs the TLAS of the previous frame as `previous_tlas`, from the next update on.
 
-        While none does, `previous_tlas` is `tlas`. Otherwise the TLAS is copied in each frame whose instances moved,
-        and in the one after it.
+        While none does, that is `tlas`; else a copy, made in each frame whose instances moved and in the next one.
         """
         (self._previous_users.add if needed else self._previous_users.discard)(renderer)
 

@@ -138,6 +138,13 @@ class Cpu(Measurement):
                                "S", type=factor, default=900.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Trees(Measurement):
+    MODULE = "tree_order"
+    files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
+    scenes: tuple[str, ...] = option("built-in scenes (four)", "A,B", type=words, default=())
+
+
 def run(job: Measurement) -> None:
     """Measure, print, and write the page."""
     values = dict(vars(job))

@@ -17,6 +17,8 @@ from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
+DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
+MIN_ROWS = 8  # of a dispatch
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of the block whose halves have numbers of samples of their own
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
@@ -100,9 +102,13 @@ def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
     uniforms["path_sampling.filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
 
 
-def max_rows(size: tuple[int, int]) -> int:
-    """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog."""
-    return min(size[1], max(MAX_FIRST_PIXELS // size[0], 1), MAX_ROWS)
+def max_rows(size: tuple[int, int], pixel_ms: float = 0.0) -> int:
+    """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog.
+
+    pixel_ms: the milliseconds of a sample of a pixel in another picture, if they are known: DISPATCH_MS then.
+    """
+    rows = min(size[1], max(MAX_FIRST_PIXELS // size[0], 1), MAX_ROWS)
+    return rows if not pixel_ms else min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))
 
 
 def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:

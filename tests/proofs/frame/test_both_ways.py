@@ -13,13 +13,14 @@ from support.realtime import make_renderer
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
+from solari_vk.measure.portals import window_room
 from solari_vk.scene.builtin import place
 
 OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"
 SCENES = {
     "cornell_box": {}, "closed_box": {}, "many_lights": {"box_count": 60, "sphere_count": 9}, "mirror_hall": {},
     "thin_wall": {}, "sphere_grid": {}, "shiny_floor": {}, "polished_floor": {}, "lamp_gap": {},
-    "rooms": {"columns": 2, "rows": 1},
+    "rooms": {"columns": 2, "rows": 1}, "a room with a portal": None,
 }  # fmt: skip
 SIZE = (24, 16)
 
@@ -47,7 +48,8 @@ def frames_of(renderer, camera, count):
 
 def check_frames(devices, name, **settings):
     def pictures(way):
-        scene = sv.builtin(name, **SCENES[name])
+        arguments = SCENES[name]
+        scene = window_room(sv.Sky(), with_portal=True) if arguments is None else sv.builtin(name, **arguments)
         with make_renderer(devices[way], scene, SIZE, seed=5, **{"gbuffer": "raster", **settings}) as renderer:
             found = frames_of(renderer, scene.camera, 3)
         with sv.PathTracer(devices[way], scene, SIZE, seed=5) as tracer:
