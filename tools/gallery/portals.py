@@ -16,5 +16,5 @@ def scene(assets: Path | None) -> sv.Scene:
     maps = sorted((assets / "hdri").glob("*.hdr")) if assets else []
     sky = sv.Environment(maps[0], rotation=2.0) if maps else sv.Environment(sv.Sky().image, intensity=1e-4)
     made = window_room(sky, with_portal=True)
-    made.camera.ev100 = -2.0
+    made.camera.ev100 = -2.5
     return made
