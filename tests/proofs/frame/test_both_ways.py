@@ -59,13 +59,20 @@ def check_frames(devices, name, **settings):
     assert not differing(pictures)
 
 
-def test_batches_are_equal(devices):
+@pytest.mark.parametrize(("renderer", "worlds"), [("reference", 1), ("reference", 2), ("realtime", 1)])
+def test_batches_are_equal(devices, renderer, worlds):
     def pictures(way):
         scene = sv.builtin("cornell_box")
         cameras = [scene.camera, sv.Camera.look_at((1, 1.2, -2.5), (1, 1, 0))]
-        with sv.Batch(devices[way], scene, SIZE, 2, renderer="reference", outputs=sv.Batch.OUTPUTS) as batch:
-            batch.render(cameras, samples=2)
-            batch.render(cameras[::-1], samples=2)
+        options = {"renderer": renderer, "worlds": worlds, "outputs": sv.Batch.OUTPUTS}
+        with sv.Batch(devices[way], scene, SIZE, 2, **options) as batch:
+            if worlds > 1:
+                block = batch.transforms["short block"]
+                block[1, 1, 3] += 0.3
+                batch.transforms["short block"] = block
+            samples = {"samples": 2} if renderer == "reference" else {}
+            batch.render(cameras, **samples)
+            batch.render(cameras[::-1], **samples)
             return {name: batch[name] for name in batch}
 
     assert not differing(pictures)
