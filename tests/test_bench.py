@@ -12,7 +12,7 @@ from support.gltf_writer import GltfWriter
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.cli import main
 from solari_vk.errors import SolariError
-from solari_vk.measure import denoised
+from solari_vk.measure import denoised, tree_order
 from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
 from solari_vk.measure.claims import pairs
@@ -52,6 +52,25 @@ def test_page_has_all_figures(device, capsys, monkeypatch, tmp_path):
     assert device.name in "".join(lines)
     assert device.properties.driver in "".join(lines)
     assert "1,234.568 rays/s  (aim 2)" in capsys.readouterr().out
+
+
+def test_ways_to_build_trees(device, monkeypatch):
+    """They find the same hits, and their orders are those that they say."""
+    monkeypatch.setattr(tree_order, "SIZE", (8, 8))
+    scene = builtin("cornell_box")
+    rates = tree_order.measure(device, scene)
+    assert rates.keys() == set(tree_order.HEAD[1:])
+    assert min(rates.values()) > 0
+    rng = np.random.default_rng(1)
+    low, high = scene.bounds
+    rays = rng.uniform(low, high, (500, 3)).astype(np.float32), rng.normal(size=(500, 3)).astype(np.float32)
+    found = []
+    for way, handed in tree_order.WAYS.items():
+        with handed(), RayTracer(device, tree_order.one_mesh(scene) if way == "one mesh" else scene) as tracer:
+            found.append(tracer.trace(*rays)["t"])
+            orders = tracer.binder.triangle_orders.values()
+            assert all((order == np.arange(len(order))).all() for order in orders) == (way == "as given")
+    np.testing.assert_allclose(found, [found[0]] * len(found), rtol=1e-5)
 
 
 def test_errors_of_runs():
@@ -215,6 +234,15 @@ def test_quick_page_of_judged_settings(any_device, tmp_path):
     assert float(other[7]) > 2 * float(other[6]) == 2 * float(same[6])
     assert main([*judge, "denose=on"]) == 2
     assert main([*judge, "denoise=on", "--scene", "cornel_box"]) == 2
+
+
+@pytest.mark.slow  # minutes of compiling
+def test_quick_page_of_portals(any_device, tmp_path):
+    page = tmp_path / "page.md"
+    assert main(["bench", "portals", "--quick", "--markdown", str(page)]) == 0
+    rows = [cells(line) for line in page.read_text().splitlines() if line.startswith("| one color")]
+    assert [row[1] for row in rows] == ["path tracer, 4 samples", "raw frame 2", "denoised frame 2"]
+    assert all(float(row[-1]) for row in rows)
 
 
 def test_judged_scenes_are_chosen_and_their_truth_is_kept(any_device, tmp_path):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
@@ -62,15 +62,15 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
-    camera; with "trace_views" the picture is a strip of the pictures of `views`, each with a seed of its own.
+    camera.
     Inputs: `*_table`, `brdf_averages`, with the shader "trace" `sample_ranges`, which the host writes. Outputs:
     `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
-    buffers = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
+    buffers: dict[str, int | IfUsed] = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
     if shader == "trace":
-        buffers["sample_ranges"] = 2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size)
+        buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
     return Stage(
         "pathtracer",
         buffers=buffers,

@@ -84,7 +84,8 @@ bool is_occluded(ViewBox box) {
 
 void main() {
     uint row = gl_GlobalInvocationID.x;
-    if (row >= visible_instances.at.length()) { return; }
+    // Both, because lavapipe rounds the size of a bound buffer up to 16 bytes.
+    if (row >= min(visible_instances.at.length(), instances.at.length())) { return; }
     Instance instance = instances.at[row];
     bool draws = false, double_sided = false;
     uint vertex_count = 0u;

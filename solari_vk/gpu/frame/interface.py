@@ -18,7 +18,7 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, read_by_address
+from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address
 from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module
 from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
 
@@ -74,9 +74,15 @@ def _difference(one: Binding, other: Binding) -> str:
     return "; ".join(f"{key} is {first[key]} and {second[key]}" for key in first if first[key] != second[key])
 
 
+def accesses_by_address(device: Device) -> bool:
+    """Whether compute shaders access storage buffers by their addresses. Not under validation, which would not see
+    missing barriers."""
+    return device.properties.kind == "cpu" and not device.validation
+
+
 def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
     """The bytes of push constants: all that there are where buffers are read by their addresses."""
-    if device.properties.kind == "cpu":
+    if accesses_by_address(device):
         return int(device.properties.limits.maxPushConstantsSize)
     return max((module.push_constants.itemsize for module in modules if module.push_constants), default=0)
 
@@ -140,15 +146,13 @@ class Interface:
         return words.tobytes()
 
     def addressed(self, module: Module, code: bytes) -> tuple[bytes, tuple[str, ...]]:
-        """The code of a linked compute shader as the device runs it, and the buffers whose addresses its push constants
-        are: `read_by_address`, on software devices."""
-        if self.device.properties.kind != "cpu" or module.push_constants is not None:
+        """The code of a linked compute shader as the device runs it, and the buffers whose addresses are its push
+        constants: `access_by_address`, on software devices."""
+        if not accesses_by_address(self.device) or module.push_constants is not None:
             return code, ()
-        main = module.main
         buffers = {variable: name for variable, name in module.variables.items()
-                   if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1
-                   and name in main.reads and name not in main.writes}  # fmt: skip
-        return read_by_address(code, buffers, self._pushed // ADDRESS_BYTES)
+                   if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1}  # fmt: skip
+        return access_by_address(code, buffers, self._pushed // ADDRESS_BYTES)
 
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""

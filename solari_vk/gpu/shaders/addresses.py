@@ -1,11 +1,13 @@
-"""Storage buffers that a compute shader only loads from, read by their addresses, for software devices.
+"""Storage buffers that a compute shader accesses by their addresses in place of descriptors, for software devices.
 
-Lavapipe makes a loop over eight invocations of every load from a bound storage buffer, because it compares each offset
-with the buffer's size; a load from an address is one instruction. The compiler's time grows with the square of the
-number of blocks, and so a path tracer compiles in a third of the time. The addresses are push constants.
+Lavapipe makes a loop over eight invocations of every load from a bound storage buffer, and compares each offset with
+the buffer's size; a load from an address is one instruction. Its compiler's time grows with the square of the number of
+blocks, and so realtime frames are compiled in a sixth of the time, and run faster too. The addresses are push
+constants. No access is compared with a size any more, as on graphics cards, and synchronization validation doesn't see
+it.
 
-The loads of a module are followed from access chains, which glslang makes for each load; a buffer whose pointers go
-elsewhere, to a function or an atomic operation, stays as it is.
+Accesses are followed from access chains, which glslang makes for each; a buffer whose pointers go elsewhere, to a
+function or an atomic operation, stays as it is.
 """
 
 from __future__ import annotations
@@ -29,16 +31,16 @@ Words = list[int]
 ADDRESS_BYTES = 8
 _MEMORY_MODEL, _CAPABILITY, _DECORATE, _MEMBER_DECORATE = 14, 17, 71, 72
 _TYPE_INT, _TYPE_FLOAT, _TYPE_ARRAYS, _TYPE_STRUCT, _CONSTANT = 21, 22, (23, 24, 28, 29), 30, 43
-_LOAD, _CHAINS, _ARRAY_LENGTH = 61, (65, 66), 68
+_LOAD, _STORE, _CHAINS, _ARRAY_LENGTH = 61, 62, (65, 66), 68
 _PHYSICAL_ADDRESSES, _PHYSICAL_64, _BLOCK, _OFFSET, _ALIGNED = 5347, 5348, 2, 35, 2
 
 
-def read_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tuple[bytes, tuple[str, ...]]:
-    """The module with its loads from up to `most` buffers by address, and the names of these buffers in the order of
-    their addresses in the push constants.
+def access_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tuple[bytes, tuple[str, ...]]:
+    """The module that accesses up to `most` buffers by address, and their names in the order of their addresses in the
+    push constants.
 
-    spirv: a module of SPIR-V 1.6 without push constants. buffers: the names of storage buffers that the module doesn't
-    write, by the ids of their variables.
+    spirv: a module of SPIR-V 1.6 without push constants. buffers: the names of storage buffers by the ids of their
+    variables.
     """
     listed = [words.tolist() for words in instructions(spirv)]
     first = next(i for i, words in enumerate(listed) if words[0] & 0xFFFF == OP_FUNCTION)
@@ -46,8 +48,9 @@ def read_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tupl
     chains = _chains(code, set(buffers))
     elsewhere = set[int]()
     for words in code:
-        if words[0] & 0xFFFF not in (*_CHAINS, _LOAD, _ARRAY_LENGTH):
-            elsewhere |= {chains[word] for word in words[1:] if word in chains}
+        op = words[0] & 0xFFFF
+        if op not in (*_CHAINS, _LOAD, _ARRAY_LENGTH):
+            elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1:] if word in chains}
     roots = sorted({*chains.values()} - elsewhere, key=buffers.__getitem__)[:most]
     places = {variable: at for at, variable in enumerate(roots)}
     chains = {chain: root for chain, root in chains.items() if root in places}
@@ -56,9 +59,11 @@ def read_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tupl
     module = _Module(declarations, int(np.frombuffer(spirv[12:16], np.uint32)[0]))
     pushed, pointers = module.push(list(places))
     made: list[Words] = []
+    stored: dict[int, int] = {}  # type of what each chain points to
     for words in code:
         op = words[0] & 0xFFFF
         if op in _CHAINS and words[2] in chains:
+            stored[words[2]] = module.pointees[words[1]]
             words = [words[0], module.physical(module.pointees[words[1]]), *words[2:]]
             if (variable := words[3]) in places:
                 at = places[variable]
@@ -67,9 +72,9 @@ def read_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tupl
                 made.append(_words(_LOAD, pointers[at][1], address, to_address))
                 words[3] = address
         elif op == _LOAD and words[3] in chains:
-            mask = words[4] if len(words) > 4 else 0
-            if not mask & _ALIGNED:
-                words = _words(_LOAD, *words[1:4], mask | _ALIGNED, module.scalar_size(words[1]), *words[5:])
+            words = _aligned(words, 4, module.scalar_size(words[1]))
+        elif op == _STORE and words[1] in chains:
+            words = _aligned(words, 3, module.scalar_size(stored[words[1]]))
         made.append(words)
     header = np.frombuffer(spirv[:20], np.uint32).copy()
     joined = [word for words in (*module.finished(), *made) for word in words]
@@ -79,6 +84,14 @@ def read_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tupl
 
 def _words(op: int, *operands: int) -> Words:
     return [(len(operands) + 1) << 16 | op, *operands]
+
+
+def _aligned(words: Words, at: int, size: int) -> Words:
+    """A load or store, whose memory operands are words from `at` on, with the alignment that addresses need."""
+    mask = words[at] if len(words) > at else 0
+    if mask & _ALIGNED:
+        return words
+    return _words(words[0] & 0xFFFF, *words[1:at], mask | _ALIGNED, size, *words[at + 1 :])
 
 
 def _chains(code: list[Words], variables: set[int]) -> dict[int, int]:

@@ -83,6 +83,21 @@ def measure_leaves(shaders, scene, receivers, what):
     yield Measurement(CLOSE, float(variance.mean()), 0.27, "of the squared mean", note)
 
 
+def test_the_path_tracer_chooses_by_the_tree(device):
+    """Of two lamps of equal power the far one sends next to nothing. By power half of the samples would be of it."""
+    scene = sv.Scene()
+    scene.add(sv.shapes.quad((0, 0, 0), (2, 0, 0), (0, 0, -2)), sv.Material(base_color=(0.5, 0.5, 0.5)))
+    for height in (1.0, 60.0):
+        scene.add(sv.PointLight(position=(0, height, 0), intensity=100.0))
+    camera = sv.Camera.look_at((0, 4, 0.01), (0, 0, 0), vertical_fov=0.4)
+    with sv.PathTracer(device, scene, (8, 8), max_bounces=1, light_strategy="nee") as tracer:
+        frame = tracer.render(camera, samples=64)
+        light = frame["radiance"].mean(axis=2)
+        relative = 64 * frame["variance"] / light**2
+    assert (light > 0).all()
+    assert relative.mean() < 0.1
+
+
 def test_tree(shaders):
     hold(measure_tree(shaders))
 

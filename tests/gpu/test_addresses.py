@@ -1,0 +1,164 @@
+"""Buffers that shaders access by address on software devices: the same values, valid modules, little to compile."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cache
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.gpu.frame import interface
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.shaders.addresses import access_by_address
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.ray_generation import instructions
+from solari_vk.gpu.shaders.spirv import reflect
+from tests.gpu.shader_folder import check_spirv
+
+SHADER = """
+#extension GL_EXT_buffer_reference : require
+layout(local_size_x = 8) in;
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Floats { float at[]; };
+struct Inner { vec2 pair; uint more[3]; };
+struct Record { mat2x3 turn; Inner inner; Floats floats; };
+layout(set = 0, scalar) readonly buffer RecordsBlock { uint first; Record at[]; } records;
+layout(set = 0, scalar) readonly buffer LooseBlock { vec3 at[]; } loose;
+layout(set = 1, scalar) buffer OutputsBlock { vec3 at[]; } outputs;
+layout(set = 1, scalar) buffer CopiesBlock { Inner at[]; } copies;
+layout(set = 1, scalar) buffer CountsBlock { uint at[]; } counts;
+vec3 turned(uint i, float scale) { return scale * (records.at[i].turn * records.at[i].inner.pair); }
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    if (i >= outputs.at.length()) { return; }
+    Record record = records.at[i];
+    vec3 value = turned(i, 2.0) + loose.at[record.inner.more[records.first]];
+    for (uint j = 0u; j < 3u; j++) { value += record.floats.at[j]; }
+    outputs.at[i] = value;
+    outputs.at[i].y += 1.0;
+    copies.at[i] = record.inner;
+    atomicAdd(counts.at[0], record.inner.more[1]);
+}
+"""
+COUNT = 21
+# What the frame of cornell_box has: instructions once functions are inlined, of all passes and of the largest, and
+# accesses of buffers by descriptor. A driver's compiler takes time for each. A change that raises them says why.
+REALTIME = 155_000, 34_000, 45
+
+
+def compiled(shaders):
+    shaders.write("x", SHADER)
+    module = reflect(compile_shader("passes/x.comp", root=shaders.root), "x")
+    return module, dict(module.variables)
+
+
+@pytest.mark.parametrize("most", [1, 32])
+def test_modules_stay_valid(shaders, most):
+    module, buffers = compiled(shaders)
+    spirv, names = access_by_address(module.spirv, buffers, most)
+    check_spirv(spirv, "x")
+    # a buffer with an atomic operation keeps its descriptor
+    assert list(names) == ["copies", "loose", "outputs", "records"][:most]
+
+
+def test_shaders_compute_the_same(shaders, any_device, monkeypatch):
+    """Under validation, which finds no fault but missing barriers."""
+    monkeypatch.setattr(interface, "accesses_by_address", lambda device: True)
+    module, _ = compiled(shaders)
+    rng = np.random.default_rng(1)
+    floats = rng.random(COUNT + 3, np.float32)
+    records = np.zeros(COUNT, module.bindings["records"].element)
+    loose = rng.random((COUNT, 3), np.float32)
+    with sv.Device(validation=True) as device:
+        made = {"floats": floats, "loose": loose}
+        buffers = {name: device.buffer(values.nbytes, name) for name, values in made.items()}
+        for name, values in made.items():
+            buffers[name].upload(values)
+        words = records.view(np.uint32).reshape(COUNT, -1)
+        words[:, :8] = rng.random((COUNT, 8), np.float32).view(np.uint32)  # turn, pair
+        words[:, 8:11] = rng.integers(0, COUNT, (COUNT, 3))
+        addresses = buffers["floats"].address + 4 * np.arange(COUNT, dtype=np.uint64)
+        words[:, -2:] = addresses.view(np.uint32).reshape(COUNT, 2)
+        head = module.bindings["records"].element_offset
+        whole = np.concatenate([np.full(head // 4, 2, np.uint32), words.ravel()])
+        buffers["records"] = device.buffer(whole.nbytes, "records")
+        buffers["records"].upload(whole)
+        stage = Stage("s", buffers={"outputs": COUNT, "copies": COUNT, "counts": 1}, passes=[Pass("x", threads=COUNT)])
+        external = {name: buffers[name] for name in ("records", "loose")}
+        with Frame(device, [stage], external=external, glsl_root=shaders.root) as frame:
+            frame.submit()
+            results = [frame[name].copy() for name in ("outputs", "copies", "counts")]
+        for buffer in buffers.values():
+            buffer.destroy()
+    numbers = words[:, :8].copy().view(np.float32)
+    turns, pairs = numbers[:, :6].reshape(COUNT, 2, 3), numbers[:, 6:]
+    expected = 2 * np.einsum("nij,ni->nj", turns, pairs) + loose[words[:, 10]]
+    expected += (floats[:COUNT] + floats[1 : COUNT + 1] + floats[2 : COUNT + 2])[:, None]
+    expected += np.float32([0, 1, 0])
+    np.testing.assert_allclose(results[0].view(np.float32).reshape(COUNT, 3), expected, rtol=1e-5)
+    np.testing.assert_array_equal(np.frombuffer(results[1].tobytes(), np.uint32).reshape(COUNT, 5), words[:, 6:11])
+    assert results[2].view(np.uint32)[0] == words[:, 9].sum()
+
+
+def inlined(spirv: bytes) -> int:
+    """How many instructions the entry point has once all functions are inlined, as drivers do."""
+    sizes, calls, current = Counter[int](), dict[int, list[int]](), 0
+    for words in instructions(spirv):
+        op = int(words[0]) & 0xFFFF
+        if op == 15:  # OpEntryPoint
+            main = int(words[2])
+        elif op == 54:  # OpFunction
+            current = int(words[2])
+            calls[current] = []
+        sizes[current] += 1
+        if op == 57:  # OpFunctionCall
+            calls[current].append(int(words[3]))
+
+    @cache
+    def of(function: int) -> int:
+        return sizes[function] + sum(of(called) for called in calls[function])
+
+    return of(main)
+
+
+def bound_accesses(spirv: bytes) -> int:
+    """How many access chains start at a storage buffer that is bound by a descriptor."""
+    listed = [words.tolist() for words in instructions(spirv)]
+    bound = {words[2] for words in listed if words[0] & 0xFFFF == 59 and words[3] == 12}  # OpVariable, StorageBuffer
+    return sum(words[0] & 0xFFFF in (65, 66) and words[3] in bound for words in listed)
+
+
+def pictures(device, scene):
+    with sv.Renderer(device, scene, (24, 16)) as renderer, sv.PathTracer(device, scene, (24, 16)) as tracer:
+        frames = [renderer.render()["radiance"].copy() for _ in range(3)]
+        return [*frames, tracer.render(samples=2)["radiance"]]
+
+
+@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow)])
+def test_pictures_are_the_same(device, name):
+    """Those of a device under validation, whose shaders have bound buffers, bit by bit."""
+    with sv.Device(validation=False) as other:
+        if not interface.accesses_by_address(other) or interface.accesses_by_address(device):
+            pytest.skip("other devices have buffers by descriptors")
+        np.testing.assert_array_equal(pictures(other, sv.builtin(name)), pictures(device, sv.builtin(name)))
+
+
+def test_a_realtime_frame_is_little_to_compile(any_device, monkeypatch):
+    seen: dict[bytes, bytes] = {}
+
+    def note(spirv, buffers, most):
+        seen[spirv], names = access_by_address(spirv, buffers, most)
+        return seen[spirv], names
+
+    monkeypatch.setattr(interface, "access_by_address", note)
+    with sv.Device(validation=False) as device:
+        if not interface.accesses_by_address(device):
+            pytest.skip("other devices have buffers by descriptors")
+        with sv.Renderer(device, sv.builtin("cornell_box"), (16, 16)):
+            pass
+    for number, spirv in enumerate(seen.values()):
+        check_spirv(spirv, f"module {number}")
+    sizes = [inlined(spirv) for spirv in seen.values()]
+    found = sum(sizes), max(sizes), sum(map(bound_accesses, seen.values()))
+    assert all(have <= allowed for have, allowed in zip(found, REALTIME, strict=True)), found
