@@ -56,8 +56,8 @@ class PipelineInfo:
 class Pipeline:
     """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline.
 
-    addresses: the buffers whose addresses are its push constants (`access_by_address`). has_run: whether it has run once
-    to have a software driver compile it (`Slot.run_new`).
+    addresses: the buffers whose addresses are its push constants (`access_by_address`). has_run: whether it has run
+    once to have a software driver compile it (`Slot.run_new`).
     """
 
     handle: raw.CData
