@@ -75,14 +75,10 @@ def _as_given(low: NDArray[Any], high: NDArray[Any] | None = None) -> NDArray[np
 @contextmanager
 def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
     """Binders that are updated in this context give the builder this order and these options."""
-
-    def blas(*given: Any, **named: Any) -> Blas:
-        return Blas(*given, **named, **options)
-
     with (
         mock.patch.object(geometry, "spatial_order", order),
         mock.patch.object(traced_instances, "spatial_order", order),
-        mock.patch.object(geometry, "Blas", blas),
+        mock.patch.object(geometry, "Blas", partial(Blas, **options)),
     ):
         yield
 
