@@ -17,7 +17,8 @@ from solari_vk.frame import checked_device
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import oidn
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.reference import PathTracer, numbered_seed
+from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
 
 GUIDES = ("guide_albedo", "guide_normal")

@@ -49,8 +49,9 @@ class SceneFrame(SceneUser, Frame):
     """A frame of custom passes over a scene.
 
     Shaders that include "scene/bindings.glsl" have the scene in descriptor set 0, and its features as constants.
-    Each `submit` first applies the scene's edits. `external` and the other options are those of `Frame`; glsl_root is
-    the folder (or the folders) of the custom shaders, which may include the package's by their paths.
+    Each `submit` first applies the scene's edits. `external`, which may replace resources of the scene, and the other
+    options are those of `Frame`; glsl_root is the folder (or the folders) of the custom shaders, which may include the
+    package's by their paths.
     """
 
     def __init__(
@@ -61,8 +62,9 @@ class SceneFrame(SceneUser, Frame):
         try:
             self.binder.update(self)
             self._bound_version = self.binder.version
+            self._replaced = frozenset(external or ())
             Frame.__init__(
-                self, device, stages, external={**self.binder.resources, **(external or {})},
+                self, device, stages, external=self._scene_resources | dict(external or {}),
                 features=self.binder.features, **options,
             )  # fmt: skip
         except BaseException:
@@ -74,7 +76,14 @@ class SceneFrame(SceneUser, Frame):
         features: Collection[str] | None = None,
     ) -> None:  # fmt: skip
         """As `Frame.rebuild`; external resources are added to the scene's."""
-        super().rebuild(stages, None if external is None else {**self.binder.resources, **external}, features)
+        if external is not None:
+            self._replaced = frozenset(external)
+            external = self._scene_resources | dict(external)
+        super().rebuild(stages, external, features)
+
+    @property
+    def _scene_resources(self) -> dict[str, Any]:
+        return {name: made for name, made in self.binder.resources.items() if name not in self._replaced}
 
     def apply_edits(self) -> None:
         """Apply the scene's edits before the next frame, for callers that need to see the edited scene first."""
@@ -83,7 +92,7 @@ class SceneFrame(SceneUser, Frame):
         binder.update(self)
         if binder.version != self._bound_version:
             self._bound_version = binder.version
-            self.bind(binder.resources)
+            self.bind(self._scene_resources)
         if self.features != binder.features:
             self.rebuild(features=binder.features)
 

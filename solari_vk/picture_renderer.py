@@ -5,8 +5,9 @@ from __future__ import annotations
 import operator
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from contextlib import closing
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,15 @@ from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Instance, Scene
 
 METERING_FRAMES = 4  # realtime frames that choose the exposure of a camera with auto_exposure
+
+
+Values = TypeVar("Values", NDArray[Any], NDArray[Any] | CudaTensor)
+
+
+def by_pixel(values: Values, sizes: Iterable[tuple[int, int]]) -> Values:
+    """Values (N, ...) as (height, width, ...), if they are one for each pixel of one of the sizes, (width, height)."""
+    fitting = ((h, w) for w, h in sizes if values.shape[:1] == (w * h,))
+    return values.reshape(*next(fitting, values.shape[:1]), *values.shape[1:])
 
 
 class PictureRenderer(SceneUser, ABC):
@@ -220,3 +230,14 @@ class PictureRenderer(SceneUser, ABC):
                 "pixels in all; solari_vk.render_large renders larger pictures, by the path tracer in bands"
             )
         return width, height
+
+
+def checked_seed(seed: Any) -> int:
+    """A seed of noise; raises SolariError for anything but whole numbers from 0 to 2^32 - 1."""
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**32:
+        raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {quoted(seed)}")
+    return number

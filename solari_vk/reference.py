@@ -26,19 +26,7 @@ from solari_vk.sample_control import SampleControl
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.shutter import Shutter
 
-DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
-_SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
-
-
-def numbered_seed(seed: int, number: int) -> int:
-    """The seed of one of many pictures with independent noise; picture 0 has `seed` itself."""
-    return (seed + number * _SEED_STEP) % 2**32
-
-
-def numbered_seeds(seed: int, count: int) -> NDArray[np.uint32]:
-    """`numbered_seed` of the pictures from 0 to count - 1."""
-    return (seed + np.arange(count, dtype=np.uint64) * _SEED_STEP).astype(np.uint32)
 
 
 class PathTracer(ShutterRenderer):
@@ -82,6 +70,7 @@ class PathTracer(ShutterRenderer):
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
+            self._pixel_ms = 0.0  # milliseconds of a sample of a pixel, 0 until they are measured
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
@@ -100,7 +89,7 @@ class PathTracer(ShutterRenderer):
 
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
-        rows = pathtracer.max_rows(size)
+        rows = pathtracer.max_rows(size, self._pixel_ms)
         self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
         self.size = size
         self._control = SampleControl(self._frame, size, self.read)
@@ -145,6 +134,7 @@ class PathTracer(ShutterRenderer):
 
     def _begin_picture(self) -> None:
         self._control.begin()
+        self.begun = 0, 0  # samples that `advance` is tracing by bands, and the row that comes next
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides = None
 
@@ -205,12 +195,13 @@ class PathTracer(ShutterRenderer):
         assert self._latest is not None
         return self._finish(self._latest)
 
-    def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:
-        """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
+    def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
+        """Submit a short dispatch with the next samples of all pixels, or of so many bands of rows below those of the
+        latest call, without waiting for it. `samples` are those that all pixels have."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
         self._control.more()
-        submission = self._add_samples(min(self._batch, max_samples))
+        submission = self._add_samples(min(self._batch, max_samples), bands)
         self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
 
@@ -226,14 +217,18 @@ class PathTracer(ShutterRenderer):
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
 
-    def _add_samples(self, count: int) -> int:
-        """Trace `count` samples for every pixel, in bands of rows; returns the device's timeline value."""
-        first = self._control.first
+    def _add_samples(self, count: int, bands: int | None = None) -> int:
+        """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
+        first, height = self._control.first, self.size[1]
+        count, top = self.begun if self.begun[0] else (count, 0)
+        below = height if bands is None else min(top + bands * self._band_rows, height)
         try:
-            return self._trace_rows(0, self.size[1], first, first + count)
+            submission = self._trace_rows(top, below, first, first + count)
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
+        self.begun = (count, below) if below < height else (0, 0)
+        return submission
 
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
         uniforms, submission = self._frame.uniforms, 0
@@ -257,17 +252,18 @@ class PathTracer(ShutterRenderer):
         This is done rarely, because on some drivers reading a timestamp waits for work in progress.
         """
         frame = self._frame
-        if frame.frame_count < self._next_look:
+        if self.begun[0] or frame.frame_count < self._next_look:
             return
         self._next_look = 2 * frame.frame_count
         spent = sum(frame.timings.values())
         size = dict(self._sizes).get(frame.timed_value, 0)
         if not spent or not size:
             return
-        wanted = DISPATCH_MS / spent * size
+        wanted = pathtracer.DISPATCH_MS / spent * size
+        self._pixel_ms = spent / (size * self.size[0])
         self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MAX_SAMPLES))
-        if wanted < self._band_rows / 4 and self._band_rows > 8:
-            self._band_rows = max(int(wanted), 8)
+        if wanted < self._band_rows / 4 and self._band_rows > pathtracer.MIN_ROWS:
+            self._band_rows = max(int(wanted), pathtracer.MIN_ROWS)
             frame.rebuild(self._stages(self.size))
 
     # ---- results ------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from contextlib import closing
 from typing import Any
 
@@ -23,7 +22,8 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
-from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
+from solari_vk.passes.many_views import tiled
+from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer, by_pixel, checked_seed
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
@@ -35,6 +35,7 @@ THIS_FRAME = (
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
 _GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
+LENS_STRIDE = 7919  # between the points of the lens of successive seeds
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
@@ -57,6 +58,7 @@ class Renderer(PictureRenderer):
                "display")  # fmt: skip
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
+    _grid, _world_count = (1, 1), 1  # columns and rows of views in the frame's pictures; and of how many worlds
 
     @checked_keywords(_GIVE_SETTINGS)
     def __init__(
@@ -86,8 +88,7 @@ class Renderer(PictureRenderer):
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
-            external = self._tables | self._lights.buffers
-            frame = SceneFrame(device, self.binder, self._stages(self.size), external=external)
+            frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
@@ -106,13 +107,13 @@ class Renderer(PictureRenderer):
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
-        settings, instances = self.settings, self.binder.instance_capacity
-        size = taa.render_size(picture, settings)
+        settings, instances, grid = self.settings, self._world_count * self.binder.instance_capacity, self._grid
+        size, picture = (tiled(one, grid) for one in (taa.render_size(picture, settings), picture))
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
-            *lighting.stages(size, settings),
+            *lighting.stages(size, settings, grid),
             taa.stage(picture),
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),
@@ -120,6 +121,10 @@ class Renderer(PictureRenderer):
         if self.count_rays:
             stages, self.counted_passes = ray_count.counting(stages)
         return stages
+
+    def _inputs(self) -> dict[str, Any]:
+        """What the stages' shaders are given beside the scene, by name."""
+        return self._tables | self._lights.buffers
 
     def render(self, camera: Camera | None = None) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
@@ -132,6 +137,18 @@ class Renderer(PictureRenderer):
             raise SolariError(f"{camera.describe()}: only PathTracer renders the depth of field of a "
                               f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
+        self._prepare()
+        try:
+            projection = self._write_uniforms(camera)
+            submission = self._frame.submit_applied()
+        except BaseException:
+            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
+            raise
+        self.frame_count += 1
+        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
+
+    def _prepare(self) -> None:
+        """Have the next frame show the scene and the settings as they are."""
         self._frame.apply_edits()
         self._warn_of_darkness()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
@@ -146,14 +163,6 @@ class Renderer(PictureRenderer):
         if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size):
             self._frame.bind(self._lights.buffers)
         self._changed_lights.update(lights.ids, lights.powers, lights.places, lights.positions, cell_size)
-        try:
-            projection = self._write_uniforms(camera)
-            submission = self._frame.submit_applied()
-        except BaseException:
-            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
-            raise
-        self.frame_count += 1
-        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
@@ -168,7 +177,7 @@ class Renderer(PictureRenderer):
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
         key = self._build_key()
-        grown = self.frame_count > 0 and key[1] > self._built[1]
+        grown = self.frame_count > 0 and key[1] > self._built[1] and self._world_count == 1
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
@@ -184,10 +193,8 @@ class Renderer(PictureRenderer):
             self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
 
     def _write_settings(self) -> None:
-        self._frame.uniforms.update_declared(uniform_values(self.settings))
-        self._frame.uniforms.update_declared(
-            {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
-        )
+        shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
+        self._frame.uniforms.update_declared(uniform_values(self.settings) | shown)
 
     def _write_uniforms(self, camera: Camera) -> Projection:
         offset = (0.0, 0.0)
@@ -197,7 +204,7 @@ class Renderer(PictureRenderer):
         if not history:
             self._lights.change = 0.0
             self._changed_lights.clear()
-        on_lens = lens_point(camera, self.frame_count + 7919 * self.seed)
+        on_lens = lens_point(camera, self.frame_count + LENS_STRIDE * self.seed)
         projection = self._camera_uniforms.write(
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )
@@ -220,12 +227,7 @@ class Renderer(PictureRenderer):
 
     @seed.setter
     def seed(self, seed: int) -> None:
-        try:
-            self._seed = operator.index(seed)
-        except TypeError:
-            self._seed = -1
-        if not 0 <= self._seed < 2**32:
-            raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {quoted(seed)}")
+        self._seed = checked_seed(seed)
 
     @property
     def view(self) -> str:
@@ -250,13 +252,11 @@ class Renderer(PictureRenderer):
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:
-        self._tonemap = _index_of(name, TONEMAPS, "tone mapping")
+        if name not in TONEMAPS:
+            raise unknown_name("Renderer: there is no tone mapping", name, TONEMAPS)
+        self._tonemap = TONEMAPS.index(name)
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Change the picture's size to (width, height) in pixels, from the next frame on. The history is dropped.
-
-        Raises SolariError for a size that the device can't hold; the size then stays as it was.
-        """
         self.size = self._checked_size(size)
         self.reset()
 
@@ -283,9 +283,9 @@ class Renderer(PictureRenderer):
     def read(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame. Waits for the frame.
 
-        Images, and buffers with one element per pixel, have the shape (height, width[, channels]); other buffers keep
-        theirs. "stage/counter" is a counter of a stage in COUNTING, such as "world_cache/active_cells". In other names
-        "/" stands for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0 for background.
+        Images, and buffers with one element per pixel, have the shape (height, width[, channels]); others keep theirs.
+        "stage/counter" is a counter of a stage in COUNTING, such as "world_cache/active_cells"; elsewhere "/" stands
+        for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0 for background.
         """
         stage, _, counter = name.partition("/")
         block = f"{stage}_counters"
@@ -297,32 +297,20 @@ class Renderer(PictureRenderer):
             raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if not self._has(resource):
-            if resource in self._frame:
-                raise SolariError(f"Renderer: there is no '{name}': it needs the setting denoise=on")
-            if needed := lighting.that_has(resource):
-                raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={needed}")
+            lit = lighting.that_has(resource)
+            if needed := "denoise=on" if resource in self._frame else lit and f"lighting={lit}":
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting {needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
-        read: NDArray[Any] = self._by_pixel(resource, self._frame[resource])
-        return read
+        return by_pixel(self._frame[resource], self._result_sizes(resource))
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
         resource = name.replace("/", "_")
         if not self._has(resource):
             self.read(name)  # which says why
             raise SolariError(f"Renderer: there is no tensor of '{name}': frame['{name}'] reads it")
-        tensor: NDArray[Any] | CudaTensor = self._by_pixel(resource, self._frame.tensor(resource))
-        return tensor
+        return by_pixel(self._frame.tensor(resource), self._result_sizes(resource))
 
-    def _by_pixel(self, resource: str, values: Any) -> Any:
-        """A buffer's values as (height, width[, channels]), if it has one element for each pixel."""
-        if isinstance(self._frame.resource(resource), Buffer):
-            for width, height in (self._built[0], self._built_render_size):
-                if values.shape[:1] == (width * height,):
-                    return values.reshape(height, width, *values.shape[1:])
-        return values
-
-
-def _index_of(name: str, names: tuple[str, ...], what: str) -> int:
-    if name not in names:
-        raise unknown_name(f"Renderer: there is no {what}", name, names)
-    return names.index(name)
+    def _result_sizes(self, resource: str) -> list[tuple[int, int]]:
+        """The sizes of pictures that a buffer may have one element a pixel of."""
+        is_buffer = isinstance(self._frame.resource(resource), Buffer)
+        return [self._built[0], self._built_render_size] if is_buffer else []

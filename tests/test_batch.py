@@ -19,7 +19,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
-from solari_vk.reference import numbered_seed
+from solari_vk.passes.path_sampling import numbered_seed
 
 SIZE = (13, 7)  # views begin within workgroups
 FIRST_HITS = [name for name in passes.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS]
@@ -239,7 +239,7 @@ def test_arrays_give_the_numbers_of_cameras(kind):
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
     one_by_one, together = np.zeros((2, count), element)
-    assert view_table.write(one_by_one, cameras, size, {}) == []
+    assert view_table.write(one_by_one, cameras, size, {}).lenses == []
     view_table.write(together, poses, size, {kind: K if kind == "K" else fov})
     for name in element.names:
         np.testing.assert_array_equal(together[name], one_by_one[name], err_msg=name)
@@ -378,9 +378,9 @@ def test_wrong_input_is_named(three, arguments, said):
 
 def test_wrong_options_are_named(device, binder, three):
     limit = device.properties.limits.maxStorageBufferRange
-    most, records = limit // 12 // (64 * 64), limit // three._record.itemsize
+    most, records = limit // 12 // (64 * 64), limit // three._layout.element.itemsize
     for options, said in (
-        ({"renderer": "realtime"}, "renderer is one of labels, reference"),
+        ({"renderer": "real"}, "renderer is one of labels, reference, realtime"),
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
         ({"renderer": "reference", "sead": 4}, "did you mean 'seed'"),
         ({"renderer": "reference", "seed": -1}, "seed must lie between"),
@@ -406,6 +406,8 @@ def test_wrong_options_are_named(device, binder, three):
 
 def test_bench(device, tmp_path):
     page = tmp_path / "page.md"
-    assert main(["bench", "batch", "--views", "2", "--size", "8x8", "--markdown", str(page)]) == 0
-    rows = [line for line in page.read_text().splitlines() if line.startswith(("| labels, 2", "| reference, 2"))]
-    assert len(rows) == 2
+    assert main(["bench", "batch", "--views", "2", "--size", "8x8", "--worlds", "--markdown", str(page)]) == 0
+    rows = [line.split("|")[1].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
+    assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
+                    "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip
+    assert main(["bench", "batch", "--renderers", "labels,none"]) == 2

@@ -236,6 +236,15 @@ def test_quick_page_of_judged_settings(any_device, tmp_path):
     assert main([*judge, "denoise=on", "--scene", "cornel_box"]) == 2
 
 
+@pytest.mark.slow  # minutes of compiling
+def test_quick_page_of_portals(any_device, tmp_path):
+    page = tmp_path / "page.md"
+    assert main(["bench", "portals", "--quick", "--markdown", str(page)]) == 0
+    rows = [cells(line) for line in page.read_text().splitlines() if line.startswith("| one color")]
+    assert [row[1] for row in rows] == ["path tracer, 4 samples", "raw frame 2", "denoised frame 2"]
+    assert all(float(row[-1]) for row in rows)
+
+
 def test_judged_scenes_are_chosen_and_their_truth_is_kept(any_device, tmp_path):
     """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
     page, kept = tmp_path / "page.md", tmp_path / "kept"

@@ -27,7 +27,8 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
-    "annotate", "randomize", "sensors", "motion_blur", "host_array", "sample_control",
+    "batch_options", "view_renderers", "annotate", "randomize", "sensors", "motion_blur", "host_array",
+    "sample_control",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -67,7 +68,9 @@ MAY_IMPORT = {
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},
-    "batch": {"reference", "gpu.acceleration", "gpu.shaders", *RENDERING},
+    "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
+    "batch_options": {"renderer", "gpu.acceleration", *RENDERING},
+    "batch": {"batch_options", "reference", "view_renderers", "gpu.acceleration", "gpu.shaders", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,
@@ -182,8 +185,8 @@ def test_only_trace_names_ray_queries():
 def test_passes_reach_trace_only_if_they_trace(path):
     if SUITE not in path.parents:
         name = path.relative_to(GLSL).as_posix()
-        traces = "tlas" in reflect(compile_shader(name), name, writes_by_address=name in KERNELS).main.uses
-        assert (TRACE in reached(path)) == traces
+        used = set(reflect(compile_shader(name), name, writes_by_address=name in KERNELS).main.uses)
+        assert (TRACE in reached(path)) == bool(used & {"tlas", "world_structures"})
 
 
 def test_passes_that_trace_share_nothing_in_a_group():

@@ -85,7 +85,7 @@ def test_dispatch_sizes_leave_the_picture_alone(device, scene):
 
 def test_short_dispatches_for_slow_pictures(device, scene, monkeypatch):
     """When a dispatch takes too long, the next covers fewer rows."""
-    monkeypatch.setattr("solari_vk.reference.DISPATCH_MS", 1e-3)
+    monkeypatch.setattr("solari_vk.passes.pathtracer.DISPATCH_MS", 1e-3)
     with sv.PathTracer(device, scene, (64, 64)) as renderer:
         renderer.render(scene.camera, samples=12)
         assert renderer._band_rows == 8

@@ -5,18 +5,17 @@
 #extension GL_EXT_scalar_block_layout : require
 
 #include "generated/settings.glsl"
+#include "passes/views.glsl"
 #include "scene/camera_block.glsl"
 
-layout(set = 1, scalar) uniform FrameBlock {
-    uint index;             // counts the renderer's frames, and is never reset
-    uint seed;
-    uint has_history;       // 0 in the first frame and after a reset
-    float exposure;
-    float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
-    uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
-    vec2 sample_offset;     // of the samples in pixels, apart from the user's own offset; Camera.jitter is their sum
-    vec2 picture_shift;     // change of the user's own offset since the previous frame, in pixels of the picture
-} this_frame;
+// this_frame is the view's; all_views has what views share, for passes that have no pixel.
+#ifdef MANY_VIEWS
+layout(set = 1, scalar) uniform FrameBlock { FrameValues all_views; };
+#define this_frame views.at[view_index].frame
+#else
+layout(set = 1, scalar) uniform FrameBlock { FrameValues this_frame; };
+#define all_views this_frame
+#endif
 
 // ---- G-buffer: passes/gbuffer/gbuffer.glsl packs and unpacks ----------------------------------------
 

@@ -1,5 +1,6 @@
 // The cameras of this frame and of the previous one. solari_vk/bound/projection.py fills the two uniform blocks.
-// Shaders with MANY_VIEWS render many pictures in one frame, each with a record of solari_vk/bound/view_table.py.
+// Shaders with MANY_VIEWS render many pictures in one frame, each with a record of solari_vk/bound/view_table.py;
+// passes/views.glsl finds the view of an invocation.
 #ifndef SCENE_CAMERA_BLOCK_GLSL
 #define SCENE_CAMERA_BLOCK_GLSL
 
@@ -38,16 +39,33 @@ struct Camera {
     Lens lens;
 };
 
+struct FrameValues {
+    uint index;             // counts the renderer's frames, and is never reset
+    uint seed;
+    uint has_history;       // 0 in the first frame and after a reset
+    float exposure;
+    float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
+    uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
+    vec2 sample_offset;     // of the samples in pixels, apart from the user's own offset; Camera.jitter is their sum
+    vec2 picture_shift;     // change of the user's own offset since the previous frame, in pixels of the picture
+};
+
 #ifdef MANY_VIEWS
 
 struct View {
     Camera current;
     Camera previous;  // that of the previous frame; the same as `current` after a cut
-    uint seed;
+    FrameValues frame;
+    uint world;           // into world_structures
+    uint first_instance;  // of the world, into instances
 };
 
-layout(set = 0, scalar) readonly buffer ViewsBlock { View at[]; } views;
-uint view_index;  // of the invocation's view; `main` sets it first
+layout(set = 0, scalar) readonly buffer ViewsBlock {
+    uint columns;  // of the grid of all views; 1: a strip
+    View at[];
+} views;
+uint view_index = 0u;   // of the invocation's view
+uint world_index = 0u;  // of the world that it shows
 #define camera views.at[view_index].current
 #define previous_camera views.at[view_index].previous
 

@@ -18,10 +18,26 @@
 #include "common/random.glsl"
 #include "scene/alpha.glsl"
 #include "scene/bindings.glsl"
+#include "scene/camera_block.glsl"
 #include "scene/hit.glsl"
 
+// previous_tlas: the previous frame's, or `tlas`. With MANY_VIEWS they are the addresses of those of the world.
+#ifdef MANY_VIEWS
+struct WorldStructures {
+    uvec2 now;
+    uvec2 previous;
+};
+layout(set = 0, scalar) readonly buffer WorldStructuresBlock { WorldStructures at[]; } world_structures;
+#define tlas world_structures.at[world_index].now
+#define previous_tlas world_structures.at[world_index].previous
+#define Structure uvec2
+#define structure_of accelerationStructureEXT
+#else
 layout(set = 0) uniform accelerationStructureEXT tlas;
-layout(set = 0) uniform accelerationStructureEXT previous_tlas;  // the previous frame's, or `tlas`
+layout(set = 0) uniform accelerationStructureEXT previous_tlas;
+#define Structure accelerationStructureEXT
+#define structure_of
+#endif
 
 // In scenes with alpha, instances say whether rays ask the shader about their triangles.
 const uint TRACE_BOTH_FACES = SCENE_ALPHA ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT;
@@ -41,7 +57,7 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
         ray_payload.instance = alpha_seed.x;
         ray_payload.triangle = alpha_seed.y;
     }
-    traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
+    traceRayEXT(structure_of(tlas), flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     if (ray_payload.instance == NO_INDEX) { return NO_HIT; }
     return Hit(
         ray_payload.t, ray_payload.instance >> 1u, ray_payload.triangle, ray_payload.barycentrics,
@@ -51,13 +67,13 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 
 // Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
 bool trace_transmittance_in(
-    accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
+    Structure structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
     out RayTransmittance through
 ) {
     ray_payload.instance = 0u;  // edges that are passed, never NO_INDEX, which a miss sets
     if (SCENE_BLEND) { write_ray_transmittance(ray_payload, FULL_TRANSMITTANCE); }
     const uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
-    traceRayEXT(structure, flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
+    traceRayEXT(structure_of(structure), flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     through = SCENE_BLEND ? read_ray_transmittance(ray_payload) : FULL_TRANSMITTANCE;
     return ray_payload.instance == NO_INDEX;
 }
@@ -66,7 +82,7 @@ bool trace_transmittance_in(
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 alpha_seed) {
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, tlas, flags, SCENE_MASK, origin, t_min, direction, t_max);
+    rayQueryInitializeEXT(query, structure_of(tlas), flags, SCENE_MASK, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {
         if (!SCENE_ALPHA) { continue; }
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
@@ -92,13 +108,13 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 
 // Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
 bool trace_transmittance_in(
-    accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
+    Structure structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
     out RayTransmittance through
 ) {
     through = FULL_TRANSMITTANCE;
     uint passed_edges = 0u;
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, mask, origin, t_min, direction, t_max);
+    rayQueryInitializeEXT(query, structure_of(structure), TRACE_ANY_HIT, mask, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {
         if (!SCENE_ALPHA) { continue; }
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
@@ -138,7 +154,7 @@ RayTransmittance trace_transmittance_and_probability(vec3 origin, vec3 direction
 
 // ---- light ------------------------------------------------------------------------------------------
 
-vec3 trace_transmittance_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
+vec3 trace_transmittance_in(Structure structure, vec3 origin, vec3 direction, float t_max) {
     RayTransmittance through;
     bool passes = trace_transmittance_in(structure, origin, 0.0, direction, t_max, SCENE_MASK, through);
     return passes ? through.weight * through.probability : vec3(0.0);

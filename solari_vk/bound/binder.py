@@ -56,12 +56,12 @@ class SceneBinder:
             self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
             self._materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
-            self._instances = Table(device, "instances", layout["instances"], INSTANCE)
-            self._instance_rows: Rows[Instance] = Rows()
-            self._traced = TracedInstances(device)
+            self.instance_table = Table(device, "instances", layout["instances"], INSTANCE)
+            self.instance_rows: Rows[Instance] = Rows()  # of instance_table
+            self.traced = TracedInstances(device)  # as rays see them
         self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
-                        self._materials.table, self._instances, *self.lights.tables, self._traced.table)  # fmt: skip
-        self._unbound = (self._traced.table, *self._geometry.posed.tables)  # no frame's shader has them
+                        self._materials.table, self.instance_table, *self.lights.tables, self.traced.table)  # fmt: skip
+        self._unbound = (self.traced.table, *self._geometry.posed.tables)  # no frame's shader has them
         self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
@@ -79,8 +79,8 @@ class SceneBinder:
     def resources(self) -> dict[str, Any]:
         """The resources of descriptor set 0 by their names in GLSL."""
         return {table.name: table.buffer for table in self._tables if table not in self._unbound} | {
-            "tlas": self._traced.tlas,
-            "previous_tlas": self._traced.previous or self._traced.tlas,
+            "tlas": self.traced.tlas,
+            "previous_tlas": self.traced.previous or self.traced.tlas,
             "texture_images": self._textures.bound,
         }
 
@@ -92,12 +92,12 @@ class SceneBinder:
     @property
     def instances(self) -> dict[int, Instance]:
         """The instances and bodies of lights by their rows, the shaders' indices, as of the latest `update`."""
-        return {self._instance_rows[instance]: instance for instance in self._uses}
+        return {self.instance_rows[instance]: instance for instance in self._uses}
 
     @property
     def instance_capacity(self) -> int:
         """The number of rows in the shaders' `instances`."""
-        return len(self._instances.records)
+        return len(self.instance_table.records)
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -111,8 +111,7 @@ class SceneBinder:
     def keep_previous_tlas(self, renderer: object, needed: bool) -> None:
         """Say whether a renderer needs the TLAS of the previous frame as `previous_tlas`, from the next update on.
 
-        While none does, `previous_tlas` is `tlas`. Otherwise the TLAS is copied in each frame whose instances moved,
-        and in the one after it.
+        While none does, that is `tlas`; else a copy, made in each frame whose instances moved and in the next one.
         """
         (self._previous_users.add if needed else self._previous_users.discard)(renderer)
 
@@ -123,13 +122,13 @@ class SceneBinder:
         latest frame. `previous_tlas` is from before the latest change until a user that has used the changed scene is
         about to do so again.
         """
-        self.version += self._traced.keep_previous(bool(self._previous_users))
+        self.version += self.traced.keep_previous(bool(self._previous_users))
         posed = self._geometry.posed
         if not self._changed and not self._first:
             if posed.show(user):
                 upload(self._device, [self._geometry.table])
             if (self if user is None else user) in self._up_to_date:
-                self._traced.rebuild()
+                self.traced.rebuild()
             self._note_use(user)
             return
         self._first = False
@@ -146,14 +145,14 @@ class SceneBinder:
             self.version += self._textures.update()
             self._materials.update()
             self._update_instances()
-            self.lights.update(self._traced.lit_area)
+            self.lights.update(self.traced.lit_area)
             self.version += self.features != features
             self._upload()
         except BaseException:
             self._changed = changed | self._changed  # the next update tries again, and uploads everything
             for table in self._tables:
                 table.mark_all()
-            self._traced.mark_all()
+            self.traced.mark_all()
             raise
         self._note_use(user)
 
@@ -199,10 +198,10 @@ class SceneBinder:
             ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
             after = shape, ray_shape, instance.material
             self._features.note(instance)
-            if before is None and self._instance_rows.acquire(instance, None):
+            if before is None and self.instance_rows.acquire(instance, None):
                 instance.watch(self)
                 self._last_id = self._ids[instance] = self._last_id + 1
-                if self._instance_rows.limit > MAX_INSTANCES:
+                if self.instance_rows.limit > MAX_INSTANCES:
                     raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
             self._write_rows[instance] = None
             if before != after:
@@ -212,15 +211,15 @@ class SceneBinder:
                 self._uses[instance] = after
         elif before is not None:
             instance.unwatch(self)
-            row = self._instance_rows[instance]
-            self._instances.reserve(row + 1)  # the update that added the instance may have failed before
+            row = self.instance_rows[instance]
+            self.instance_table.reserve(row + 1)  # the update that added the instance may have failed before
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
-            self._traced.remove(row)
-            self._instances.records["mesh"][row] = self._instances.records["ray_mesh"][row] = NO_INDEX
-            self._instances.mark([row])
+            self.traced.remove(row)
+            self.instance_table.records["mesh"][row] = self.instance_table.records["ray_mesh"][row] = NO_INDEX
+            self.instance_table.mark([row])
             del self._uses[instance], self._ids[instance]
-            self._instance_rows.release(instance, None)
+            self.instance_rows.release(instance, None)
         if before is not None and before != self._uses.get(instance):
             self._release(instance, before)
 
@@ -260,11 +259,11 @@ class SceneBinder:
                     self._geometry.meet_once(instance.ray_mesh or instance.mesh)
 
     def _update_instances(self) -> None:
-        self._instances.reserve(self._instance_rows.limit)
+        self.instance_table.reserve(self.instance_rows.limit)
         for instance in list(self._write_rows):
             emits = instance.visible and instance.material in self._materials.emitting
             if emits or self.lights.index(instance) is not None:
-                self._set_emissive(instance, self._instance_rows[instance], emits)
+                self._set_emissive(instance, self.instance_rows[instance], emits)
         self._emissions.end_update()
         for instance in self._write_rows:
             self._write_instance(instance)
@@ -272,16 +271,16 @@ class SceneBinder:
 
     def _write_instance(self, instance: Instance) -> None:
         """Write an instance's records as plain numbers, which is fastest for the few that move in most frames."""
-        row, visible, material = self._instance_rows[instance], instance.visible, instance.material
+        row, visible, material = self.instance_rows[instance], instance.visible, instance.material
         mesh, ray_mesh, _ = self._uses[instance]
         rows, light = self._geometry.rows, self.lights.index(instance)
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
-        self._instances.set(
+        self.instance_table.set(
             row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
             self._materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
         )  # fmt: skip
         box = self._geometry.centers[ray_mesh], self._geometry.half_sizes[ray_mesh]
-        self._traced.write(
+        self.traced.write(
             row, (a, b, c, x, d, e, f, y, g, h, i, z), box, visible, material.double_sided, instance.alpha_mode,
             self._geometry.blases[ray_mesh].address,
         )  # fmt: skip
@@ -290,7 +289,7 @@ class SceneBinder:
 
     def _upload(self) -> None:
         """Copy the tables' changes and build the TLAS, before the next submission."""
-        if self._traced.update():
+        if self.traced.update():
             self.version += 1
         changed = [table for table in self._tables if table.marked]
         for table in changed:
@@ -298,7 +297,7 @@ class SceneBinder:
                 self.version += 1
         upload(self._device, changed)
         self._geometry.posed.submit()
-        self._traced.rebuild(self._geometry.kept)
+        self.traced.rebuild(self._geometry.kept)
         self._geometry.kept = True
 
     def destroy(self) -> None:
@@ -306,6 +305,6 @@ class SceneBinder:
         self.scene.unwatch(self)
         for item in (*self._uses, *self.scene.lights):
             item.unwatch(self)
-        for owner in (self._geometry, self._materials, self._textures, self._emissions, self.lights, self._instances,
-                      self._traced):  # fmt: skip
+        for owner in (self._geometry, self._materials, self._textures, self._emissions, self.lights,
+                      self.instance_table, self.traced):  # fmt: skip
             owner.destroy()

@@ -92,7 +92,7 @@ class Projection(NamedTuple):
             return known
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
         # Axes of length 1, or depths would be in the camera's own units.
-        p, q, r = math.hypot(a, d, g), math.hypot(b, e, h), math.hypot(c, f, i)
+        p, q, r = (math.sqrt(u * u + v * v + w * w) for u, v, w in ((a, d, g), (b, e, h), (c, f, i)))
         a, d, g, b, e, h, c, f, i = a / p, d / p, g / p, b / q, e / q, h / q, c / r, f / r, i / r
         # A row of the inverse is the cross product of the other two axes, over the volume of all three.
         volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)

@@ -85,6 +85,10 @@ class TracedInstances:
         self._mesh_boxes.pop(row, None)
         self._sorted = False
 
+    def place(self, row: int) -> int:
+        """The index of a row's record in `table`."""
+        return self._indices[row]
+
     def _boxes(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The centers and half the sizes, both (N, 3), of the bounds of instances in world space."""
         transforms = self.table.records["transform"][[self._indices[row] for row in rows.tolist()]].astype(np.float64)

@@ -110,6 +110,17 @@ class Batch(Measurement):
     views: tuple[int, ...] = option("of a batch (1, 16 and 64; repeatable)", "N", type=positive, action="append",
                                     default=(1, 16, 64))
     size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
+    renderers: tuple[str, ...] = option("labels, reference, realtime (all)", "A,B", type=words, default=())
+    worlds: bool = flag("batches with a world for each view too")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstFrames(Measurement):
+    MODULE = "first_frames"
+    views: int = option("of the batch (16)", "N", type=positive, default=16)
+    size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
+    samples: int = option("of the path tracer's pictures (1024)", "N", type=positive, default=1024)
+    scenes: tuple[str, ...] = option("built-in scenes (four)", "A,B", type=words, default=())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -282,10 +282,18 @@ class ViewJob(RealtimeOptions, PictureOptions):
     scale: str = option("share of the window's width and height that is rendered (auto: as much as --fps allows)",
                         "auto|0.1..1", default="auto")
     fps: float | None = option("frames a second for --scale auto (60; on a CPU 7)", "N", type=float)
-    no_overlay: bool = flag("show no panels over the picture")
+    no_overlay: bool = flag("show no panels beside the picture")
+    beside: str | None = option("a second file or built-in scene, shown right of a line that can be dragged",
+                                "FILE|builtin:NAME")
     folder: Path = option("where F2 writes screenshots (.)", type=Path, default=Path())
     frames: int | None = option("close after this many frames", "N", type=positive)
     screenshot: Path | None = option("write the window's last frame to a file", "FILE.png", type=Path)
+
+    def check(self) -> None:
+        """Raise SolariError for files that aren't there."""
+        super().check()
+        if self.beside is not None:
+            replace(self, source=self.beside, beside=None).check()
 
 
 @dataclass(frozen=True, kw_only=True)

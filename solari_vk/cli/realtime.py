@@ -21,8 +21,8 @@ from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, pathtracer
+from solari_vk.passes.path_sampling import numbered_seed
 from solari_vk.passes.taa import render_size
-from solari_vk.reference import numbered_seed
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
 from solari_vk.sensors.sensor import Sensor

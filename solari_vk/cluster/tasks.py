@@ -27,8 +27,8 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_temporary_folder
 from solari_vk.frame_means import FrameMeans
 from solari_vk.output.picture import save_image, write_npy
+from solari_vk.passes.path_sampling import numbered_seed
 from solari_vk.randomize.randomizer import Randomizer
-from solari_vk.reference import numbered_seed
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.shutter import Shutter, between
 from solari_vk.sensors.sensor import Sensor

@@ -33,8 +33,8 @@ def history_stage(size: tuple[int, int]) -> Stage:
     )
 
 
-def stage(size: tuple[int, int]) -> Stage:
-    """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off.
+def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1)) -> Stage:
+    """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off. grid: columns and rows of views.
 
     `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads.
     Other stages ask glsl/passes/denoise/api.glsl for the result.
@@ -42,7 +42,7 @@ def stage(size: tuple[int, int]) -> Stage:
     Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
     """
     pixels = size[0] * size[1]
-    cells = (-(-size[0] // CELL), -(-size[1] // CELL))
+    cells = (grid[0] * -(-size[0] // grid[0] // CELL), grid[1] * -(-size[1] // grid[1] // CELL))
     return Stage(
         "denoise",
         buffers={

@@ -7,8 +7,9 @@ from solari_vk.passes import denoise, display, paths, solari019, world_cache
 from solari_vk.settings import FIELDS, Settings
 
 
-def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
-    """The stages that compute and denoise the light of a frame, in order; the last one adds it up."""
+def stages(size: tuple[int, int], settings: Settings, grid: tuple[int, int] = (1, 1)) -> list[Stage]:
+    """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
+    rows of views."""
     if settings.lighting == "split":
         light, scratch = solari019.stages(size, settings), {}
     else:
@@ -16,7 +17,7 @@ def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
     return [
         denoise.history_stage(size),
         *light,
-        denoise.stage(size),
+        denoise.stage(size, grid),
         display.compose_stage(size, settings, scratch),
     ]
 

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
+DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
+MIN_ROWS = 8  # of a dispatch
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of the block whose halves have numbers of samples of their own
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
@@ -60,15 +62,15 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
-    camera; with "trace_views" the picture is a strip of the pictures of `views`, each with a seed of its own.
+    camera.
     Inputs: `*_table`, `brdf_averages`, with the shader "trace" `sample_ranges`, which the host writes. Outputs:
     `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
-    buffers = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
+    buffers: dict[str, int | IfUsed] = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
     if shader == "trace":
-        buffers["sample_ranges"] = 2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size)
+        buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
     return Stage(
         "pathtracer",
         buffers=buffers,
@@ -100,9 +102,13 @@ def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
     uniforms["path_sampling.filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
 
 
-def max_rows(size: tuple[int, int]) -> int:
-    """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog."""
-    return min(size[1], max(MAX_FIRST_PIXELS // size[0], 1), MAX_ROWS)
+def max_rows(size: tuple[int, int], pixel_ms: float = 0.0) -> int:
+    """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog.
+
+    pixel_ms: the milliseconds of a sample of a pixel in another picture, if they are known: DISPATCH_MS then.
+    """
+    rows = min(size[1], max(MAX_FIRST_PIXELS // size[0], 1), MAX_ROWS)
+    return rows if not pixel_ms else min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))
 
 
 def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:

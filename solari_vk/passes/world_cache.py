@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import rows
 from solari_vk.settings import Settings
@@ -50,6 +50,7 @@ def stage(cells: int, samples: Sequence[Pass]) -> Stage:
             **dict.fromkeys(CELL_BUFFERS, cells),
             **dict.fromkeys(FRAME_BUFFERS, 1),
             "world_cache_blocks": cells // BLOCK_SIZE,
+            "world_cache_worlds": IfUsed(cells),
         },
         passes=[
             Pass("world_cache/decay", threads=rows(cells // BLOCK_SIZE)),

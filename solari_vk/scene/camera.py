@@ -290,7 +290,12 @@ class Camera(Checked, Placed, Calibrated, Focused):
     @property
     def exposure(self) -> float:
         """The factor by which pictures multiply radiance."""
-        return float(1.0 / (1.2 * 2.0**self.ev100))
+        return exposure_of(self.ev100)
+
+
+def exposure_of(ev100: float) -> float:
+    """`Camera.exposure`."""
+    return float(1.0 / (1.2 * 2.0**ev100))
 
 
 def _listed(numbers: tuple[int, ...]) -> str:

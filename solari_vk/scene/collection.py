@@ -89,13 +89,19 @@ class Items(Collection[Item]):
         """Whether an object has a type that belongs in this collection."""
         return isinstance(item, self._kinds)
 
-    def add(self, item: Item) -> Item:
-        """Append an object and return it. Raises SolariError if it is here already, or has another type."""
+    def add(self, item: Item, *, at: int | None = None) -> Item:
+        """Append an object and return it. at: the number that it gets, by default the last one.
+
+        Raises SolariError if it is here already, or has another type.
+        """
         if not self.holds(item):
             raise SolariError(f"a {self._what} is needed, not {type(item).__name__}")
         if item in self._items:
             raise SolariError(f"{item.describe()} is in the scene already: make another object to add it twice")
-        self._items[item] = None
+        later = [] if at is None else self._as_list()[at:]
+        for other in (item, *later):
+            self._items.pop(other, None)
+            self._items[other] = None
         self._list = None
         self._changed(item)
         return item

@@ -87,7 +87,8 @@ LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuati
 
 
 def _number(default: float, low: float, high: float, unit: str = "", glsl: str = "float") -> Any:
-    return field(default=default, metadata={"converter": checks.number(low, high, unit), "glsl": glsl})
+    metadata = {"converter": checks.number(low, high, unit), "glsl": glsl, "range": (low, high)}
+    return field(default=default, metadata=metadata)
 
 
 def _color(default: float, high: float = 1.0, glsl: str = "vec3") -> Any:
@@ -255,6 +256,10 @@ class Material(Checked):
         return colored or textured or any(weight > 0 for weight in weights)
 
 
+RANGES: dict[str, tuple[float, float]] = {
+    field.name: field.metadata["range"] for field in fields(Material) if "range" in field.metadata
+}
+"""The smallest and the largest value of each number of a material."""
 TEXTURES: dict[str, bool] = {
     field.name: field.metadata["srgb"] for field in fields(Material) if "srgb" in field.metadata
 }

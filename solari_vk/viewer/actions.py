@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import SolariError
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
+from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Instance
+from solari_vk.viewer import marks
+from solari_vk.viewer.camera_control import extent_of
 from solari_vk.viewer.controls import KEYS_HELP
+from solari_vk.viewer.edit_actions import EditActions
 from solari_vk.viewer.picking import Pick, pick_at
 from solari_vk.viewer.pictures import MODES
-from solari_vk.viewer.screenshot import take_screenshot
+from solari_vk.viewer.screenshot import edit_lines, take_screenshot
 from solari_vk.viewer.session import Session
 
 DIVIDER_STEP = 0.02  # share of the window's width
@@ -21,20 +27,32 @@ EXPOSURE_STEP = 1 / 3  # stops
 Cursor = tuple[float, float]
 
 
-class Actions:
+class Actions(EditActions):
     """The actions of a session, for its keys (controls.ACTIONS) and buttons."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
     def focus(self) -> None:
+        """Frame what is picked, or all."""
         session = self._session
-        if session.pick is None:
-            session.camera_control.focus_home()
-            return
-        instance = session.pick.instance
-        corners = instance.posed_mesh().positions @ instance.transform[:3, :3].T
-        session.camera_control.focus(session.pick.point, float(np.linalg.norm(np.ptp(corners, axis=0))) / 2)
+        item: Any = session.selected
+        if isinstance(item, Instance):
+            points = transform_points(item.transform, item.posed_mesh().positions)
+            self._frame(points.min(axis=0), points.max(axis=0))
+        elif hasattr(item, "position"):
+            reach = 0.1 * extent_of(session.scene)
+            self._frame(item.position - reach, item.position + reach)
+        else:
+            self.focus_all()
+
+    def focus_all(self) -> None:
+        try:
+            self._frame(*self._session.scene.bounds)
+        except SolariError:  # there is nothing to see
+            self._session.camera_control.focus_home()
+
+    def _frame(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
+        area = self._session.layout.picture
+        aspect = area.width / max(area.height, 1)
+        self._session.camera_control.focus((low + high) / 2, float(np.linalg.norm(high - low)) / 2, aspect)
 
     def reset(self) -> None:
         self._session.camera_control.reset()
@@ -101,14 +119,15 @@ class Actions:
     def help(self) -> None:
         self._session.shows_help = not self._session.shows_help
         if self._session.shows_help and not self._session.has_panels:
-            print("\n".join(f"{keys:>16}  {meaning}" for keys, meaning in KEYS_HELP), file=sys.stderr)
+            print("\n".join(f"{keys:>26}  {meaning}" for keys, meaning in KEYS_HELP), file=sys.stderr)
 
     def panels(self) -> None:
         self._session.shows_panels = not self._session.shows_panels
 
     def screenshot(self) -> None:
+        self._session.pictures.complete()
         path = take_screenshot(self._session)
-        left = "; edits, which it leaves out, are listed there" if self._session.edits else ""
+        left = "; edits, which it leaves out, are listed there" if edit_lines(self._session) else ""
         self._session.say(f"wrote {path}, with an .exr and the command line that renders it in a .txt{left}")
 
     def reload(self) -> None:
@@ -117,14 +136,21 @@ class Actions:
     def fullscreen(self) -> None:
         self._session.window.toggle_fullscreen()
 
-    def close(self) -> None:
-        self._session.window.wants_to_close = True
-
     def pick(self, cursor: Cursor) -> None:
-        pick = self._session.pick = self._pick_at(cursor)
+        """Pick what is at the cursor: a mark of a light or a camera, or else an instance."""
+        session = self._session
+        marked = marks.at(session, cursor)
+        pick = None if marked else self._pick_at(cursor)
+        item: Any = marked or (pick and pick.instance)
+        if item is not None and item in session.locked:
+            session.say(f"{item.describe()} is locked")
+            return
+        session.pick, session.selected = pick, item
         if pick is not None:
             point = ", ".join(f"{x:.4g}" for x in pick.point)
-            self._session.say(f"{pick.instance.describe()} of {pick.instance.material.describe()} at ({point})")
+            session.say(f"{pick.instance.describe()} of {pick.instance.material.describe()} at ({point})")
+        elif item is not None:
+            session.say(item.describe())
 
     def grab(self, cursor: Cursor) -> NDArray[np.float64] | None:
         """The point to orbit around."""
@@ -132,8 +158,8 @@ class Actions:
         return None if pick is None else pick.point
 
     def _pick_at(self, cursor: Cursor) -> Pick | None:
-        width, height = self._session.window.size
-        return pick_at(self._session.pictures, cursor[0] / max(width, 1), cursor[1] / max(height, 1))
+        x, y = self._session.layout.picture.share(cursor)
+        return pick_at(self._session.pictures_at(x), x, y)
 
 
 def act(session: Session, name: str, argument: Any = None) -> Any:

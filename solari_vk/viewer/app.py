@@ -17,26 +17,29 @@ from solari_vk.errors import SolariError, ValidationError, checked_keywords, quo
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
-from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.viewer.actions import act
+from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.controls import Controls
+from solari_vk.viewer.opening import meter, note_recent
 from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
+from solari_vk.viewer.rendering import Rendering
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.session import Session
+from solari_vk.viewer.status import state_in_words
 from solari_vk.viewer.waiting import Waiting
 from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
-METERING_SIZE = 96, 54  # of the picture that chooses the exposure
 MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
+IDLE_WAIT = 0.05  # seconds that a frame waits for events once the picture is finished
 
 
 class Viewer(Session):
@@ -47,7 +50,8 @@ class Viewer(Session):
     rendered, or "auto" to aim at `fps` frames per second (default: 60, on a CPU 7). overlay: show panels over the
     picture if imgui-bundle is installed. source, source_options: the arguments that name the scene on a command line;
     screenshots note them. load: a function that loads the scene, called when its file changes. folder: the folder of
-    screenshots.
+    screenshots. beside: a second scene, called beside_name, that is shown right of a line which the user drags, seen by
+    the same camera.
 
     `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame. It may edit the scene,
     `settings` and everything else. Raises SolariError where no window can be opened, and DeviceError when the device
@@ -72,6 +76,8 @@ class Viewer(Session):
         source_options: Sequence[str] = (),
         load: Callable[[], Scene] | None = None,
         folder: str | Path = ".",
+        beside: Scene | None = None,
+        beside_name: str = "",
     ) -> None:
         if fps is None:
             fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
@@ -89,17 +95,23 @@ class Viewer(Session):
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
             camera = camera or scene.camera_for(size[0] / size[1])
-            if camera.auto_exposure:  # by a small picture
-                with PathTracer(device, scene, METERING_SIZE) as tracer:
-                    tracer.render(camera, samples=16)
+            meter(pictures, camera)
             camera_control = CameraControl(camera, extent_of(scene))
             super().__init__(window, pictures, camera_control, scale_control, sources,
                              source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
-            self.controls = Controls(self.camera_control, self.act)
+            self.refining.enabled = scale_control.auto
+            if beside is not None:
+                self.beside = Beside(device, beside, pictures, beside_name or beside.name or "second")
+                undo.callback(self.beside.close)
+            self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
+            self._rendering = Rendering(self)
+            undo.callback(self._rendering.close)
             self.overlay = self._open_overlay() if overlay else None
             if self.overlay is not None:
                 undo.callback(self.overlay.close)
             self._closers = undo.pop_all()
+        if source and not source.startswith("builtin:"):
+            note_recent(Path(source).absolute())
         self.frame_count = 0
         self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
@@ -108,7 +120,7 @@ class Viewer(Session):
         try:
             from solari_vk.viewer.overlay import Overlay
         except ImportError:
-            self.say("there are no panels, because imgui-bundle is not installed: H lists the keys")
+            self.say("there are no panels, because imgui-bundle is not installed: ? lists the keys")
             return None
         overlay = Overlay(self)
         self.has_panels = self.shows_panels = True
@@ -116,7 +128,7 @@ class Viewer(Session):
         return overlay
 
     def act(self, name: str, argument: Any = None) -> Any:
-        """Do one of controls.ACTIONS, "camera", "pick" or "grab". A user's mistake is shown in the window."""
+        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window."""
         return act(self, name, argument)
 
     # ---- running ------------------------------------------------------------------------------------
@@ -130,10 +142,11 @@ class Viewer(Session):
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
         """Handle input, render a frame and show it. Returns False if nothing was shown, as in a minimized window."""
-        visible = 0 not in self.window.pixels
-        events = self.window.take_events(0.0 if visible else HIDDEN_WAIT)
+        wait = HIDDEN_WAIT if 0 in self.window.pixels else IDLE_WAIT if self.refining.finished else 0.0
+        events = self.window.take_events(wait)
         keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
         self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
+        self.cursor = self.controls.cursor
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
         self._fly(seconds, now)
@@ -142,18 +155,19 @@ class Viewer(Session):
         self.reload_changed()
         if on_frame is not None:
             on_frame(self, seconds)
-        pixels = self.window.pixels
-        if 0 in pixels or self.window.wants_to_close:
+        if 0 in self.window.pixels or self.window.wants_to_close:
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
-        if self.pictures.ready or "picture" in self.faults:
+        self._presenter.area = self.picture_area
+        pixels = self._presenter.area.width, self._presenter.area.height
+        if self.pictures.ready or self.refining.rests or "picture" in self.faults:
             self._render(pixels)
         else:
             self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
             with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
                 self._render(pixels)
-        shown = self._presenter.show(self.pictures.parts(), self._draw)
+        shown = self._presenter.show(self._rendering.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)
         self._show_title()
@@ -172,7 +186,7 @@ class Viewer(Session):
         """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""
         if self.window.closed:
             raise SolariError("the window is closed")
-        pixels = self._presenter.capture(self.pictures.parts(), self._draw)
+        pixels = self._presenter.capture(self._rendering.parts(), self._draw)
         if pixels is None:
             raise SolariError("the window shows no frame that can be read")
         return pixels
@@ -180,7 +194,7 @@ class Viewer(Session):
     def _render(self, pixels: tuple[int, int]) -> None:
         """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
         try:
-            self.pictures.render(self.camera, pixels, self.scale.scale)
+            self._rendering.render(pixels)
             if not self.pictures.refuses:
                 self.clear_fault("picture")
         except ValidationError:
@@ -206,6 +220,7 @@ class Viewer(Session):
             shown, self.message = self.message, self.message or text
             self.overlay.lay_out(0.0)
             self.message = shown
+        self._presenter.area = self.picture_area
         self._presenter.show(self.pictures.parts(), self._draw)
 
     def _note_time(self, since_last: float, seconds: float) -> None:
@@ -215,14 +230,12 @@ class Viewer(Session):
         if self._timed_mode != self.pictures.mode:
             self._timed_mode = self.pictures.mode
             self.scale.unsettle()
-        if self.pictures.is_short:
+        if self.pictures.is_short and not self.refining.rests:
             self.scale.note(sum(self.timings.values()) / 1000 or seconds)
 
     def _show_title(self) -> None:
         self.end_message()
-        width, height = self.pictures.rendered_size
-        state = f"{self.pictures.mode} - {self.pictures.view} - {width}x{height} - {self.fps:.1f} fps"
-        self._set_title(self.message.partition("\n")[0] or state)
+        self._set_title(self.message.partition("\n")[0] or state_in_words(self))
 
     def _set_title(self, text: str) -> None:
         self.window.set_title(" - ".join(part for part in (self.name, "solari_vk", text) if part))

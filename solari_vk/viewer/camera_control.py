@@ -37,6 +37,10 @@ class CameraControl:
     """
 
     def __init__(self, camera: Camera, extent: float = 1.0) -> None:
+        self.begin(camera, extent)
+
+    def begin(self, camera: Camera, extent: float) -> None:
+        """Start anew, as with another scene."""
         self.home, self.camera = dataclasses.replace(camera), dataclasses.replace(camera)
         self.pace = PACE
         self.held: set[str] = set()
@@ -77,6 +81,13 @@ class CameraControl:
         self.distance = min(max(distance, self._nearest), self._farthest)
         if not self._has_seen:
             self._has_seen, self._home_distance = True, self.distance
+
+    def see_point(self, point: ArrayLike) -> None:
+        """Note that what is seen is as far away along the view axis as a point (3,) in world space."""
+        back = self.camera.transform[:3, 2] / np.linalg.norm(self.camera.transform[:3, 2])
+        depth = float((self.camera.transform[:3, 3] - np.asarray(point, np.float64)) @ back)
+        if depth > 0:
+            self.see(depth)
 
     def advance(self, seconds: float) -> None:
         """Fly in the directions that are held, for this many seconds. The velocity changes smoothly."""
@@ -119,29 +130,59 @@ class CameraControl:
         """Turn the camera around a point in world space by a movement of the cursor."""
         self._turn(right, down, center)
 
-    def zoom(self, notches: float) -> None:
-        """Come nearer to what is seen by notches of the wheel; a negative number goes away from it."""
-        center, factor = self.center, WHEEL ** -min(max(notches, -20.0), 20.0)
+    def zoom(self, notches: float, at: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Come nearer to what is seen by notches of the wheel; a negative number goes away from it.
+
+        at: where the cursor is, right of the picture's middle and below it, in shares of the picture's height. What is
+        there at `distance` stays there.
+        """
+        wanted = self.distance * WHEEL ** -min(max(notches, -20.0), 20.0)
+        distance = min(max(wanted, self._nearest), self._farthest)
+        anchor, center = self._seen_across(at), self.center
         if self.camera.orthographic_height:
-            self.camera.orthographic_height *= factor
-        self._look_from(center, min(max(self.distance * factor, self._nearest), self._farthest))
+            self.camera.orthographic_height *= distance / self.distance
+        self._look_from(center, distance)
+        transform = self.camera.transform.copy()
+        transform[:3, 3] += anchor - self._seen_across(at)
+        self._assign(transform)
+
+    def dolly(self, notches: float) -> None:
+        """Fly along the view axis by notches of the wheel, past what is seen; a negative number flies back."""
+        back = self.camera.transform[:3, 2]
+        way = (1 - 1 / WHEEL) * self.distance * min(max(notches, -20.0), 20.0)
+        transform = self.camera.transform.copy()
+        transform[:3, 3] -= way * back / np.linalg.norm(back)
+        self._assign(transform)
+
+    @property
+    def seen_height(self) -> float:
+        """The height in meters of what the picture shows at `distance`."""
+        opening = math.tan(min(self.camera.vertical_fov, WIDEST) / 2)
+        return self.camera.orthographic_height or 2 * self.distance * opening
+
+    def _seen_across(self, at: tuple[float, float]) -> NDArray[np.float64]:
+        """From the middle of what is seen to what is `at` shares of the picture's height right of it and below."""
+        x, y = (axis / np.linalg.norm(axis) for axis in self.camera.transform[:3, :2].T)
+        across: NDArray[np.float64] = self.seen_height * (at[0] * x - at[1] * y)
+        return across
 
     def pan(self, right: float, down: float) -> None:
         """Move the camera across its view, so that what is seen at `distance` follows the cursor, which moved by these
         shares of the picture's height."""
-        opening = math.tan(min(self.camera.vertical_fov, WIDEST) / 2)
-        height = self.camera.orthographic_height or 2 * self.distance * opening
         transform = self.camera.transform.copy()
-        x, y = (axis / np.linalg.norm(axis) for axis in transform[:3, :2].T)
-        transform[:3, 3] += height * (down * y - right * x)
+        transform[:3, 3] -= self._seen_across((right, down))
         self._assign(transform)
 
-    def focus(self, point: ArrayLike, radius: float) -> None:
-        """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
-        radius = max(radius, 1e-6)
+    def focus(self, point: ArrayLike, radius: float, aspect: float = 1.0) -> None:
+        """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible.
+
+        aspect: width / height of the picture.
+        """
+        radius, narrow = max(radius, 1e-6), min(aspect, 1.0)
         if self.camera.orthographic_height:
-            self.camera.orthographic_height = 2 * radius
-        self._look_from(point, radius / math.sin(self.camera.vertical_fov / 2))
+            self.camera.orthographic_height = 2 * radius / narrow
+        half = math.atan(math.tan(min(self.camera.vertical_fov, WIDEST) / 2) * narrow)
+        self._look_from(point, radius / math.sin(half))
 
     def focus_home(self) -> None:
         """Look at what the first view showed in its middle, from as far away, keeping the view direction."""

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.output.error import area_means, luminance, relative_squares
+from solari_vk.passes.debug_views import PICTURE
 from solari_vk.reference import PathTracer
+from solari_vk.viewer.pictures import Pictures
 
 
 def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float] | None:
@@ -27,3 +29,18 @@ def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float]
     squares = (luminance(resized) - luminance(reference)) ** 2
     error = math.sqrt(float(relative_squares(reference, squares).mean()))
     return error, float(resized.mean()) / mean - 1
+
+
+def errors(pictures: Pictures) -> dict[str, tuple[float, float]]:
+    """How far the pictures in `columns` are from the path tracer's, by name, as `difference` says it.
+
+    Empty unless the mode is "split" and the view is "picture", the only one that the path tracer has too.
+    """
+    if pictures.mode != "split" or pictures.view != PICTURE or not pictures.ready:
+        return {}
+    assert pictures.realtime is not None
+    assert pictures.reference is not None
+    results = {"raw": "raw_radiance", "denoised": "radiance", "realtime": "radiance"}
+    names = [name for name in pictures.columns() if name in results]
+    found = {name: difference(pictures.realtime[results[name]], pictures.reference.tracer) for name in names}
+    return {name: error for name, error in found.items() if error is not None}

@@ -1,4 +1,4 @@
-"""The panels over the picture: Dear ImGui's context, its input and the windows of a frame."""
+"""The panels beside the picture: Dear ImGui's context, its input and the windows of a frame."""
 
 from __future__ import annotations
 
@@ -11,15 +11,24 @@ from imgui_bundle import imgui
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.swapchain import Swapchain
+from solari_vk.viewer.actions import act
 from solari_vk.viewer.controls import KEYS_HELP
+from solari_vk.viewer.decorations import BARE, Decorations
+from solari_vk.viewer.gizmo import Gizmo, gizmo
+from solari_vk.viewer.layout import Area, Layout
 from solari_vk.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.viewer.panels import Panels
-from solari_vk.viewer.session import Session
+from solari_vk.viewer.session import Question, Session
+from solari_vk.viewer.status import Probe, state_in_words
+from solari_vk.viewer.theme import apply_theme, scale_theme
 from solari_vk.viewer.window import Event
 
-MARGIN, WIDTH = 8, 360  # of the panels' window, in window coordinates
-DIVIDER_WIDTH = 9
-_BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
+MARGIN = 8  # of the message, in window coordinates
+DOCKED = (
+    imgui.WindowFlags_.no_title_bar | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
+    | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_saved_settings
+    | imgui.WindowFlags_.no_bring_to_front_on_focus
+)  # fmt: skip
 # GLFW's and ImGui's names of keys differ only in these two points, and for keys that text fields don't use.
 _KEYS = {
     getattr(glfw, code): key for name, key in imgui.Key.__members__.items()
@@ -38,9 +47,11 @@ class Overlay:
         imgui.set_current_context(self._context)
         io = imgui.get_io()
         io.set_ini_filename("")
-        imgui.style_colors_dark()
+        apply_theme()
+        self._scale = 1.0
         self._renderer = OverlayRenderer(session.device)
-        self._panels = Panels(session)
+        self._decorations, self._gizmo = Decorations(session, self._renderer), Gizmo(session)
+        self._panels, self._probe = Panels(session, self._renderer.show), Probe(session)
         self._laid_out = False
         platform = imgui.get_platform_io()
         platform.platform_get_clipboard_text_fn = lambda _: session.window.clipboard
@@ -68,7 +79,7 @@ class Overlay:
                     io.add_key_event(key, bool(event.modifiers & bit))
                 if event.code in _KEYS:
                     io.add_key_event(_KEYS[event.code], event.pressed)
-        return not io.want_capture_keyboard, not io.want_capture_mouse
+        return not io.want_text_input, not (io.want_capture_mouse or self._gizmo.busy)
 
     # ---- a frame ------------------------------------------------------------------------------------
 
@@ -80,23 +91,24 @@ class Overlay:
         io.display_size = imgui.ImVec2(*size)
         io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(size[0], 1), pixels[1] / max(size[1], 1))
         io.delta_time = max(seconds, 1e-4)
+        scale = session.window.text_scale
+        scale_theme(scale / self._scale, scale)
+        self._scale = scale
         imgui.new_frame()
+        gizmo.begin_frame()
         try:
-            if session.pictures.mode == "split":
-                self._dividers(size)
+            self._decorations.lay_out()
             if session.shows_panels:
-                imgui.set_next_window_pos(imgui.ImVec2(MARGIN, MARGIN), imgui.Cond_.first_use_ever)
-                height = max(size[1] - 2 * MARGIN, 1)
-                width = min(WIDTH, max(size[0] - 2 * MARGIN, 1))
-                imgui.set_next_window_size(imgui.ImVec2(width, height), imgui.Cond_.appearing)
-                imgui.set_next_window_bg_alpha(0.8)
-                if imgui.begin("solari_vk", None, imgui.WindowFlags_.no_saved_settings)[0]:
-                    self._panels.lay_out()
-                imgui.end()
+                self._gizmo.lay_out()
+                self._docked(session.layout)
             if session.shows_help:
-                self._help(size)
+                self._help()
+            if session.question is not None:
+                self._ask(session.question)
             if session.message:
-                self._message(size)
+                self._message()
+            if not (imgui.is_any_item_active() or self._gizmo.drags):
+                session.history.end_gesture()
         finally:
             imgui.end_frame()
         imgui.render()
@@ -118,35 +130,32 @@ class Overlay:
 
     # ---- parts --------------------------------------------------------------------------------------
 
-    def _dividers(self, size: tuple[int, int]) -> None:
-        """The lines between the pictures of the split view, which the user can drag, and the pictures' names."""
-        pictures, lines = self._session.pictures, imgui.get_background_draw_list()
-        for index, (name, (begin, end)) in enumerate(pictures.columns().items()):
-            at = begin * size[0] + 8 if index else end * size[0] - 8 - imgui.calc_text_size(name).x
-            lines.add_text(imgui.ImVec2(at + 1, size[1] - 23), 0xFF000000, name)
-            lines.add_text(imgui.ImVec2(at, size[1] - 24), 0xFFFFFFFF, name)
-            if index:
-                self._divider(f"divider {index}", begin, size)
+    def _docked(self, layout: Layout) -> None:
+        """The panels beside the picture, and the status line below."""
+        session = self._session
+        if layout.panels is not None:
+            _place(layout.panels)
+            imgui.begin("panels", None, DOCKED)
+            self._panels.lay_out()
+            imgui.end()
+        if layout.status is not None:
+            _place(layout.status)
+            imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(8, 4))
+            imgui.begin("status", None, DOCKED | imgui.WindowFlags_.no_scrollbar)
+            if session.refining.rests and not session.refining.finished:
+                width = 8 * imgui.get_font_size()
+                imgui.progress_bar(session.refining.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
+                imgui.same_line()
+            imgui.text_unformatted(state_in_words(session))
+            self._probe.update()
+            imgui.same_line(layout.status.width - imgui.calc_text_size(self._probe.text).x - 8)
+            imgui.text_unformatted(self._probe.text)
+            imgui.end()
+            imgui.pop_style_var()
 
-    def _divider(self, name: str, at: float, size: tuple[int, int]) -> None:
-        x, pictures = at * size[0], self._session.pictures
-        imgui.get_background_draw_list().add_line(imgui.ImVec2(x, 0), imgui.ImVec2(x, size[1]), 0xC0FFFFFF)
-        imgui.set_next_window_pos(imgui.ImVec2(x - DIVIDER_WIDTH // 2, 0))
-        imgui.set_next_window_size(imgui.ImVec2(DIVIDER_WIDTH, size[1]))
-        imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
-        imgui.push_style_var(imgui.StyleVar_.window_min_size, imgui.ImVec2(1, 1))
-        flags = _BARE | imgui.WindowFlags_.no_background | imgui.WindowFlags_.no_bring_to_front_on_focus
-        imgui.begin(name, None, flags)
-        imgui.invisible_button("drag", imgui.ImVec2(DIVIDER_WIDTH, max(size[1], 1)))
-        if imgui.is_item_active():
-            dragged = imgui.get_io().mouse_pos.x / max(size[0], 1) - at
-            pictures.divider = min(max(pictures.divider + dragged, 0.0), 1.0)
-        imgui.end()
-        imgui.pop_style_var(2)
-
-    def _help(self, size: tuple[int, int]) -> None:
-        imgui.set_next_window_pos(imgui.ImVec2(size[0] / 2, size[1] / 2), 0, imgui.ImVec2(0.5, 0.5))
-        imgui.begin("keys", None, _BARE | imgui.WindowFlags_.always_auto_resize)
+    def _help(self) -> None:
+        self._centered()
+        imgui.begin("keys", None, BARE | imgui.WindowFlags_.always_auto_resize)
         if imgui.begin_table("keys", 2):
             for text in itertools.chain.from_iterable(KEYS_HELP):
                 imgui.table_next_column()
@@ -154,12 +163,32 @@ class Overlay:
             imgui.end_table()
         imgui.end()
 
-    def _message(self, size: tuple[int, int]) -> None:
-        imgui.set_next_window_pos(imgui.ImVec2(size[0] / 2, size[1] - MARGIN), 0, imgui.ImVec2(0.5, 1))
-        imgui.set_next_window_size_constraints(imgui.ImVec2(0, 0), imgui.ImVec2(0.9 * size[0], 0.6 * size[1]))
-        flags = _BARE | imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_inputs
+    def _ask(self, question: Question) -> None:
+        """A question with a button for each answer; the last one leaves everything as it is."""
+        self._centered()
+        imgui.begin("question", None, BARE | imgui.WindowFlags_.always_auto_resize)
+        imgui.text_unformatted(question.text)
+        imgui.spacing()
+        for words in (*question.answers, "cancel"):
+            if imgui.button(words):
+                act(self._session, "answer", words)
+            imgui.same_line()
+        imgui.new_line()
+        imgui.end()
+
+    def _centered(self) -> None:
+        area = self._session.layout.picture
+        middle = imgui.ImVec2(area.x + area.width / 2, area.y + area.height / 2)
+        imgui.set_next_window_pos(middle, 0, imgui.ImVec2(0.5, 0.5))
+
+    def _message(self) -> None:
+        area = self._session.layout.picture
+        foot = imgui.ImVec2(area.x + area.width / 2, area.y + area.height - MARGIN)
+        imgui.set_next_window_pos(foot, 0, imgui.ImVec2(0.5, 1))
+        imgui.set_next_window_size_constraints(imgui.ImVec2(0, 0), imgui.ImVec2(0.9 * area.width, 0.6 * area.height))
+        flags = BARE | imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_inputs
         imgui.begin("message", None, flags | imgui.WindowFlags_.no_focus_on_appearing)
-        imgui.push_text_wrap_pos(0.85 * size[0])
+        imgui.push_text_wrap_pos(0.85 * area.width)
         imgui.text_unformatted(self._session.message)
         imgui.pop_text_wrap_pos()
         imgui.end()
@@ -171,3 +200,8 @@ class Overlay:
             self._renderer.close()
             imgui.destroy_context(self._context)
             self._context = None
+
+
+def _place(area: Area) -> None:
+    imgui.set_next_window_pos(imgui.ImVec2(area.x, area.y))
+    imgui.set_next_window_size(imgui.ImVec2(max(area.width, 1), max(area.height, 1)))

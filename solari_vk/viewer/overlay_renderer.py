@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
+from numpy.typing import NDArray
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
@@ -34,6 +35,7 @@ class OverlayRenderer:
         self._pipeline: _Pipeline | None = None
         self._broken = False  # a shader has an error; compiling it again in each frame would be slow
         self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
+        self._named: dict[str, int] = {}  # the textures of `show`
         self._buffers: dict[tuple[str, int], Buffer] = {}  # by name and by the swapchain's slot
         io = imgui.get_io()
         io.backend_flags |= imgui.BackendFlags_.renderer_has_textures | imgui.BackendFlags_.renderer_has_vtx_offset
@@ -137,16 +139,45 @@ class OverlayRenderer:
                 texture.set_status(status.destroyed)
 
     def _upload(self, texture: Any) -> None:
-        assert self._pipeline is not None
         number = texture.get_tex_id()
         if number not in self._textures:
-            number = next(i for i in count(1) if i not in self._textures)
-            name, format = f"overlay texture {number}", raw.VK_FORMAT_R8G8B8A8_UNORM
-            image = self.device.image(texture.width, texture.height, format, name)
-            self._textures[number] = image, self._pipeline.new_set(image)
+            number = self._make_texture(texture.width, texture.height)
             texture.set_tex_id(number)
         pixels = texture.get_pixels_array().reshape(texture.height, texture.width, 4)
         self._textures[number][0].upload([pixels])
+
+    def show(self, name: str, pixels: NDArray[np.uint8] | None = None) -> Any:
+        """ImGui's reference to a texture of this name; None before the first `draw`, and for a name without pixels.
+
+        pixels: (height, width, 4), sRGB, that replace the texture's.
+        """
+        if self._pipeline is None:
+            return None
+        number = self._named.get(name)
+        if pixels is not None:
+            height, width = pixels.shape[:2]
+            if number is not None:
+                image = self._textures[number][0]
+                if (image.width, image.height) != (width, height):
+                    self.forget(name)
+                    number = None
+            if number is None:
+                self._named[name] = number = self._make_texture(width, height)
+            self._textures[number][0].upload([pixels])
+        return None if number is None else imgui.ImTextureRef(number)
+
+    def forget(self, name: str) -> None:
+        """Free a texture of `show`."""
+        number = self._named.pop(name, None)
+        if number is not None:
+            self._destroy(number)
+
+    def _make_texture(self, width: int, height: int) -> int:
+        assert self._pipeline is not None
+        number = next(i for i in count(1) if i not in self._textures)
+        image = self.device.image(width, height, raw.VK_FORMAT_R8G8B8A8_UNORM, f"overlay texture {number}")
+        self._textures[number] = image, self._pipeline.new_set(image)
+        return number
 
     def _destroy(self, number: int) -> None:
         for item in self._textures.pop(number, ()):

@@ -1,10 +1,9 @@
-"""The panels: the picture's options, times, every setting, and the scene."""
+"""The panels: files, the scene, the picture's options, times, and every setting."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from itertools import groupby
 from typing import Any
 
@@ -15,10 +14,16 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 from solari_vk.viewer.actions import act
+from solari_vk.viewer.comparison import errors
+from solari_vk.viewer.environment_panel import EnvironmentPanel
+from solari_vk.viewer.file_panel import FilePanel
+from solari_vk.viewer.material_panel import Show
+from solari_vk.viewer.object_panel import ObjectPanel
+from solari_vk.viewer.outliner import Outliner
 from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.scaling import MIN_SCALE
-from solari_vk.viewer.scene_panel import ScenePanel
 from solari_vk.viewer.session import Session
+from solari_vk.viewer.widgets import choose, edit_on_enter, hint
 
 HISTORY = 120  # frames in a plot
 SLOW_INTERVAL = 0.5  # seconds between two updates of the figures that need a wait for the device
@@ -26,11 +31,12 @@ OPEN = imgui.TreeNodeFlags_.default_open
 
 
 class Panels:
-    """Lays out the content of the panels' window."""
+    """Lays out the content of the panels' window. show: gives ImGui a texture, as `OverlayRenderer.show` does."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, show: Show) -> None:
         self._session = session
-        self._scene = ScenePanel(session)
+        self._files, self._outliner = FilePanel(session), Outliner(session)
+        self._object, self._environment = ObjectPanel(session, show), EnvironmentPanel(session)
         self._times: dict[str, Any] = {}
         self._slow: list[str] = []
         self._slow_at = 0.0
@@ -38,6 +44,13 @@ class Panels:
 
     def lay_out(self) -> None:
         """Lay out everything, from top to bottom."""
+        self._files.lay_out()
+        if imgui.collapsing_header("Scene", OPEN):
+            self._outliner.lay_out()
+        if self._session.selected is not None and imgui.collapsing_header("Picked", OPEN):
+            self._object.lay_out()
+        if imgui.collapsing_header("Surroundings"):
+            self._environment.lay_out()
         if imgui.collapsing_header("Picture", OPEN):
             self._picture()
         if self._session.player.clip is not None and imgui.collapsing_header("Animation", OPEN):
@@ -47,8 +60,6 @@ class Panels:
             self._time()
         if imgui.collapsing_header("Settings"):
             self._settings()
-        if imgui.collapsing_header("Scene"):
-            self._scene.lay_out()
 
     # ---- picture ------------------------------------------------------------------------------------
 
@@ -76,14 +87,15 @@ class Panels:
         (width, height), (rendered_width, rendered_height) = pictures.size, pictures.rendered_size
         imgui.text(f"{width} x {height} from {rendered_width} x {rendered_height}")
         imgui.text(f"{session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
-        if session.pick is not None:
-            instance, point = session.pick.instance, session.pick.point
-            imgui.text_wrapped(f"picked: {instance.describe()}, {instance.material.describe()}")
-            imgui.text(f"at {point[0]:.4g}, {point[1]:.4g}, {point[2]:.4g}")
+        refining = session.refining
+        if pictures.mode != "realtime":
+            imgui.set_next_item_width(7 * imgui.get_font_size())
+            refining.samples = max(edit_on_enter("samples", refining.samples, imgui.input_int), 0)
+            hint("Samples per pixel after which the path tracer's picture is finished; 0: never.")
         self._update_slow()
         for text in self._slow:
             imgui.text_wrapped(text)
-        for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("help", "help")):
+        for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("keys", "help")):
             if imgui.button(label):
                 act(session, action)
             imgui.same_line()
@@ -98,8 +110,10 @@ class Panels:
         pictures = self._session.pictures
         if not pictures.ready:
             return
-        for name, (error, mean) in pictures.errors().items():
+        for name, (error, mean) in errors(pictures).items():
             self._slow.append(f"{name}: error {100 * error:.1f} %, mean radiance {100 * mean:+.1f} %")
+        if self._session.beside is not None:
+            self._slow += [f"{name}: {value:.4g}" for name, value in self._session.beside.difference().items()]
         if pictures.reference is not None and pictures.mode != "realtime":
             self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
         count = pictures.ray_count()
@@ -168,9 +182,10 @@ class Panels:
         settings = self._session.settings
         for quality in QUALITIES:
             if imgui.button(quality):
-                settings.reset()
-                for name, value in QUALITIES[quality].items():
-                    setattr(settings, name, value)
+                values = {**DEFAULTS, **QUALITIES[quality]}
+                changed = {name: values[name] for name in FIELDS if values[name] != getattr(settings, name)}
+                with self._session.showing_mistakes():
+                    self._session.history.assign_each(f"the quality {quality}", settings, changed)
             hint("Change all settings to this quality's.")
             imgui.same_line()
         imgui.new_line()
@@ -185,7 +200,7 @@ class Panels:
         value, default = getattr(settings, name), DEFAULTS[name]
         label = f"{name} *" if field.rebuilds else name
         edited: Any = value
-        imgui.set_next_item_width(110)
+        imgui.set_next_item_width(7 * imgui.get_font_size())
         if field.choices:
             edited = choose(label, value, field.choices)
         elif isinstance(default, bool):
@@ -201,30 +216,4 @@ class Panels:
             if imgui.small_button(f"reset##{name}"):
                 edited = default
         if edited != value:
-            with self._session.showing_mistakes():
-                setattr(settings, name, edited)
-
-
-def choose(label: str, current: str, choices: tuple[str, ...]) -> str:
-    """A drop-down list; returns the chosen item."""
-    return choices[imgui.combo(label, choices.index(current), list(choices))[1]]
-
-
-def hint(text: str) -> None:
-    """Show a text while the mouse rests on the last item."""
-    if imgui.is_item_hovered(imgui.HoveredFlags_.delay_short):
-        imgui.begin_tooltip()
-        imgui.push_text_wrap_pos(360)
-        imgui.text_unformatted(text)
-        imgui.pop_text_wrap_pos()
-        imgui.end_tooltip()
-
-
-def edit_on_enter(label: str, value: Any, field: Callable[..., tuple[bool, Any]]) -> Any:
-    """A text field for a number; returns a new value once Enter is pressed, not while it is typed."""
-    flags = imgui.InputTextFlags_.enter_returns_true
-    more = {"format": "%g"} if field is imgui.input_float else {"step": 0, "step_fast": 0}
-    changed, edited = field(label, value, flags=flags, **more)
-    if changed and isinstance(edited, float):
-        edited = float(f"{edited:.7g}")  # ImGui's numbers have 32 bits: round to what was typed
-    return edited if changed else value
+            self._session.edit(settings, **{name: edited})

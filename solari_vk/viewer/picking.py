@@ -46,6 +46,21 @@ def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
     return None if instance is None else Pick(instance, np.asarray(point, np.float64))
 
 
+def radiance_at(pictures: Pictures, x: float, y: float) -> NDArray[np.float32] | None:
+    """The radiance (3,) in cd/m^2 at (x, y), both from 0 to 1 from the picture's top left corner; None outside, and
+    before there is a picture. Of pictures side by side, that of the one which is seen there."""
+    if not pictures.ready or not (0 <= x < 1 and 0 <= y < 1):
+        return None
+    seen = next((name for name, (begin, end) in pictures.columns().items() if begin <= x < end), "reference")
+    if seen == "reference":
+        assert pictures.reference is not None
+        return pictures.reference.probe(x, y)
+    assert pictures.realtime is not None
+    radiance = pictures.realtime["raw_radiance" if seen == "raw" else "radiance"]
+    found: NDArray[np.float32] = radiance[int(y * len(radiance)), int(x * len(radiance[0])), :3]
+    return found
+
+
 def seen_distance(pictures: Pictures) -> float | None:
     """The distance in meters along the view axis to what fills the middle third of the latest picture: the median.
 

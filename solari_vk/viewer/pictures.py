@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,13 @@ from solari_vk.reference import MAX_SAMPLES
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
-from solari_vk.viewer.comparison import difference
-from solari_vk.viewer.presenter import Part
+from solari_vk.viewer.presenter import Part, pixels_of
 from solari_vk.viewer.reference_picture import ReferencePicture
 from solari_vk.viewer.scaling import Build, Size
 from solari_vk.viewer.tone_mapped import ToneMapped
 
 MODES = ("realtime", "reference", "split")
+UNSEEN_FIELDS = {"ev100", "auto_exposure", "name"}  # of a camera
 STRIP = 1 / 3  # share of the split view's width that shows the denoised picture, between raw one and reference
 
 
@@ -48,6 +49,12 @@ class Pictures:
         self.counts_rays = False
         self.most_samples = MAX_SAMPLES
         """Samples per pixel that the path tracer adds in a frame at most."""
+        self.sample_limit = 0
+        """Samples per pixel after which the path tracer's picture isn't refined, while nothing changes; 0: none."""
+        self.most_bands: int | None = None
+        """Bands of rows that the path tracer traces in a frame at most; None: all."""
+        self.keeps_realtime = False
+        """Whether the realtime picture of the mode "split" stays as it is, because it is finished."""
         self.camera: Camera | None = None
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
@@ -110,14 +117,14 @@ class Pictures:
         if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {quoted(self.view)} or no tone mapping {quoted(self.tonemap)}")
         self.binder.update()  # raises an error in the scene here, so that the size isn't taken for its cause
-        moved = self.camera is None or (self.camera.transform != camera.transform).any()
+        moved = self.most_bands is None and (self.camera is None or (self.camera.transform != camera.transform).any())
         self.is_short = moved or self.mode != "reference"
         self.camera = None
         wanted = Build.of(pixels, scale, self.counts_rays and self.mode != "reference")
         build = self._build if wanted == self._refused else wanted
         failing = "realtime"
         try:
-            if self.mode != "reference":
+            if self.mode != "reference" and not (self.keeps_realtime and self._is_built("realtime", build)):
                 self._render_realtime(camera, build)
             if self.mode != "realtime":
                 failing = "reference"
@@ -131,6 +138,24 @@ class Pictures:
         if wanted == build:
             self._refused = None
         self.camera = dataclasses.replace(camera)
+
+    def view_key(self, camera: Camera) -> Hashable:
+        """What the picture depends on but for its size, the settings, the exposure and the tone mapping: when it
+        changes, what was rendered before is of no use. The scene counts as it was at its latest update."""
+        fields = [getattr(camera, name) for name in Camera._names if name not in UNSEEN_FIELDS]
+        seen = tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in fields)
+        return seen, self.binder.revision, self.mode, self.view, self.counts_rays
+
+    def expose(self, camera: Camera) -> None:
+        """Show the path tracer's picture with another exposure and tone mapping, without tracing anything."""
+        if self.reference is not None:
+            self.reference.expose(camera, self.tonemap)
+
+    def complete(self) -> None:
+        """Give all pixels of the path tracer's picture as many samples, by tracing the bands that lack the latest."""
+        tracer = self.reference and self.reference.tracer
+        if tracer and self.camera is not None and self.mode != "realtime" and tracer.begun[0]:
+            tracer.advance(self.camera)
 
     @property
     def previews(self) -> bool:
@@ -174,7 +199,13 @@ class Pictures:
         size = self._reference_size(build)
         if self.reference is None:
             self.reference = ReferencePicture(self.device, self.binder, size, self.seed)
-        self.reference.render(camera, size, self.tonemap, 1 if self.is_short else self.most_samples)
+        most = 1 if self.is_short else self.most_samples
+        if self.sample_limit:
+            most = min(most, self.sample_limit - self.reference.tracer.samples)
+        if most > 0 or self.reference.size != size:
+            self.reference.render(camera, size, self.tonemap, max(most, 1), self.most_bands)
+        else:
+            self.reference.expose(camera, self.tonemap)
 
     @property
     def _shows_raw(self) -> bool:
@@ -210,8 +241,13 @@ class Pictures:
     def ready(self) -> bool:
         """Whether there is a picture to show in this mode."""
         realtime = self.realtime is not None and self.realtime.frame_count > 0
-        reference = self.reference is not None and self.reference.tracer.samples > 0
+        reference = self.reference is not None and self.reference.mean_samples > 0
         return {"realtime": realtime, "reference": reference, "split": realtime and reference}[self.mode]
+
+    @property
+    def whole(self) -> bool:
+        """Whether all pixels of the picture have been rendered."""
+        return self.ready and (self.mode == "realtime" or bool(self.reference and self.reference.tracer.samples))
 
     def columns(self) -> dict[str, tuple[float, float]]:
         """The names of the pictures that are shown side by side, from left to right, and where each begins and ends, as
@@ -242,16 +278,7 @@ class Pictures:
 
     def pixels(self) -> NDArray[np.uint8]:
         """The latest picture as it is shown, (height, width, 3), at the size of the largest image in it."""
-        parts = self.parts()
-        if not parts:
-            raise SolariError("there is no picture yet")
-        width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
-        found = []
-        for part in parts:
-            rows = np.arange(height) * part.image.height // height
-            columns = np.arange(*part.columns(width)) * part.image.width // width
-            found.append(part.image.read()[rows[:, None], columns, :3])
-        return np.concatenate(found, axis=1)
+        return pixels_of(self.parts())
 
     def radiance(self) -> NDArray[np.float32]:
         """Radiance (height, width, 3) of the latest picture, in cd/m^2; in the mode "split" of the realtime one."""
@@ -260,20 +287,6 @@ class Pictures:
             raise SolariError("there is no picture yet")
         found: NDArray[np.float32] = source["radiance"]
         return found
-
-    def errors(self) -> dict[str, tuple[float, float]]:
-        """How far the pictures in `columns` are from the path tracer's, by name: comparison.difference.
-
-        Empty unless the mode is "split" and the view is "picture", the only one that the path tracer has too.
-        """
-        if self.mode != "split" or self.view != PICTURE or not self.ready:
-            return {}
-        assert self.realtime is not None
-        assert self.reference is not None
-        results = {"raw": "raw_radiance", "denoised": "radiance", "realtime": "radiance"}
-        names = [name for name in self.columns() if name in results]
-        found = {name: difference(self.realtime[results[name]], self.reference.tracer) for name in names}
-        return {name: error for name, error in found.items() if error is not None}
 
     def ray_count(self) -> int:
         """The number of rays traced so far for the pictures of the mode, where they are counted. A counter may restart

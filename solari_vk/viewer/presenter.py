@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import barriers, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
@@ -15,6 +16,7 @@ from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import FRAMES, Swapchain
+from solari_vk.viewer.layout import Area
 
 _WHOLE = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "levelCount": 1, "layerCount": 1}
 _LAYER = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "layerCount": 1}
@@ -43,6 +45,20 @@ class Part:
         return begin, max(end, begin + min_count)
 
 
+def pixels_of(parts: Sequence[Part]) -> NDArray[np.uint8]:
+    """The pixels (height, width, 3) of parts side by side, at the size of the largest image. Raises SolariError without
+    parts."""
+    if not parts:
+        raise SolariError("there is no picture yet")
+    width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
+    found = []
+    for part in parts:
+        rows = np.arange(height) * part.image.height // height
+        columns = np.arange(*part.columns(width)) * part.image.width // width
+        found.append(part.image.read()[rows[:, None], columns, :3])
+    return np.concatenate(found, axis=1)
+
+
 class Presenter:
     """Shows images of any size in a window, with linear filtering. `close` frees what it made.
 
@@ -52,12 +68,14 @@ class Presenter:
     def __init__(self, device: Device, swapchain: Swapchain) -> None:
         self.device = device
         self.swapchain = swapchain
+        self.area: Area | None = None
+        """Where the parts are in the window, in pixels; None: all of it."""
         self._composed: Image | None = None  # several parts side by side
         self._pool = CommandPool(device, "window")
         self._commands = self._pool.allocate(FRAMES)
 
     def show(self, parts: Sequence[Part], draw: Draw) -> bool:
-        """Show parts that together cover the window, or black without parts; returns whether a frame was shown."""
+        """Show parts that together cover `area`, or black without parts; returns whether a frame was shown."""
         return self._show(parts, draw, lambda: None)
 
     def capture(self, parts: Sequence[Part], draw: Draw) -> NDArray[np.uint8] | None:
@@ -103,12 +121,15 @@ class Presenter:
         vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
         vk.vkCmdPipelineBarrier2(commands, full_barrier())  # the renderers wrote the parts
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _UNDEFINED, _TARGET))
-        if not parts:
+        area = self._area_in(width, height)
+        if not parts or area != Area(0, 0, width, height):
             black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)
             vk.vkCmdClearColorImage(commands, shown, _TARGET, black, 1, whole)
-        else:
+            vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        if parts:
             image = parts[0].image if len(parts) == 1 else self._compose(commands, parts)
-            blit = _blit((0, image.width), image.height, (0, width), height)
+            columns, rows = (area.x, area.x + area.width), (area.y, area.y + area.height)
+            blit = _blit((0, image.width), (0, image.height), columns, rows)
             vk.vkCmdBlitImage(commands, image.handle, image.layout, shown, _TARGET, 1, blit, raw.VK_FILTER_LINEAR)
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _TARGET, _ATTACHMENT))
         draw(commands, index)
@@ -121,6 +142,12 @@ class Presenter:
             vk.vkCmdCopyImageToBuffer(commands, shown, _SOURCE, target.handle, 1, region)
             vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _SOURCE, _PRESENT))
         vk.vkEndCommandBuffer(commands)
+
+    def _area_in(self, width: int, height: int) -> Area:
+        """`area`, as far as it is in an image of this size: the window may have been resized since it was assigned."""
+        area = self.area or Area(0, 0, width, height)
+        left, top = min(area.x, width - 1), min(area.y, height - 1)
+        return Area(left, top, min(area.width, width - left), min(area.height, height - top))
 
     def _compose(self, commands: raw.CData, parts: Sequence[Part]) -> Image:
         """Copy the parts side by side into an image of the largest one's size.
@@ -138,7 +165,7 @@ class Presenter:
         for part in parts:
             image, target = part.image, part.columns(width)
             if target[0] < target[1]:
-                blit = _blit(part.columns(image.width, min_count=1), image.height, target, height)
+                blit = _blit(part.columns(image.width, min_count=1), (0, image.height), target, (0, height))
                 self.device.vk.vkCmdBlitImage(
                     commands, image.handle, image.layout, composed.handle, composed.layout, 1, blit,
                     raw.VK_FILTER_LINEAR,
@@ -157,12 +184,15 @@ class Presenter:
             self._composed = None
 
 
-def _blit(source: tuple[int, int], source_height: int, target: tuple[int, int], target_height: int) -> raw.CData:
-    """A VkImageBlit between columns (begin, end) of two images, over their whole heights."""
+def _blit(
+    columns: tuple[int, int], rows: tuple[int, int], to_columns: tuple[int, int], to_rows: tuple[int, int]
+) -> raw.CData:
+    """A VkImageBlit between columns and rows (begin, end) of two images."""
     blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
-    blit.srcOffsets[0].x, blit.srcOffsets[1].x = source
-    blit.dstOffsets[0].x, blit.dstOffsets[1].x = target
-    blit.srcOffsets[1].y, blit.dstOffsets[1].y = source_height, target_height
+    blit.srcOffsets[0].x, blit.srcOffsets[1].x = columns
+    blit.srcOffsets[0].y, blit.srcOffsets[1].y = rows
+    blit.dstOffsets[0].x, blit.dstOffsets[1].x = to_columns
+    blit.dstOffsets[0].y, blit.dstOffsets[1].y = to_rows
     blit.srcOffsets[1].z = blit.dstOffsets[1].z = 1
     return blit
 

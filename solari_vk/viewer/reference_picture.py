@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
@@ -31,13 +34,32 @@ class ReferencePicture:
         """Width and height of `display`."""
         return self._shown.size
 
-    def render(self, camera: Camera, size: tuple[int, int], tonemap: str, max_samples: int) -> None:
-        """Add at most `max_samples` samples per pixel to the picture, and tone map it into `display`."""
+    @property
+    def mean_samples(self) -> float:
+        """The mean number of samples of a pixel so far: a part of the rows may have more than the others."""
+        count, row = self.tracer.begun
+        return self.tracer.samples + count * row / self.tracer.size[1]
+
+    def render(
+        self, camera: Camera, size: tuple[int, int], tonemap: str, max_samples: int, bands: int | None = None
+    ) -> None:
+        """Add at most `max_samples` samples per pixel to the picture, or to so many bands of it, and tone map it."""
         if self.tracer.size != size:
             self.tracer.resize(size)
         self._shown.fit(self.tracer.resource("radiance_mean"), size)
-        self.tracer.advance(camera, max_samples)
+        self.tracer.advance(camera, max_samples, bands=bands)
         self._shown.render(camera.exposure, tonemap)
+
+    def expose(self, camera: Camera, tonemap: str) -> None:
+        """Tone map the picture into `display` again."""
+        self._shown.render(camera.exposure, tonemap)
+
+    def probe(self, x: float, y: float) -> NDArray[np.float32]:
+        """The radiance (3,) in cd/m^2 at (x, y), both from 0 to 1 from the picture's top left corner."""
+        width, height = self.tracer.size
+        pixel = int(y * height) * width + int(x * width)
+        found: NDArray[np.float32] = self.tracer.resource("radiance_mean").read(np.float32, 3, 12 * pixel)
+        return found
 
     def reload(self) -> None:
         """Compile changed shaders. Raises CompilationError if one has an error; the old pipelines then stay in use."""

@@ -6,12 +6,11 @@ import json
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import glsl_root
-from solari_vk.scene.model import Scene
+from solari_vk.scene.model import COLLECTIONS, Scene
 
 INTERVAL = 0.5  # seconds between two checks
 SHADERS = {".glsl", *("." + stage for stage in shaderc.STAGES)}
@@ -45,18 +44,26 @@ class Sources:
         """
         if self.load is None:
             return False
-        loaded = self.load()
-        for scene, put in ((self.scene, False), (loaded, True)):
-            items: list[Any] = [*scene.instances, *scene.lights, *scene.cameras]
-            for item in items:
-                scene.remove(item)
-                if put:
-                    self.scene.add(item)
-        self.scene.animations.clear()
-        for animation in loaded.animations:
-            self.scene.animations.add(animation)
-        self.scene.warnings = loaded.warnings
+        self._take(self.load())
         return True
+
+    def replace(self, loaded: Scene, file: Path, load: Callable[[], Scene]) -> None:
+        """Replace everything in the scene by what a loaded scene holds, and watch its file from now on."""
+        self._file, self.load = file, load
+        self._take(loaded)
+        self.scene.name = loaded.name
+        self._files = self._file_stamps()
+
+    def _take(self, loaded: Scene) -> None:
+        for name in COLLECTIONS:
+            ours, theirs = getattr(self.scene, name), getattr(loaded, name)
+            items = list(theirs)
+            ours.clear()
+            theirs.clear()
+            for item in items:
+                ours.add(item)
+        self.scene.warnings, self.scene.variants = loaded.warnings, loaded.variants
+        self.scene.backdrop = loaded.backdrop
 
     def _shader_stamps(self) -> Stamps:
         return _stamps(path for path in glsl_root().rglob("*") if path.suffix in SHADERS)

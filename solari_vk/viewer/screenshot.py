@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import shlex
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,23 +14,26 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
 from solari_vk.output.picture import save_image, write_codes
+from solari_vk.scene.model import Scene
 from solari_vk.settings import DEFAULTS
+from solari_vk.viewer.history import Assignment, Presence
+from solari_vk.viewer.presenter import pixels_of
 from solari_vk.viewer.session import Session
 
 
 def take_screenshot(session: Session) -> Path:
     """Write solari-NNN.png, .exr and .txt with the next free number; returns the path of the PNG.
 
-    The .exr has the pixels that were rendered, which may be fewer than the window's.
+    The .png has the size of the picture in the window. The .exr has the pixels that were rendered, which may be fewer.
     """
-    if not session.pictures.ready:
+    if not session.pictures.whole:
         raise SolariError("there is no picture yet")
     make_folder(session.folder)
     number = 1
     while (target := session.folder / f"solari-{number:03}.png").exists():
         number += 1
-    command = command_line(session, target)
-    write_codes(target, fitted(session.pictures.pixels(), session.window.pixels))
+    command, area = command_line(session, target), session.picture_area
+    write_codes(target, fitted(pixels_of(session.parts()), (area.width, area.height)))
     save_image(
         target.with_suffix(".exr"),
         session.pictures.radiance(),
@@ -52,15 +56,29 @@ def fitted(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
 
 
 def edit_lines(session: Session) -> list[str]:
-    """What was edited in the panels, as assignments, such as `scene.materials[2].alpha = 0.5`."""
-    lines = []
-    for item, field in session.edits:
-        for name in ("instances", "materials", "lights"):
-            places = [n for n, other in enumerate(getattr(session.scene, name)) if other is item]
-            value = getattr(item, field)
-            written = value.tolist() if isinstance(value, np.ndarray) else value
-            lines += [f"scene.{name}[{place}].{field} = {written!r}" for place in places[:1]]
-    return lines
+    """What was edited in the scene, as assignments, such as `scene.materials[2].alpha = 0.5`, and calls."""
+    lines: dict[str, None] = {}
+    for edit in session.history:
+        if isinstance(edit, Assignment) and edit.item is not session.settings:
+            for field in edit.after:
+                value, place = getattr(edit.item, field), _place(session.scene, edit.item)
+                written = value.tolist() if isinstance(value, np.ndarray) else value
+                lines |= {f"{place}.{field} = {written!r}": None} if place else {}
+        elif isinstance(edit, Presence):
+            verb = "add" if edit.added else "remove"
+            lines[f"scene.{verb}({edit.item!r})"] = None
+    return list(lines)
+
+
+def _place(scene: Scene, item: Any) -> str:
+    """The expression for an object of a scene, "" if it isn't there."""
+    if item is scene:
+        return "scene"
+    for name in ("instances", "materials", "lights", "cameras"):
+        for number, other in enumerate(getattr(scene, name)):
+            if other is item:
+                return f"scene.{name}[{number}]"
+    return ""
 
 
 def command_line(session: Session, output: Path) -> str:

@@ -4,18 +4,37 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
-from solari_vk.scene.model import Camera
+from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.observed import Checked
+from solari_vk.settings import Settings
+from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.camera_control import CameraControl
+from solari_vk.viewer.history import History
+from solari_vk.viewer.layout import Area, Layout
 from solari_vk.viewer.messages import Messages
 from solari_vk.viewer.picking import Pick
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.player import Player
+from solari_vk.viewer.presenter import Part
+from solari_vk.viewer.refining import Refining
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.window import Window
+
+GIZMOS = ("none", "move", "turn", "scale")
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question to the user, and the actions that answer it: their words, and what each does."""
+
+    text: str
+    answers: dict[str, Callable[[], object]]
 
 
 class Session(Messages):
@@ -42,9 +61,21 @@ class Session(Messages):
         self.source, self.source_options, self.folder = source, source_options, folder
         self.player = Player(self.scene)
         self.pick: Pick | None = None
-        """The instance and the point that the user picked."""
-        self.edits: dict[tuple[Any, str], None] = {}
-        """The objects and the names of their fields that the user edited in the panels, in the order of first edits."""
+        """The instance and the point that the user clicked on last."""
+        self._selected: Checked | None = None
+        self.locked = WeakSet[Checked]()
+        """Objects that clicks don't pick and that nothing edits."""
+        self.history = History()
+        """All edits of the scene and the settings."""
+        self.refining = Refining()
+        self.question: Question | None = None
+        """What the user is asked before something else happens."""
+        self.gizmo, self.gizmo_is_local = GIZMOS[0], False
+        """What dragging the picked object does, and whether along its own axes."""
+        self.cursor = (0.0, 0.0)
+        """Where the mouse is, in window coordinates."""
+        self.beside: Beside | None = None
+        """The second scene that is shown beside this one."""
         self.has_panels = self.shows_panels = self.shows_help = False
         self.timings: dict[str, float] = {}
         """GPU milliseconds of each pass in the last finished frame."""
@@ -53,6 +84,55 @@ class Session(Messages):
         self.shader_users: dict[str, Callable[[], object]] = {"shaders": pictures.reload}
         """The functions to call when shaders change, by the places of their errors in `faults`."""
         self._sources = sources
+        self.save_path: Path | None = None
+        """Where the scene was saved last."""
+        self.map_folder: Path | None = None
+        """Where pictures of all directions are, None until the user gave one."""
+        self.load_count = 0
+        """How often shaders or the scene were loaded again."""
+
+    @property
+    def selected(self) -> Checked | None:
+        """The instance, light or camera that is picked, None without one. May be assigned."""
+        item, scene = self._selected, self.scene
+        return item if item in scene.instances or item in scene.lights or item in scene.cameras else None
+
+    @selected.setter
+    def selected(self, item: Checked | None) -> None:
+        self._selected = item
+        if not isinstance(item, Instance) or (self.pick is not None and self.pick.instance is not item):
+            self.pick = None
+
+    @property
+    def layout(self) -> Layout:
+        """Where the picture and the panels are in the window."""
+        return Layout.of(self.window.size, panels=self.has_panels and self.shows_panels, scale=self.window.text_scale)
+
+    @property
+    def picture_area(self) -> Area:
+        """Where the picture is in the window, in pixels."""
+        return self.layout.picture.scaled(self.window.size, self.window.pixels)
+
+    def parts(self) -> list[Part]:
+        """The parts of images that make up the latest picture; an empty list before there is one."""
+        return self.beside.parts() if self.beside is not None and self.beside.ready else self.pictures.parts()
+
+    def columns(self) -> dict[str, tuple[float, float]]:
+        """The names of the pictures side by side, and where each begins and ends, as shares of the width."""
+        shown = self.beside is not None and self.beside.shown
+        return self.beside.columns(self.name) if self.beside is not None and shown else self.pictures.columns()
+
+    def pictures_at(self, x: float) -> Pictures:
+        """The pictures of the scene that is seen at this share of the picture's width."""
+        return self.pictures if self.beside is None else self.beside.pictures_at(x)
+
+    def edit(self, item: Checked | Settings, **fields: Any) -> None:
+        """Assign values to fields, so that it can be undone. A value that is refused is shown as a message."""
+        if isinstance(item, Checked) and item in self.locked:
+            self.say(f"{item.describe()} is locked")
+            return
+        with self.showing_mistakes():
+            self.history.assign(item, **fields)
 
     @property
     def camera(self) -> Camera:
@@ -79,11 +159,24 @@ class Session(Messages):
 
     def reload(self, *, shaders: bool, file: bool) -> None:
         """Reload shaders, the scene's file or both. What has an error is reported and stays as it was."""
+        self.load_count += 1
         loads = {**(self.shader_users if shaders else {}), **({"file": self._load_file} if file else {})}
         done = [self._reload(place, load) for place, load in loads.items()]
         self.scale.unsettle()
         if all(done):
             self.say("shaders are reloaded" if shaders and not file else "reloaded")
+
+    def replace_scene(self, loaded: Scene, file: Path, load: Callable[[], Scene]) -> None:
+        """Show what another scene holds, of a file that is loaded again when it changes. Forgets the edits."""
+        self._sources.replace(loaded, file, load)
+        self._forget()
+        self.player = Player(self.scene)
+        self.source, self.source_options, self.save_path = str(file), (), None
+        self.load_count += 1
+
+    def _forget(self) -> None:
+        self.selected = self.pick = self.question = None
+        self.history.clear()
 
     def _reload(self, place: str, load: Callable[[], object]) -> bool:
         self.faults.pop(place, None)  # a fault that is still there is reported again
@@ -93,7 +186,6 @@ class Session(Messages):
 
     def _load_file(self) -> None:
         if self._sources.load_again():
-            self.pick = None
-            self.edits.clear()
+            self._forget()
             if self.player.posed:
                 self.player.show(self.player.seconds)

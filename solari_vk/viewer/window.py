@@ -29,7 +29,8 @@ def why_none_opens() -> str:
 @dataclass(frozen=True)
 class Event:
     """kind: "key" and "button" (code, pressed, modifiers; `repeats` for a key that is held), "cursor" (x, y in window
-    coordinates), "scroll" (x, y), "text" (code: a character) or "focus" (pressed: whether the window gained it)."""
+    coordinates), "scroll" (x, y), "text" (code: a character), "focus" (pressed: whether the window gained it), "drop"
+    (paths of files; code: the modifiers that are held) or "close", when the user closes the window."""
 
     kind: str
     code: int = 0
@@ -38,6 +39,7 @@ class Event:
     x: float = 0.0
     y: float = 0.0
     repeats: bool = False
+    paths: tuple[str, ...] = ()
 
 
 class Window:
@@ -50,6 +52,7 @@ class Window:
     def __init__(self, size: tuple[int, int], title: str) -> None:
         global _windows
         self.events: list[Event] = []
+        self.title = title
         self._handle: Any = None
         width, height = _checked_size(size)
         self._error: str = ""
@@ -78,12 +81,29 @@ class Window:
         def button(_: Any, code: int, action: int, modifiers: int) -> None:
             self.events.append(Event("button", code, action == glfw.PRESS, modifiers))
 
+        def drop(_: Any, paths: list[Any]) -> None:
+            self.events.append(Event("drop", self._held_modifiers(), paths=tuple(map(_text, paths))))
+
+        take_drops: Any = glfw.set_drop_callback  # whose type hints name C's arguments
+
         glfw.set_key_callback(self.handle, key)
         glfw.set_mouse_button_callback(self.handle, button)
         glfw.set_cursor_pos_callback(self.handle, lambda _, x, y: self.events.append(Event("cursor", x=x, y=y)))
         glfw.set_scroll_callback(self.handle, lambda _, x, y: self.events.append(Event("scroll", x=x, y=y)))
         glfw.set_char_callback(self.handle, lambda _, code: self.events.append(Event("text", code)))
+        glfw.set_window_close_callback(self.handle, self._ask_to_close)
+        take_drops(self.handle, drop)
         glfw.set_window_focus_callback(self.handle, lambda _, on: self.events.append(Event("focus", pressed=bool(on))))
+
+    def _ask_to_close(self, _: Any) -> None:
+        """The viewer closes the window itself, once it has asked what to do with edits."""
+        glfw.set_window_should_close(self.handle, False)
+        self.events.append(Event("close"))
+
+    def _held_modifiers(self) -> int:
+        keys = {glfw.MOD_SHIFT: (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT),
+                glfw.MOD_CONTROL: (glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL)}  # fmt: skip
+        return sum(bit for bit, codes in keys.items() if any(glfw.get_key(self.handle, code) for code in codes))
 
     def create_surface(self, instance: raw.CData) -> raw.CData:
         """A new VkSurfaceKHR. Raises DeviceError when the instance or the platform has no surfaces for windows."""
@@ -125,6 +145,15 @@ class Window:
         return width, height
 
     @property
+    def text_scale(self) -> float:
+        """How much larger texts are than on a screen of 96 dots per inch, in window coordinates: where those aren't
+        pixels, the system enlarges the window itself."""
+        if self.closed or 0 in self.pixels:
+            return 1.0
+        scale, _ = glfw.get_window_content_scale(self.handle)
+        return float(min(max(scale * self.size[0] / self.pixels[0], 1.0), 4.0))
+
+    @property
     def wants_to_close(self) -> bool:
         """Whether the user, or an assignment of True, asks to close the window. Assigning False withdraws that."""
         return self.closed or bool(glfw.window_should_close(self.handle))
@@ -146,6 +175,7 @@ class Window:
 
     def set_title(self, title: str) -> None:
         """Set the title."""
+        self.title = title
         glfw.set_window_title(self.handle, title)
 
     def take_events(self, wait: float = 0.0) -> list[Event]:

@@ -246,7 +246,7 @@ class Poses(RuleBasedStateMachine):
         """What the records of instances and of meshes point to is there, and is right."""
         binder, user = self.binder, self.users[user % 2]
         binder.update(user)
-        geometry, traced = binder._geometry, binder._traced
+        geometry, traced = binder._geometry, binder.traced
         records = traced.table.records[: traced.count]
         blases = {int(record["custom_index_and_mask"]) & 0xFFFFFF: record["blas_address"] for record in records}
         for row, instance in binder.instances.items():

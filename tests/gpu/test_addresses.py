@@ -49,8 +49,7 @@ REALTIME = 155_000, 34_000, 45
 
 def compiled(shaders):
     shaders.write("x", SHADER)
-    module = reflect(compile_shader("passes/x.comp", root=shaders.root), "x")
-    return module
+    return reflect(compile_shader("passes/x.comp", root=shaders.root), "x")
 
 
 @pytest.mark.parametrize("most", [1, 32])

@@ -41,10 +41,11 @@ def test_all_are_there_and_short():
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in MANY_SAMPLES else name for name in EXAMPLES]
 )
 def test_runs_as_a_program(any_device, name, tmp_path, monkeypatch):
-    if name == "learn":
-        pytest.importorskip("torch")
+    needed = "torch" if name == "learn" else "mujoco" if name.startswith("mujoco") else "numpy"
+    pytest.importorskip(needed)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [name])
+    monkeypatch.syspath_prepend(FOLDER)  # as of a program
     runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -185,3 +186,19 @@ def test_seeds_vary_less_than_independent_samples(device):
     found, independent = seeds.pictures(device, sv.builtin("cornell_box"), range(8), size=(16, 16), samples=16)
     measured = (found @ seeds.LUMINANCE).var(axis=0, ddof=1).mean()
     assert 0.05 < measured / independent.mean() < 0.7
+
+
+def test_worlds_of_mujoco(device):
+    """Stepped, each its own way, and lit: what falls is seen to move in all worlds, and nowhere in the same way."""
+    mujoco = pytest.importorskip("mujoco")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        worlds = load("mujoco_worlds")
+        model = mujoco.MjModel.from_xml_path(worlds.MODEL)
+        pictures = [found for found, _ in zip(worlds.frames(device, model, 6, (24, 24)), range(20), strict=False)]
+    first, last = pictures[0], pictures[-1]
+    assert first.shape == (6, 1, 24, 24, 3)
+    assert np.isfinite(last).all()
+    assert len({picture.tobytes() for picture in last}) == 6
+    changed = np.abs(last - first).mean(axis=-1)[:, 0] > 0.2 * first.mean()
+    assert changed[:, 4:20].any(axis=(1, 2)).all()

@@ -91,7 +91,7 @@ def viewer(open_viewer):
 
 
 class Imgui:
-    """Stands for the module imgui, with all headers open and some functions replaced."""
+    """Stands for the module imgui, with all headers, trees and popups open and some functions replaced."""
 
     def __init__(self, imgui, **replaced):
         self._imgui = imgui
@@ -99,7 +99,7 @@ class Imgui:
 
     def __getattr__(self, name):
         found = getattr(self._imgui, name)
-        if name not in ("collapsing_header", "tree_node"):
+        if name not in ("collapsing_header", "tree_node", "tree_node_ex"):
             return found
 
         def opened(*arguments):
@@ -112,12 +112,21 @@ class Imgui:
 @pytest.fixture
 def replace(monkeypatch):
     """replace(name=function, ...): let the panels use `Imgui` with these functions."""
-    from solari_vk.viewer import panels, scene_panel
+    from solari_vk.viewer import (
+        environment_panel,
+        file_panel,
+        material_panel,
+        object_panel,
+        outliner,
+        panels,
+        widgets,
+    )  # fmt: skip
 
     imgui = panels.imgui
+    modules = environment_panel, file_panel, material_panel, object_panel, outliner, panels, widgets
 
     def put(**replaced):
-        for module in (panels, scene_panel):
+        for module in modules:
             monkeypatch.setattr(module, "imgui", Imgui(imgui, **replaced))
 
     return put

@@ -13,11 +13,13 @@ from viewer_tools import drag, press, release
 import solari_vk as sv
 from solari_vk.viewer.camera_control import MAX_ELEVATION, PACE, CameraControl
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS, KEYS_HELP, Controls
+from solari_vk.viewer.layout import Area
 from solari_vk.viewer.window import Event, Window
 
 DISTANCE = 4.0
 SEEN = np.array((0.0, 1.0, 0.0))
-LEFT, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT
+LEFT, MIDDLE, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_MIDDLE, glfw.MOUSE_BUTTON_RIGHT
+AREA = Area(0, 0, 200, 100)  # of the picture in the window
 
 
 def make_control():
@@ -46,7 +48,7 @@ def handle(control, called):
         called.append((name, argument))
         return SEEN if name == "grab" else None
 
-    controls = Controls(control, act)
+    controls = Controls(control, act, lambda: AREA)
     return lambda *events, **options: controls.handle(events, **options)
 
 
@@ -110,7 +112,7 @@ def test_flying_does_not_depend_on_the_frame_rate(keys):
     ends = []
     for rate in (7, 30, 144):
         control = make_control()
-        Controls(control, lambda name, argument: None).handle([press(key) for key in keys])
+        Controls(control, lambda name, argument: None, lambda: AREA).handle([press(key) for key in keys])
         for _ in range(rate):
             control.advance(1 / rate)
         ends.append(position(control))
@@ -164,15 +166,14 @@ def test_the_background_is_as_far_as_what_was_seen_first(control):
     assert control.distance == pytest.approx(40)
 
 
-def test_wheel_changes_speed_within_bounds(handle, control):
+def test_the_wheel_changes_the_speed_while_keys_fly(handle, control):
     before = control.speed
-    handle(Event("scroll", y=2.0))
+    handle(press(glfw.KEY_W), Event("scroll", y=2.0), release(glfw.KEY_W))
     assert control.speed == pytest.approx(before * 1.25**2)
-    handle(*[Event("scroll", y=-1e9)] * 3)
+    handle(press(glfw.KEY_W), *[Event("scroll", y=-1e9)] * 3)
     assert 0 < control.speed < before
     handle(*[Event("scroll", y=1e9)] * 9)
     assert before < control.speed < 1e3 * before
-    control.held = {"forward"}
     for _ in range(100):
         control.advance(1e6)
     assert np.isfinite(control.camera.transform).all()
@@ -187,6 +188,68 @@ def test_keys_are_released_without_the_focus_and_while_panels_use_them(handle, c
 
 
 # ---- mouse ------------------------------------------------------------------------------------------
+
+
+def seen_at(control, point):
+    """Where a point of the world is in the picture of AREA, in pixels from its top left corner."""
+    return control.camera.project(np.array([point]), (AREA.width, AREA.height))[0] + 0.5
+
+
+@pytest.mark.parametrize("orthographic", [0.0, 3.0])
+@pytest.mark.parametrize("cursor", [(100, 50), (30, 20), (190, 90)])
+def test_the_wheel_zooms_to_what_is_under_the_cursor(control, orthographic, cursor):
+    control.camera.orthographic_height = orthographic
+    aim = control.camera.unproject(np.array(cursor) - 0.5, 3.0, (AREA.width, AREA.height))
+    controls = Controls(control, lambda name, argument: aim, lambda: AREA)
+    control.see(3.0)
+    height = control.seen_height
+    controls.handle([Event("cursor", x=cursor[0], y=cursor[1]), Event("scroll", y=1.0), Event("scroll", y=2.0)])
+    assert control.seen_height == pytest.approx(height / 1.25**3)
+    assert seen_at(control, aim) == pytest.approx(cursor), "the point stays under the cursor"
+    assert control.distance == pytest.approx(3 / 1.25**3)
+    before = control.camera.transform.copy()
+    controls.handle([Event("scroll", y=-1.0), Event("scroll", y=1.0)])
+    assert control.camera.transform == pytest.approx(before), "zooming out undoes zooming in"
+    controls.handle([Event("scroll", y=1e9)] * 99 + [Event("scroll", y=-1e9)] * 99)
+    assert np.isfinite(control.camera.transform).all()
+
+
+def test_shift_and_the_wheel_fly_past_what_is_seen(handle, control, called):
+    handle(press(glfw.KEY_LEFT_SHIFT), *[Event("scroll", y=1.0)] * 6)
+    assert position(control)[2] < 0, "beyond SEEN"
+    handle(*[Event("scroll", y=-1.0)] * 6)
+    assert position(control) == pytest.approx((0, 1, DISTANCE))
+    assert not called
+
+
+def test_shift_and_a_left_drag_look_around(handle, control, called):
+    before = position(control)
+    handle(press(glfw.KEY_LEFT_SHIFT), *drag(LEFT, (20, 0), (20, 0)))
+    assert position(control) == pytest.approx(before)
+    assert -control.camera.transform[0, 2] == pytest.approx(math.sin(40 * 0.005))
+    assert not called
+
+
+def test_middle_drag_pans_what_is_under_the_cursor(control):
+    aim = control.camera.unproject((49.5, 49.5), 2.5, (AREA.width, AREA.height))
+    controls = Controls(control, lambda name, argument: aim, lambda: AREA)
+    view = control.camera.transform[:3, :3].copy()
+    controls.handle(drag(MIDDLE, (30, 0), (10, -20)))
+    assert seen_at(control, aim) == pytest.approx((90, 30)), "it follows the cursor"
+    assert (control.camera.transform[:3, :3] == view).all()
+
+
+def test_framing_shows_all_of_a_sphere(control):
+    rim = np.random.default_rng(2).normal(size=(4000, 3))
+    rim = np.array((3, 1, -5)) + 0.7 * rim / np.linalg.norm(rim, axis=1, keepdims=True)
+    for aspect in (0.4, 1.0, 2.5):
+        size = round(200 * aspect), 200
+        control.focus((3, 1, -5), 0.7, aspect)
+        at = control.camera.project(rim, size) + 0.5
+        assert (at >= 0).all()
+        assert (at <= size).all()
+        share = np.ptp(at, axis=0) / size
+        assert share.max() > 0.97, "and no more"
 
 
 def test_right_drag_looks_around(handle, control, called):
@@ -212,7 +275,7 @@ def test_other_drags_do_not_move(handle, control, called):
     handle(*drag(LEFT, (100, 0)), takes_mouse=False)
     assert called == [("pick", (52.0, 50.0))]
     assert (control.camera.transform == before).all()
-    Controls(control, lambda name, argument: None).handle(drag(LEFT, (100, 30)))
+    Controls(control, lambda name, argument: None, lambda: AREA).handle(drag(LEFT, (100, 30)))
     assert position(control) == pytest.approx(before[:3, 3])
     assert (control.camera.transform != before).any()
 
@@ -230,18 +293,22 @@ def test_looking_up_stops_before_the_pole(handle, control):
 
 
 def test_every_action_has_its_key(handle, control, called):
-    for code, with_control in ACTIONS:
-        handle(press(code, glfw.MOD_CONTROL if with_control else 0), release(code))
+    for code, modifiers in ACTIONS:
+        handle(press(code, modifiers), release(code))
     assert [name for name, _ in called] == list(ACTIONS.values())
     called.clear()
     handle(press(glfw.KEY_1), press(glfw.KEY_9), press(glfw.KEY_1, repeats=True))
     assert called == [("camera", 0), ("camera", 8)]
     handle(press(glfw.KEY_F2, repeats=True), press(glfw.KEY_PERIOD, repeats=True))
     assert called[2:] == [("move_divider_right", None)], "only some held keys repeat"
-    handle(press(glfw.KEY_V, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL))
-    assert called[3:] == [("previous_view", None)]
+    handle(press(glfw.KEY_EQUAL, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL | glfw.MOD_SHIFT))
+    assert called[3:] == [("brighter", None), ("save", None)], "Shift counts where it has a meaning of its own"
+    handle(Event("text", ord("?")), Event("text", ord("z")), Event("close"))
+    assert called[5:] == [("help", None), ("close_window", None)]
+    handle(Event("text", ord("?")), takes_keys=False)
+    assert len(called) == 7
     assert not control.held, "Ctrl doesn't fly"
-    assert not FLY_KEYS.keys() & {code for code, with_control in ACTIONS if not with_control}
+    assert not FLY_KEYS.keys() & {code for code, modifiers in ACTIONS if not modifiers}
 
 
 def test_the_guide_lists_the_keys():
@@ -270,5 +337,31 @@ def test_windows_are_minimized():
         window.take_events()
         assert window.take_events() == []
         window.close()
+    finally:
+        glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
+
+
+def test_windows_take_files_and_ask_before_they_close(monkeypatch):
+    """By GLFW's callbacks, on its null platform, where nobody drops or closes anything."""
+    callbacks = {}
+    for name in ("set_drop_callback", "set_window_close_callback"):
+        monkeypatch.setattr(glfw, name, lambda handle, callback, name=name: callbacks.update({name: callback}))
+    monkeypatch.setattr(glfw, "get_window_content_scale", lambda handle: (1.5, 1.5))
+    monkeypatch.setattr(glfw, "get_key", lambda handle, code: code == glfw.KEY_RIGHT_SHIFT)
+    glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
+    try:
+        window = Window((200, 100), "test")
+        callbacks["set_drop_callback"](window.handle, ["a.glb", "b.hdr"])
+        glfw.set_window_should_close(window.handle, True)
+        callbacks["set_window_close_callback"](window.handle)
+        dropped, closed = (event for event in window.take_events() if event.kind in ("drop", "close"))
+        assert (dropped.paths, dropped.code) == (("a.glb", "b.hdr"), glfw.MOD_SHIFT)
+        assert closed.kind == "close"
+        assert not window.wants_to_close, "the viewer decides"
+        assert window.text_scale == 1.5
+        monkeypatch.setattr(Window, "pixels", (300, 150))
+        assert window.text_scale == 1.0, "the system enlarges the window's coordinates itself"
+        window.close()
+        assert window.text_scale == 1.0
     finally:
         glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)

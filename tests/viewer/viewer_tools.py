@@ -1,9 +1,17 @@
-"""Input for the viewer's tests, and the pixels of an EXR."""
+"""Input for the viewer's tests, sessions without a window, and the pixels of an EXR."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import OpenEXR
 
+from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
+from solari_vk.viewer.camera_control import CameraControl
+from solari_vk.viewer.reload import Sources
+from solari_vk.viewer.scaling import ScaleControl
+from solari_vk.viewer.session import Session
 from solari_vk.viewer.window import Event
 
 
@@ -39,3 +47,39 @@ def click(viewer, x, y):
 def read_exr(path):
     with OpenEXR.File(str(path)) as file:
         return file.channels()["RGB"].pixels.copy()
+
+
+class FakeWindow:
+    """Stands for a window of 640 x 360 pixels where there is no screen."""
+
+    size = pixels = (640, 360)
+    text_scale = 1.0
+    wants_to_close = False
+    clipboard = ""
+
+
+class FakePictures:
+    """Stands for pictures that were never rendered."""
+
+    device = realtime = reference = None
+    ready = False
+    mode, view, tonemap, seed, size = "reference", "picture", "agx", 3, (64, 48)
+
+    def __init__(self, scene):
+        self.scene, self.settings = scene, Settings()
+
+    def reload(self):
+        pass
+
+    def cut(self):
+        pass
+
+
+def make_session(scene, folder="."):
+    """The state of a viewer without a window and a device, for what edits the scene."""
+    camera = CameraControl(Camera.look_at((0, 1, 4), (0, 1, 0)), 2.0)
+    camera.see(4.0)
+    sources = Sources(scene, None, None)
+    pictures = FakePictures(scene)
+    return Session(FakeWindow(), pictures, camera, ScaleControl(), sources,
+                   source=None, source_options=(), folder=Path(folder))  # fmt: skip

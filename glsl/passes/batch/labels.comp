@@ -5,7 +5,7 @@
 #include "common/random.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/pathtracer/aov.glsl"
-#include "passes/strip.glsl"
+#include "passes/views.glsl"
 #include "scene/camera.glsl"
 #include "scene/trace.glsl"
 
@@ -23,7 +23,7 @@ layout(set = 1, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_st
 void store_geometry(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     TrianglePoint point = resolve_triangle(instances.at[hit.instance], mesh, hit.triangle, hit.barycentrics);
     bool front_face = dot(ray.direction, point.geometric_world_normal) <= 0.0;
-    aov_instance_id.at[index] = hit.instance;
+    aov_instance_id.at[index] = instance_number(hit.instance);
     aov_depth.at[index] = hit.t * ray.depth_per_t;
     aov_position.at[index] = point.world_position;
     aov_geometric_normal.at[index] = front_face ? point.geometric_world_normal : -point.geometric_world_normal;

@@ -26,9 +26,11 @@ LobeHistory add_sample(LobeHistory history, vec4 radiance_hit_distance, float co
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (denoise_settings.denoise == 0u || !is_inside(pixel, camera.size)) { return; }
-    uint index = pixel_index(pixel, camera.size), kind = kind_of(denoise_guides.at[index]);
+    uvec2 found = gl_GlobalInvocationID.xy;
+    uint index;
+    if (denoise_settings.denoise == 0u || !find_pixel(found, index)) { return; }
+    ivec2 pixel = ivec2(found);
+    uint kind = kind_of(denoise_guides.at[index]);
     vec2 confidence = denoise_neighborhoods.at[cell_at(pixel)].confidence;
     if (min(confidence.x, confidence.y) < 1.0) { shorten_alternate(index, min(confidence.x, confidence.y)); }
     if (kind == NOT_DENOISED) { return; }

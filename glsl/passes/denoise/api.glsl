@@ -36,7 +36,7 @@ float standard_error(Denoised light, vec3 diffuse_albedo, vec3 specular_albedo) 
 Denoised denoised(uvec2 pixel) {
     Signal diffuse, specular;
     denoised_at_jitter(ivec2(pixel), diffuse, specular);
-    uint kind = kind_of(denoise_guides.at[pixel_index(pixel, camera.size)]);
+    uint kind = kind_of(denoise_guides.at[element_index(pixel, camera.size)]);
     vec2 deviations = max(vec2(diffuse.standard_error, specular.standard_error), 0.0);
     return Denoised(diffuse.radiance, specular.radiance, psr_albedo(ivec2(pixel), kind), deviations);
 }

@@ -22,7 +22,7 @@ void add_first_order_term(
 }
 
 void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
-    Signals own = load_filtered(pixel_index(pixel, camera.size));
+    Signals own = load_filtered(element_index(pixel, camera.size));
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
@@ -33,7 +33,7 @@ void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
         mat2 weights;  // by the side and the lobe
         for (int side = 0; side < 2; side++) {
             ivec2 step = (2 * side - 1) * ivec2(1 - axis, axis), other = clamp(pixel + step, ivec2(0), last);
-            uint at = pixel_index(other, camera.size);
+            uint at = element_index(other, camera.size);
             weights[side] = other == pixel + step
                 ? edge_stopping_weights(edges, denoise_guides.at[at], step)
                 : vec2(0.0);

@@ -61,7 +61,8 @@ bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
     vec2 deviations = vec2(signals.diffuse.standard_error, signals.specular.standard_error);
     if (min(deviations.x, deviations.y) < 0.0) { return false; }
-    vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, pixel).g, imageLoad(guides_specular_albedo, pixel).g);
+    ivec2 at = texel_of(pixel);
+    vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, at).g, imageLoad(guides_specular_albedo, at).g);
     if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }
     return length(albedos * deviations) < CONVERGED_NOISE * dot(albedos, values);
 }
@@ -100,9 +101,10 @@ Signal mean(FilterSum sum, Signal center) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
-    if (denoise_settings.denoise == 0u || !is_inside(pixel, size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uvec2 found = gl_GlobalInvocationID.xy;
+    uint index;
+    if (denoise_settings.denoise == 0u || !find_pixel(found, index)) { return; }
+    ivec2 pixel = ivec2(found), size = ivec2(camera.size);
     uvec4 bits = load_bits(index);
     uint state = state_of(bits.z);
     if (state == DONE) { store_bits(index, bits ^ uvec4(0u, 0u, (DONE ^ DONE_IN_BOTH) << 30u, 0u)); }
@@ -118,7 +120,7 @@ void main() {
         for (int x = -1; x <= 1; x++) {
             if (x == 0 && y == 0) { continue; }
             ivec2 step = ivec2(x, y) << level, other = pixel + step, inside = clamp(other, ivec2(0), size - 1);
-            uint at = pixel_index(inside, camera.size);
+            uint at = element_index(inside, camera.size);
             float kernel = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
             vec2 weights = kernel * edge_stopping_weights(edges, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);

@@ -5,10 +5,9 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "common/pixel.glsl"
 #include "generated/passes/denoise.glsl"
 #include "passes/denoise/lobe_history.glsl"
-#include "scene/camera_block.glsl"
+#include "passes/views.glsl"
 
 struct Gradient {
     float difference_sum;  // luminance minus that of the history; noise of either sign cancels out
@@ -48,7 +47,7 @@ layout(set = 1, scalar) buffer DenoiseNeighborhoodsBlock { CellNeighborhood at[]
 
 uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
 
-uint cell_at(ivec2 pixel) { return pixel_index(uvec2(pixel) / CELL, cell_count()); }
+uint cell_at(ivec2 pixel) { return element_index(uvec2(pixel) / CELL, cell_count()); }
 
 const Gradient NO_GRADIENT = Gradient(0.0, 0.0, 0.0);
 const LobeGradient NO_PIXELS = LobeGradient(NO_GRADIENT, NO_GRADIENT, 0.0, 0.0, 0.0, 0.0);

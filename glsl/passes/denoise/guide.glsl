@@ -67,17 +67,18 @@ Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
 }
 
 Guide load_guide(ivec2 pixel) {
-    return unpack_guide(denoise_guides.at[pixel_index(pixel, camera.size)], pixel, camera);
+    return unpack_guide(denoise_guides.at[element_index(pixel, camera.size)], pixel, camera);
 }
 
 Guide load_previous_guide(ivec2 pixel) {
-    uvec2 bits = previous_denoise_guides.at[pixel_index(pixel, camera.size)];
+    uvec2 bits = previous_denoise_guides.at[element_index(pixel, camera.size)];
     return unpack_guide(bits, pixel, previous_camera);
 }
 
 // The albedo, diffuse and specular, of the surface that the guide images describe.
 vec3 guide_albedo(ivec2 pixel) {
-    vec3 albedo = imageLoad(guides_diffuse_albedo, pixel).rgb + imageLoad(guides_specular_albedo, pixel).rgb;
+    ivec2 at = texel_of(pixel);
+    vec3 albedo = imageLoad(guides_diffuse_albedo, at).rgb + imageLoad(guides_specular_albedo, at).rgb;
     return min(albedo, vec3(1.0));
 }
 
@@ -88,12 +89,12 @@ vec3 psr_albedo(ivec2 pixel, uint kind) {
 
 // The guide of this frame, from the guide images.
 Guide make_guide(ivec2 pixel) {
-    float depth_value = imageLoad(guides_depth, pixel).x;
-    vec4 normal_roughness = imageLoad(guides_normal_roughness, pixel);
+    float depth_value = imageLoad(guides_depth, texel_of(pixel)).x;
+    vec4 normal_roughness = imageLoad(guides_normal_roughness, texel_of(pixel));
     // Alpha, of passes/guides/write.comp: 1 where the guides are of the primary surface; where the PSR surface has
     // noise.
-    bool is_primary = imageLoad(guides_specular_albedo, pixel).a > 0.5;
-    bool is_noisy = imageLoad(guides_diffuse_albedo, pixel).a > 0.5;
+    bool is_primary = imageLoad(guides_specular_albedo, texel_of(pixel)).a > 0.5;
+    bool is_noisy = imageLoad(guides_diffuse_albedo, texel_of(pixel)).a > 0.5;
     Guide guide;
     guide.kind = depth_value == 0.0 ? NOT_DENOISED : is_primary ? PRIMARY_SURFACE : is_noisy ? PSR_SURFACE
         : NOT_DENOISED;

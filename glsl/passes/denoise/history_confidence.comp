@@ -58,9 +58,11 @@ float firefly_limit_luminance(LobeGradient sum) {
 }
 
 void main() {
-    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
-    if (denoise_settings.denoise == 0u || !is_inside(cell, cells)) { return; }
-    GradientCell own = denoise_cells.at[pixel_index(cell, cells)];
+    uvec2 found = gl_GlobalInvocationID.xy, cells = cell_count();
+    uint index;
+    if (denoise_settings.denoise == 0u || !find_element(found, cells, index)) { return; }
+    ivec2 cell = ivec2(found);
+    GradientCell own = denoise_cells.at[index];
     ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
     vec2 sigmas = change_sigmas(cell_light_change(unpack_gradient(own.diffuse), position));
@@ -73,7 +75,7 @@ void main() {
             for (int x = -ring; x <= ring; x += max(step, 1)) {
                 ivec2 other = cell + ivec2(x, y);
                 if (!is_inside(other, cells)) { continue; }
-                GradientCell neighbor = denoise_cells.at[pixel_index(other, cells)];
+                GradientCell neighbor = denoise_cells.at[element_index(other, cells)];
                 add_neighbor_gradient(diffuse, unpack_gradient(neighbor.diffuse));
                 add_neighbor_gradient(specular, unpack_gradient(neighbor.specular));
             }
@@ -83,5 +85,5 @@ void main() {
         );
         if (ring == 1) { luminance_limit = vec2(firefly_limit_luminance(diffuse), firefly_limit_luminance(specular)); }
     }
-    denoise_neighborhoods.at[pixel_index(cell, cells)] = CellNeighborhood(lobe_confidence, luminance_limit);
+    denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, luminance_limit);
 }

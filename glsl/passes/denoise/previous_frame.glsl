@@ -42,9 +42,9 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     // Of the surface that the guides are of, for both lobes; guides_motion but for PSR surfaces. It is 0 where that is
     // static.
-    vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
+    vec2 motion = in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
     // Light is averaged over the lens as over the pixel: what is seen through another point of it counts as unmoved.
-    if (rests_behind_lens(imageLoad(gbuffer_surface, pixel).y)) {
+    if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) {
         return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal);
     }
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
@@ -52,7 +52,7 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
         return PreviousSurface(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
     }
     vec3 origin = camera.world_from_view[3];
-    uint instance = imageLoad(gbuffer_surface, pixel).y;
+    uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
     SurfacePlane plane = previous_plane(instance, SurfacePlane(origin + guide.position, guide.normal));
     vec3 position = plane.point - previous_camera.world_from_view[3];
     return PreviousSurface(previous_pixel(guide.position, position, pixel), position, plane.normal);
@@ -80,7 +80,7 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
     if (abs(weight) < 1e-3 || !is_inside(pixel, camera.size)) { return; }
     Guide previous_guide = load_previous_guide(pixel);
     if (!is_consistent(previous_guide, previous, guide, plane_distance)) { return; }
-    taps.at[taps.count] = pixel_index(pixel, camera.size);
+    taps.at[taps.count] = element_index(pixel, camera.size);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;

@@ -98,9 +98,10 @@ void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Gui
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (!is_inside(pixel, camera.size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uvec2 found = gl_GlobalInvocationID.xy;
+    uint index;
+    if (!find_pixel(found, index)) { return; }
+    ivec2 pixel = ivec2(found);
     Guide guide = make_guide(pixel);
     if (denoise_settings.denoise == 0u) { guide.kind = NOT_DENOISED; }
     bool has_surface = guide.kind != NOT_DENOISED;

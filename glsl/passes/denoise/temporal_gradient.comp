@@ -30,12 +30,13 @@ void add_pixel(inout LobeGradient cell, LobeHistory history, vec3 radiance) {
 
 void main() {
     uvec2 cell = gl_GlobalInvocationID.xy, cells = cell_count();
-    if (denoise_settings.denoise == 0u || !is_inside(cell, cells)) { return; }
+    uint cell_index;
+    if (denoise_settings.denoise == 0u || !find_element(cell, cells, cell_index)) { return; }
     uvec2 begin = cell * CELL, end = min(begin + CELL, camera.size);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
-            uint index = pixel_index(uvec2(x, y), camera.size), kind = kind_of(denoise_guides.at[index]);
+            uint index = element_index(uvec2(x, y), camera.size), kind = kind_of(denoise_guides.at[index]);
             if (kind == NOT_DENOISED) { continue; }
             add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), noisy_diffuse(index).rgb);
             vec4 specular_value = noisy_specular(index, ivec2(x, y), kind);
@@ -43,6 +44,5 @@ void main() {
         }
     }
     uint rng = seed_rng(cell, this_frame.index, this_frame.seed ^ PASS_SALT);
-    denoise_cells.at[pixel_index(cell, cells)] =
-        GradientCell(pack_gradient(diffuse, rng), pack_gradient(specular, rng));
+    denoise_cells.at[cell_index] = GradientCell(pack_gradient(diffuse, rng), pack_gradient(specular, rng));
 }

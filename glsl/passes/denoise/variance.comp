@@ -64,9 +64,10 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
-    if (denoise_settings.denoise == 0u || !is_inside(pixel, size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uvec2 found = gl_GlobalInvocationID.xy;
+    uint index;
+    if (denoise_settings.denoise == 0u || !find_pixel(found, index)) { return; }
+    ivec2 pixel = ivec2(found), size = ivec2(camera.size);
     Guide guide = load_guide(pixel);
     if (guide.kind == NOT_DENOISED) {
         denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, DONE_IN_BOTH << 30u, 0u);
@@ -89,7 +90,7 @@ void main() {
     for (int i = has_long_history ? 4 : 0; i < (has_long_history ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
-        uint at = pixel_index(inside, camera.size);
+        uint at = element_index(inside, camera.size);
         vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
         if (i != 4) { weights *= edge_stopping_weights(edges, denoise_guides.at[at], step); }
         add_moments(diffuse, unpack_lobe_history(denoise_diffuse.at[at]), weights.x);

@@ -11,8 +11,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (!is_inside(pixel, camera.size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uint index;
+    if (!find_pixel(pixel, index)) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     Demodulation albedo;

@@ -7,10 +7,10 @@
 #include "scene/sampling.glsl"
 
 vec3 visible_emission(uvec2 pixel) {
-    vec3 emitted = unpack_emissive(imageLoad(gbuffer, ivec2(pixel)));
+    vec3 emitted = unpack_emissive(imageLoad(gbuffer, texel_of(pixel)));
     if (!is_seen(vec2(pixel) + 0.5)) { return vec3(0.0); }
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
-    float inverse_depth = imageLoad(depth, ivec2(pixel)).x / camera.near;
+    float inverse_depth = imageLoad(depth, texel_of(pixel)).x / camera.near;
     float t = inverse_depth > 0.0 ? 1.0 / (inverse_depth * ray.depth_per_t) : INFINITY;
     emitted += mis_weighted_radiance_along_ray(ray.origin, ray.direction, t, INFINITY);
     if (inverse_depth == 0.0) {

@@ -6,8 +6,15 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+#ifdef MANY_VIEWS
+#define PICTURE_SIZE camera.picture_size
+#else
+#define PICTURE_SIZE uvec2(imageSize(display))
+#endif
+
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = imageSize(display);
-    if (!is_inside(pixel, size)) { return; }
-    imageStore(display, pixel, vec4(show_radiance(radiance.at[pixel.y * size.x + pixel.x]), 1.0));
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    uint index;
+    if (!find_element(pixel, PICTURE_SIZE, index)) { return; }
+    imageStore(display, ivec2(gl_GlobalInvocationID.xy), vec4(show_radiance(radiance.at[index]), 1.0));
 }

@@ -113,14 +113,14 @@ GBufferSurface unpack_gbuffer(
 }
 
 GBufferSurface load_gbuffer(uvec2 pixel) {
-    ivec2 at = ivec2(pixel);
+    ivec2 at = texel_of(pixel);
     GBufferSurface surface = unpack_gbuffer(
         imageLoad(gbuffer, at), imageLoad(gbuffer_surface, at).xy, imageLoad(depth, at).x,
         vec2(pixel) + 0.5 + camera.jitter, camera
     );
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
     if (SCENE_LOBES && surface.exists) {
-        PackedLobes packed = gbuffer_lobes.at[pixel_index(pixel, camera.size)];
+        PackedLobes packed = gbuffer_lobes.at[element_index(pixel, camera.size)];
         surface.material = unpack_lobes(surface.material, packed, surface.world_normal);
     }
     return surface;
@@ -128,7 +128,7 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
 
 // The surface that a pixel of the previous frame showed, at its position in that frame.
 GBufferSurface load_previous_gbuffer(uvec2 pixel) {
-    ivec2 at = ivec2(pixel);
+    ivec2 at = texel_of(pixel);
     return unpack_gbuffer(
         imageLoad(previous_gbuffer, at), imageLoad(previous_gbuffer_surface, at).xy, imageLoad(previous_depth, at).x,
         vec2(pixel) + 0.5 + previous_camera.jitter, previous_camera
@@ -209,7 +209,7 @@ vec2 background_motion_vector(CameraRay ray) {
 
 // The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.
 vec2 reproject(uvec2 pixel) {
-    vec2 motion = imageLoad(motion_vectors, ivec2(pixel)).xy;
+    vec2 motion = imageLoad(motion_vectors, texel_of(pixel)).xy;
     vec2 jitter = camera.jitter - camera.principal_shift;
     vec2 previous_jitter = previous_camera.jitter - previous_camera.principal_shift;
     return vec2(pixel) + 0.5 + jitter + motion * vec2(camera.size) - previous_jitter;

@@ -54,9 +54,10 @@ GBufferPixel resolve_empty_pixel(CameraRay ray) {
     return GBufferPixel(uvec4(0u), NO_PACKED_LOBES, uvec2(0u, NO_INDEX), 0.0, background_motion_vector(ray));
 }
 
-void store_pixel(ivec2 at, GBufferPixel pixel) {
+void store_pixel(uvec2 place, GBufferPixel pixel) {
+    ivec2 at = texel_of(place);
     imageStore(gbuffer, at, pixel.gbuffer);
-    if (SCENE_LOBES) { gbuffer_lobes.at[pixel_index(uvec2(at), camera.size)] = pixel.lobes; }
+    if (SCENE_LOBES) { gbuffer_lobes.at[element_index(place, camera.size)] = pixel.lobes; }
     imageStore(gbuffer_surface, at, uvec4(pixel.surface, 0u, 0u));
     imageStore(depth, at, vec4(pixel.depth));
     imageStore(motion_vectors, at, vec4(pixel.motion, 0.0, 0.0));

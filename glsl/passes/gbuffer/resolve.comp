@@ -12,10 +12,10 @@ void main() {
     if (!is_inside(at, camera.size)) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     if (imageLoad(depth, ivec2(at)).x == 0.0) {
-        store_pixel(ivec2(at), resolve_empty_pixel(ray));
+        store_pixel(at, resolve_empty_pixel(ray));
     } else {
         uvec2 found = imageLoad(raster_triangles, ivec2(at)).xy;
         Mesh mesh = meshes.at[instances.at[found.x].mesh];
-        store_pixel(ivec2(at), resolve_pixel(ray, intersect_triangle(ray, found.x, found.y, mesh), mesh));
+        store_pixel(at, resolve_pixel(ray, intersect_triangle(ray, found.x, found.y, mesh), mesh));
     }
 }

@@ -8,13 +8,14 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 at = INVOCATION_INDEX;
-    if (!is_inside(at, camera.size)) { return; }
+    uint index;
+    if (!find_pixel(at, index)) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     uvec2 alpha_seed = pixel_alpha_seed(at);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
     if (hit.instance == NO_INDEX || !is_seen(vec2(at) + 0.5)) {
-        store_pixel(ivec2(at), resolve_empty_pixel(ray));
+        store_pixel(at, resolve_empty_pixel(ray));
     } else {
-        store_pixel(ivec2(at), resolve_pixel(ray, hit, meshes.at[instances.at[hit.instance].ray_mesh]));
+        store_pixel(at, resolve_pixel(ray, hit, meshes.at[instances.at[hit.instance].ray_mesh]));
     }
 }

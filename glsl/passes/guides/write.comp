@@ -116,8 +116,9 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (!is_inside(pixel, camera.size)) { return; }
-    ivec2 at = ivec2(pixel);
+    uint index;
+    if (!find_pixel(pixel, index)) { return; }
+    ivec2 at = texel_of(pixel);
 
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);

@@ -39,8 +39,8 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
-    if (!is_inside(pixel, camera.size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uint index;
+    if (!find_pixel(pixel, index)) { return; }
     uint samples = samples_per_pixel(index), sample_index = paths_wave.sample_index;
     if (sample_index >= samples) { return; }
     GBufferSurface surface = load_gbuffer(pixel);

@@ -13,7 +13,7 @@ void main() {
     uint queue_index = thread_index(INVOCATION_INDEX);
     if (queue_index >= paths_wave.count) { return; }
     uint index = paths_ray_queues.at[queue_begin(paths_wave.index) + queue_index];
-    uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
+    uvec2 pixel = find_pixel_of(index);
     Path path = load_path_state(index);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 

@@ -18,8 +18,8 @@ float sample_distance(Vertex vertex, PathReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (!is_inside(pixel, camera.size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uint index;
+    if (!find_pixel(pixel, index)) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     Merge merged = Merge(paths_temporal_reservoirs.at[index], NO_LIGHT);
     if (surface.exists) {
@@ -32,7 +32,7 @@ void main() {
             && find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, neighbor_surface)
             && !is_dispersive(neighbor_surface)) {
             other_surface = neighbor_surface;
-            other = paths_temporal_reservoirs.at[pixel_index(neighbor, camera.size)];
+            other = paths_temporal_reservoirs.at[element_index(neighbor, camera.size)];
         }
         merged = merge_reservoirs(
             vertex, merged.reservoir, make_vertex(other_surface), other, false,

@@ -28,7 +28,7 @@ PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, floa
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
 // its confidence; otherwise those that found a remaining light would count too much.
 PathReservoir load_previous_reservoir(uvec2 pixel) {
-    PathReservoir reservoir = paths_reservoirs.at[pixel_index(pixel, camera.size)];
+    PathReservoir reservoir = paths_reservoirs.at[element_index(pixel, camera.size)];
     reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);
     if (!is_path_sample(reservoir) && reservoir.weight > 0.0) {
         reservoir.point.x = light_translation.at[reservoir.point.x];
@@ -49,8 +49,8 @@ float previous_confidence(float confidence, PathReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (!is_inside(pixel, camera.size)) { return; }
-    uint index = pixel_index(pixel, camera.size);
+    uint index;
+    if (!find_pixel(pixel, index)) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     PathReservoir reservoir = EMPTY_RESERVOIR;
     if (surface.exists) {

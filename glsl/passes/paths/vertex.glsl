@@ -67,6 +67,8 @@ PerLobe evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample, flo
     return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);
 }
 
+const float ENVIRONMENT_VISIBILITY = 0.05;
+
 // A light sample before its shadow ray.
 struct RisLightSample {
     LightSample light_sample;
@@ -76,8 +78,14 @@ struct RisLightSample {
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
 
+// How often light samples of a kind are expected to be visible, for resampling, which knows no walls: where there are
+// portals, few of the environment's own. Any positive number leaves the mean as it is.
+float expected_visibility(uint kind) {
+    return SCENE_PORTAL && kind == LIGHT_ENVIRONMENT ? ENVIRONMENT_VISIBILITY : 1.0;
+}
+
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
-// samples of lights, chosen by the luminance that the vertex reflects without occlusion.
+// samples of lights, chosen by the luminance that the vertex reflects of it, if nothing unexpected is in the way.
 RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {
     RisLightSample ris_sample;
     ris_sample.contribution = NO_LIGHT;
@@ -87,7 +95,7 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expecte
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         PerLobe reflected = evaluate_next_event(vertex, resolved, expected_candidates);
-        float weight = luminance(sum(reflected));
+        float weight = luminance(sum(reflected)) * expected_visibility(resolved.kind);
         if (choose_weighted(weight_sum, weight, rng)) {
             ris_sample = RisLightSample(light_sample, resolved, reflected);
             chosen_weight = weight;

@@ -5,6 +5,15 @@
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/surface.glsl"
 
+// The number of an instance in its world, from its row.
+uint instance_number(uint row) {
+#ifdef MANY_VIEWS
+    return row - views.at[view_index].first_instance;
+#else
+    return row;
+#endif
+}
+
 void store_empty_aovs(uint index) {
     aov_instance_id.at[index] = NO_INDEX;
     aov_depth.at[index] = INFINITY;
@@ -20,7 +29,7 @@ void store_empty_aovs(uint index) {
 void store_aovs(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     SurfaceInteraction surface =
         resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
-    aov_instance_id.at[index] = hit.instance;
+    aov_instance_id.at[index] = instance_number(hit.instance);
     aov_depth.at[index] = hit.t * ray.depth_per_t;
     aov_position.at[index] = surface.world_position;
     aov_geometric_normal.at[index] = surface.geometric_world_normal;

@@ -4,7 +4,7 @@
 #define PASSES_PATHTRACER_TRACE_GLSL
 
 #include "passes/pathtracer/bindings.glsl"
-#include "passes/strip.glsl"
+#include "passes/views.glsl"
 #include "scene/walk.glsl"
 
 struct Path {
@@ -94,7 +94,7 @@ uvec2 even_sample_range() {
 
 uint path_seed() {
 #ifdef MANY_VIEWS
-    return views.at[view_index].seed;
+    return views.at[view_index].frame.seed;
 #else
     return path_sampling.seed;
 #endif

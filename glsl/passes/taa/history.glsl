@@ -30,7 +30,7 @@ HistorySample unpack_history(uvec2 bits) {
 
 HistorySample load_history(ivec2 at) {
     ivec2 inside = clamp(at, ivec2(0), ivec2(camera.picture_size) - 1);
-    return unpack_history(previous_taa_history.at[pixel_index(inside, camera.picture_size)]);
+    return unpack_history(previous_taa_history.at[element_index(inside, camera.picture_size)]);
 }
 
 // The past between pixels.
@@ -59,11 +59,11 @@ HistorySample interpolate_history(vec2 position, Neighborhood around) {
 
 // Whether what a rendered pixel shows was visible around a position of the previous picture.
 bool was_visible(ivec2 pixel, vec2 position) {
-    float now = imageLoad(depth, pixel).x;
+    float now = imageLoad(depth, texel_of(pixel)).x;
     ivec2 center = ivec2(floor(position * render_scale())), last = ivec2(camera.size) - 1;
     for (int i = 0; i < 9; i++) {
         ivec2 step = ivec2((i + 4) % 9 % 3, (i + 4) % 9 / 3) - 1;  // the center first
-        float before = imageLoad(previous_depth, clamp(center + step, ivec2(0), last)).x;
+        float before = imageLoad(previous_depth, texel_of(clamp(center + step, ivec2(0), last))).x;
         if (abs(now - before) <= MAX_DEPTH_DIFFERENCE * max(now, before)) { return true; }
     }
     return false;
@@ -79,14 +79,14 @@ vec2 lens_shift(Camera from, float inverse_depth) {
 // The motion in uv without that of the point of the lens through which a frame sees: the picture is the mean over the
 // lens, which stays.
 vec2 motion_without_lens(ivec2 pixel, vec2 motion) {
-    if (rests_behind_lens(imageLoad(gbuffer_surface, pixel).y)) { return vec2(0.0); }
-    float inverse_depth = max(imageLoad(depth, pixel).x, 1e-9) / camera.near;
+    if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) { return vec2(0.0); }
+    float inverse_depth = max(imageLoad(depth, texel_of(pixel)).x, 1e-9) / camera.near;
     return motion + lens_shift(camera, inverse_depth) - lens_shift(previous_camera, inverse_depth);
 }
 
 // The motion in pixels of the picture, from where it was in the previous frame; exactly 0 for what doesn't move.
 vec2 motion_in_picture(ivec2 pixel) {
-    vec2 motion = imageLoad(guides_specular_motion, pixel).xy;
+    vec2 motion = imageLoad(guides_specular_motion, texel_of(pixel)).xy;
     if (camera.lens_radius > 0.0) { motion = motion_without_lens(pixel, motion); }
     return motion * vec2(camera.picture_size) + this_frame.picture_shift;
 }
@@ -101,7 +101,7 @@ bool is_still(ivec2 center) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
         if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
-        uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
+        uint instance = imageLoad(previous_gbuffer_surface, texel_of(pixel)).y;
         if (instance == known || instance == NO_INDEX) { continue; }
         if (!is_static(instance)) { return false; }
         known = instance;
@@ -118,7 +118,8 @@ bool is_blended(ivec2 center) {
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
-        uint now = imageLoad(gbuffer_surface, pixel).y, before = imageLoad(previous_gbuffer_surface, pixel).y;
+        ivec2 at = texel_of(pixel);
+        uint now = imageLoad(gbuffer_surface, at).y, before = imageLoad(previous_gbuffer_surface, at).y;
         if (shows_blended(now) || shows_blended(before)) { return true; }
     }
     return false;

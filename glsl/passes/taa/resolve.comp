@@ -36,9 +36,10 @@ HistorySample limited(HistorySample history, Neighborhood around) {
 }
 
 void main() {
-    ivec2 at = ivec2(gl_GlobalInvocationID.xy);
-    if (!is_inside(at, camera.picture_size)) { return; }
-    uint index = pixel_index(at, camera.picture_size);
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    uint index;
+    if (!find_element(pixel, camera.picture_size, index)) { return; }
+    ivec2 at = ivec2(pixel);
     NearestSample found = find_own_sample(at);
     if (taa_settings.antialiasing == 0u) {
         radiance.at[index] = found.exists ? found.radiance : interpolate(at, find_neighborhood(at)).radiance;

@@ -23,7 +23,7 @@ vec2 render_scale() { return vec2(camera.size) / vec2(camera.picture_size); }
 // Where a position of the picture lies among the samples, of which the first is at 0.
 vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - this_frame.sample_offset; }
 
-vec3 load_sample(ivec2 pixel) { return sample_radiance.at[pixel_index(pixel, camera.size)]; }
+vec3 load_sample(ivec2 pixel) { return sample_radiance.at[element_index(pixel, camera.size)]; }
 
 // The sample inside a pixel of the picture. There is at most one, and always one when nothing is upscaled.
 NearestSample find_own_sample(ivec2 at) {
@@ -52,13 +52,13 @@ Neighborhood find_neighborhood(ivec2 at) {
     ivec2 last = ivec2(camera.size) - 1;
     found.center = clamp(ivec2(round(among_samples(vec2(at) + 0.5))), ivec2(0), last);
     found.nearest = found.center;
-    float depth = imageLoad(guides_depth, found.center).x;
+    float depth = imageLoad(guides_depth, texel_of(found.center)).x;
     vec3 sum = vec3(0.0), squares = vec3(0.0);
     found.count = 0.0;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = found.center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
-        float other = imageLoad(guides_depth, pixel).x;
+        float other = imageLoad(guides_depth, texel_of(pixel)).x;
         if (other > depth) {
             depth = other;
             found.nearest = pixel;
@@ -83,10 +83,10 @@ float tone_weight(vec3 found, Neighborhood around) {
 
 // Whether two samples show the same surface, by themselves or in mirrors.
 bool show_the_same(ivec2 a, ivec2 b) {
-    float depth = imageLoad(guides_depth, a).x, other = imageLoad(guides_depth, b).x;
-    vec3 normal = imageLoad(guides_normal_roughness, a).xyz;
+    float depth = imageLoad(guides_depth, texel_of(a)).x, other = imageLoad(guides_depth, texel_of(b)).x;
+    vec3 normal = imageLoad(guides_normal_roughness, texel_of(a)).xyz;
     return abs(depth - other) < MAX_DEPTH_DIFFERENCE * max(depth, other)
-        && dot(normal, imageLoad(guides_normal_roughness, b).xyz) > MIN_NORMAL_COSINE;
+        && dot(normal, imageLoad(guides_normal_roughness, texel_of(b)).xyz) > MIN_NORMAL_COSINE;
 }
 
 // A sample with a share of those around it, by a Gaussian that is narrower the more samples the pixel's mean has: one

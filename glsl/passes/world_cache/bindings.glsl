@@ -6,6 +6,15 @@
 
 #include "passes/rows.glsl"
 
+#ifdef MANY_VIEWS
+layout(set = 1, scalar) uniform CameraBallBlock {  // around the cameras of all views
+    vec3 center;
+    float radius;
+} camera_ball;
+layout(set = 1, scalar) buffer WorldCacheWorldsBlock { uint at[]; } world_cache_worlds;  // which has the cell
+const uint WORLD_SALT = 0x9E3779B9u;
+#endif
+
 // The surface point of a query: its position relative to the cell, and its octahedral normal. Each word has 8 bits of
 // random priority above 24 bits of data, so that atomicMax picks one of the queries of a frame.
 struct WorldCachePoint {

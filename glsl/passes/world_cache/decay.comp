@@ -29,7 +29,7 @@ bool is_outdated(uint cell) {
 // of a cell, which may be frames away, then replaces at least as large a share of its mean as the share of light that
 // changed. When all light changed, or most of the light at the cell, the cell has no value until then.
 void relight(uint cell) {
-    float change = is_outdated(cell) ? 1.0 : this_frame.lighting_change;
+    float change = is_outdated(cell) ? 1.0 : all_views.lighting_change;
     if (change == 0.0) { return; }
     float sample_count = world_cache_irradiance.at[cell].w;
     world_cache_irradiance.at[cell].w = min(sample_count, (1.0 - change) / change);
@@ -42,7 +42,7 @@ void main() {
     for (uint cell = block * BLOCK_SIZE; cell < (block + 1u) * BLOCK_SIZE; cell++) {
         if (world_cache_checksums.at[cell] == EMPTY_CELL) { continue; }
         uint life = world_cache_life.at[cell];
-        if (life == 0u || this_frame.has_history == 0u) {
+        if (life == 0u || all_views.has_history == 0u) {
             clear_cell(cell);
             continue;
         }

@@ -12,10 +12,20 @@ const uint EMPTY_CELL = 0u;  // no key's checksum
 
 // ---- keys -------------------------------------------------------------------------------------------
 
+// The distance of a position from the camera; of many, from a ball around all of them, so that views share cells. No
+// camera is nearer.
+float distance_from_cameras(vec3 world_position) {
+#ifdef MANY_VIEWS
+    return max(distance(world_position, camera_ball.center) - camera_ball.radius, 0.0);
+#else
+    return distance(world_position, camera.world_from_view[3]);
+#endif
+}
+
 // The size of the cells at a position. It doubles with distance from the camera; a random number decides between the
 // two nearest sizes, so that the levels blend into each other.
 float get_cell_size(vec3 world_position, inout uint rng) {
-    float level = log2(1.0 + distance(world_position, camera.world_from_view[3]) / world_cache_settings.lod_distance);
+    float level = log2(1.0 + distance_from_cameras(world_position) / world_cache_settings.lod_distance);
     float part = fract(level);
     int doublings = int(level) + (rand_f(rng) < pow(part, world_cache_settings.lod_sharpness) ? 1 : 0);
     return world_cache_settings.cell_size * power_of_two(doublings);
@@ -34,6 +44,9 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
     vec3 position = clamp(floor(world_position / cell_size + GRID_MARGIN), -1e9, 1e9);
     ivec3 normal = ivec3(floor(world_normal + GRID_MARGIN));
     uint kind = pcg(floatBitsToUint(cell_size)) + uint(normal.x + 3 * normal.y + 9 * normal.z);
+#ifdef MANY_VIEWS
+    kind += world_index * WORLD_SALT;
+#endif
     uvec4 hash = pcg4d(uvec4(ivec3(position), kind));
     return WorldCacheKey(vec4(position * cell_size, cell_size), hash.x, max(hash.y, EMPTY_CELL + 1u));
 }
@@ -66,7 +79,12 @@ uint insert_world_cache_cell(WorldCacheKey key) {
     for (; cell == NO_INDEX && search_step < world_cache_settings.search_steps; search_step++) {
         uint entry = world_cache_entry(key, search_step);
         uint existing = atomicCompSwap(world_cache_checksums.at[entry], EMPTY_CELL, key.checksum);
-        if (existing == EMPTY_CELL) { world_cache_bounds.at[entry] = key.bounds; }
+        if (existing == EMPTY_CELL) {
+            world_cache_bounds.at[entry] = key.bounds;
+#ifdef MANY_VIEWS
+            world_cache_worlds.at[entry] = world_index;
+#endif
+        }
         if (existing == EMPTY_CELL || existing == key.checksum) { cell = entry; }
     }
     return cell;

@@ -16,6 +16,9 @@ void main() {
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
     atomicAdd(world_cache_counters.updates, 1u);
+#ifdef MANY_VIEWS
+    world_index = world_cache_worlds.at[cell];
+#endif
     uint rng = seed_cell_rng(cell, PASS_SALT);
     WorldCacheSurface surface = load_world_cache_surface(cell);
 

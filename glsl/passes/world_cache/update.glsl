@@ -8,7 +8,16 @@ const uint UPDATE_SALT = 0x7C0A11EDu;
 
 // Seeds by the key, since a cell's index in the map depends on the order in which cells were inserted.
 uint seed_cell_rng(uint cell, uint salt) {
-    return seed_rng(uvec2(world_cache_checksums.at[cell], 0u), this_frame.index, this_frame.seed ^ salt);
+    return seed_rng(uvec2(world_cache_checksums.at[cell], 0u), all_views.index, all_views.seed ^ salt);
+}
+
+// Of all views.
+float pixel_count() {
+    float pixels = float(camera.size.x) * float(camera.size.y);
+#ifdef MANY_VIEWS
+    pixels *= float(views.at.length());
+#endif
+    return pixels;
 }
 
 // The cell that a thread updates, or NO_INDEX. Above the cap a random subset is updated, the same one in all passes.
@@ -17,8 +26,8 @@ uint find_cell_to_update(uint thread) {
     uint cell = world_cache_active_cells.at[thread];
     uint rng = seed_cell_rng(cell, UPDATE_SALT);
     float cap = float(world_cache_settings.update_cap);
-    if (this_frame.lighting_change == 0.0) {
-        cap = min(cap, world_cache_settings.updates_per_pixel * float(camera.size.x) * float(camera.size.y));
+    if (all_views.lighting_change == 0.0) {
+        cap = min(cap, world_cache_settings.updates_per_pixel * pixel_count());
     }
     bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < cap;
     return chosen ? cell : NO_INDEX;

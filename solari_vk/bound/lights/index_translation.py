@@ -86,6 +86,7 @@ class IndexTranslation:
         self._positions: Positions | None = None
         self.change = 0.0
         """Share of the scene's light that was added, removed or moved recently; decays from frame to frame."""
+        self.newest = 0.0  # the same of the latest update alone
         self._is_identity = False  # whether the buffers map each index to itself
         self.buffers: dict[str, Buffer] = {}
         self._reserve(1)
@@ -96,17 +97,17 @@ class IndexTranslation:
         ids, powers, positions: of each row of `light_sources`. An array that is the same object as in the previous call
         is taken to be unchanged. cell_size: of the world cache, in meters.
         """
-        self.change *= CHANGE_DECAY
-        if self.change <= MIN_CHANGE:
-            self.change = 0.0
+        self.newest = 0.0
         if powers is not self._powers:
             if self._powers is not None:
-                self.change = max(self.change, share_changed(self._ids, self._powers, ids, powers))
+                self.newest = share_changed(self._ids, self._powers, ids, powers)
             self._powers = powers
         moves = positions is not self._positions
         if moves and self._positions is not None and positions is not None:
             moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
-            self.change = max(self.change, moved)
+            self.newest = max(self.newest, moved)
+        change = self.change * CHANGE_DECAY
+        self.change = max(change if change > MIN_CHANGE else 0.0, self.newest)
         if ids is self._ids and self._is_identity and not moves:
             return False
         replaced = self._reserve(max(len(ids), len(self._ids)))

@@ -220,7 +220,7 @@ class LightList:
             openings = sum(portal.cross_section for portal in self._portals())
             return min(lit_area(), openings) if openings else lit_area()
         if kind.met_by_rays == BEYOND:
-            return sum(e.flux for lights in self._others.values() for e in lights if isinstance(e, EnvironmentLight))
+            return sum(e.even_flux for of in self._others.values() for e in of if isinstance(e, EnvironmentLight))
         return 0.0
 
     def _update_edited(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -86,16 +86,20 @@ class Tlas(Structure):
             raise SolariError(
                 f"build of Tlas {self.name}: the instances' address {instances:#x} is not a multiple of 16"
             )
-        # Without instances there is no buffer, but the address must be valid all the same.
-        self._geometries[0].geometry.instances.data.deviceAddress = instances if count else self._scratch_address & ~15
+        info = self._info(instances, count, update=update)
         vk = self.device.vk
         ranges = raw.array(
             "VkAccelerationStructureBuildRangeInfoKHR*",
             [raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)],
         )
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-        vk.vkCmdBuildAccelerationStructuresKHR(cmd, 1, self.build_info(self._scratch_address, update=update), ranges)
+        vk.vkCmdBuildAccelerationStructuresKHR(cmd, 1, info, ranges)
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    def _info(self, instances: int, count: int, *, update: bool = False) -> raw.CData:
+        # Without instances there is no buffer, but the address must be valid all the same.
+        self._geometries[0].geometry.instances.data.deviceAddress = instances if count else self._scratch_address & ~15
+        return self.build_info(self._scratch_address, update=update)
 
     def _note(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:
         """Note a build over `count` records at this time."""
@@ -152,6 +156,40 @@ class TlasBuild:
         self._tlas.check_alive("build")
         self._commands.submit_with_next()
         self._tlas._note(self._count, clock.tick())
+
+    def destroy(self) -> None:
+        """Free the commands when the work submitted so far is done. Safe to call twice."""
+        self._commands.destroy()
+
+
+class TlasBuilds:
+    """Builds of many structures in one call, recorded once and submitted whenever the records changed.
+
+    instances: the device address of the records, `count` for each structure, one after the other.
+    """
+
+    def __init__(self, structures: Sequence[Tlas], instances: int, count: int) -> None:
+        self._structures, self._count = structures, count
+        device = structures[0].device
+        step = count * INSTANCE_DTYPE.itemsize
+        infos = [tlas._info(instances + index * step, count) for index, tlas in enumerate(structures)]
+        one = raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)
+        arguments = (raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos),
+                     raw.array("VkAccelerationStructureBuildRangeInfoKHR*", [one] * len(infos)))  # fmt: skip
+
+        def record(cmd: raw.CData) -> None:
+            device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            device.vk.vkCmdBuildAccelerationStructuresKHR(cmd, len(infos), *arguments)
+            device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+        self._commands = Recorded(device, record, "build tlases")
+
+    def submit(self) -> None:
+        """Have the builds run just before the next submission."""
+        self._commands.submit_with_next()
+        at = clock.tick()
+        for tlas in self._structures:
+            tlas._note(self._count, at)
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""

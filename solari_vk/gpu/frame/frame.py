@@ -220,14 +220,14 @@ class Frame:
             raise SolariError(f"{name} is a {binding.kind} and can't be read")
         return resource.read(binding.dtype, 1).reshape(())  # type: ignore[no-any-return]
 
-    def tensor(self, name: str) -> np.ndarray | CudaTensor:
+    def tensor(self, name: str, count: int | None = None) -> np.ndarray | CudaTensor:
         """What `frame[name]` is, as a tensor that stays on the device: a copy that later frames don't change.
 
-        On software devices it is `frame[name]`. Raises SolariError, with the reason, where CUDA can't share memory with
-        the device.
+        count: of the first elements of a buffer, by default all. On software devices it is `frame[name]`. Raises
+        SolariError, with the reason, where CUDA can't share memory with the device.
         """
         if self.device.properties.kind == "cpu":
-            return self[name]
+            return self[name][:count]
         resource = self.resource(name)
         try:
             cuda = self.device.cuda
@@ -238,6 +238,8 @@ class Frame:
         shape, dtype, offset = self._elements(name)
         if dtype.names:
             raise SolariError(f"there is no tensor of {name}: it has records, with {', '.join(dtype.names)}")
+        if count is not None:
+            shape = (count, *shape[1:])
         size = math.prod(shape) * dtype.itemsize
         return cuda.copy(partial(resource.record_copy, size=size, offset=offset), shape, dtype)
 

@@ -25,6 +25,7 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -147,11 +148,27 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
 # The shaders of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It takes
 # up to ten seconds a module; other shaders are as fast without it.
-_OPTIMIZED = ("passes/pathtracer/trace.comp", "passes/pathtracer/trace_views.comp")
+_OPTIMIZED = ("passes/pathtracer/trace.comp",)
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
 _OPTIONS = f"bound, live blocks {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
+
+
+MANY_VIEWS = "#define MANY_VIEWS"  # the header of shaders for many views: glsl/passes/views.glsl
+_VIEWS = "passes/views.glsl"
+# What draws, looks at or measures one picture.
+_FOR_ONE_VIEW = re.compile(
+    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view)"
+)
+
+
+def has_many_views(path: str, sources: Sources | None = None) -> bool:
+    """Whether a compute shader has a variant for many views, with the header MANY_VIEWS. One that is for many views
+    alone has none."""
+    texts = (Sources(roots()) if sources is None else sources).closure(path)
+    many = _VIEWS in texts and MANY_VIEWS.encode() not in texts[path] and not _FOR_ONE_VIEW.match(path)
+    return path.endswith(".comp") and many
 
 
 def compile_shader(
@@ -262,13 +279,16 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
 
 def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[str, bytes]]]:
     """The modules of a shader: the file of each, its key and the SPIR-V."""
-    for features in (True, False) if _has_features(sources, path) else (True,):
-        name = path if features else f"{path}.plain"
-        spirv = compile_shader(path, root=sources, features=features)
-        yield f"{name}.spv", (_key(sources, path, "", _defines(sources, path, features, False)), spirv)
+    for header, features in product(
+        ("", MANY_VIEWS) if has_many_views(path, sources) else ("",),
+        (True, False) if _has_features(sources, path) else (True,),
+    ):
+        name = f"{path}{'.views' * bool(header)}{'.plain' * (not features)}"
+        spirv = compile_shader(path, header=header, root=sources, features=features)
+        yield f"{name}.spv", (_key(sources, path, header, _defines(sources, path, features, False)), spirv)
         if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):
-            spirv = _ray_generation_module(sources, path, "", features)
-            yield f"{name}.rgen.spv", (_key(sources, path, "", _defines(sources, path, features, True)), spirv)
+            spirv = _ray_generation_module(sources, path, header, features)
+            yield f"{name}.rgen.spv", (_key(sources, path, header, _defines(sources, path, features, True)), spirv)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from solari_vk.scene.lights.light import Light
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.observed import checked
 
+EVEN = 4.0  # times the mean luminance of a map, up to which its light counts as even
 MOST_TEXELS = 2**23  # 4096 x 2048; larger pictures are averaged down
 _ROTATION_ERROR = 1e-3
 
@@ -26,7 +27,7 @@ class EnvironmentLight(Light):
     image: FloatArray
     intensity: float
     rotation: FloatArray
-    _known: tuple[FloatArray, float, NDArray[np.float64]] | None = None
+    _known: tuple[FloatArray, float, float, NDArray[np.float64]] | None = None
 
     @property
     def lights(self) -> tuple[Light, ...]:
@@ -48,18 +49,26 @@ class EnvironmentLight(Light):
         return self.intensity * self._facts()[1]
 
     @property
+    def even_flux(self) -> float:
+        """The flux without what suns and lamps in the map exceed four times its mean by."""
+        return self.intensity * self._facts()[2]
+
+    @property
     def brightest(self) -> NDArray[np.float64]:
         """The direction (3,) in the world of the texel that sends the most light."""
-        found: NDArray[np.float64] = self.rotation.astype(np.float64) @ self._facts()[2]
+        found: NDArray[np.float64] = self.rotation.astype(np.float64) @ self._facts()[3]
         return found
 
-    def _facts(self) -> tuple[FloatArray, float, NDArray[np.float64]]:
-        """The image, its flux and its brightest direction, computed once for each image."""
+    def _facts(self) -> tuple[FloatArray, float, float, NDArray[np.float64]]:
+        """The image, its flux, the even part of it, and its brightest direction, computed once for each image."""
         if self._known is None or self._known[0] is not self.image:
             size = self.image.shape[:2]
-            light = luminances(self.image) * solid_angles(*size)
+            luminance, areas = luminances(self.image), solid_angles(*size)
+            light = luminance * areas
+            flux = float(light.sum())
+            even = float((np.minimum(luminance, EVEN * flux / (4 * np.pi)) * areas).sum())
             row, column = np.unravel_index(np.argmax(light), size)
-            object.__setattr__(self, "_known", (self.image, float(light.sum()), directions(*size)[row, column]))
+            object.__setattr__(self, "_known", (self.image, flux, even, directions(*size)[row, column]))
         assert self._known is not None
         return self._known
 

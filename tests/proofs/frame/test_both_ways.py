@@ -13,13 +13,14 @@ from support.realtime import make_renderer
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
+from solari_vk.measure.portals import window_room
 from solari_vk.scene.builtin import place
 
 OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"
 SCENES = {
     "cornell_box": {}, "closed_box": {}, "many_lights": {"box_count": 60, "sphere_count": 9}, "mirror_hall": {},
     "thin_wall": {}, "sphere_grid": {}, "shiny_floor": {}, "polished_floor": {}, "lamp_gap": {},
-    "rooms": {"columns": 2, "rows": 1},
+    "rooms": {"columns": 2, "rows": 1}, "a room with a portal": None,
 }  # fmt: skip
 SIZE = (24, 16)
 
@@ -47,7 +48,8 @@ def frames_of(renderer, camera, count):
 
 def check_frames(devices, name, **settings):
     def pictures(way):
-        scene = sv.builtin(name, **SCENES[name])
+        arguments = SCENES[name]
+        scene = window_room(sv.Sky(), with_portal=True) if arguments is None else sv.builtin(name, **arguments)
         with make_renderer(devices[way], scene, SIZE, seed=5, **{"gbuffer": "raster", **settings}) as renderer:
             found = frames_of(renderer, scene.camera, 3)
         with sv.PathTracer(devices[way], scene, SIZE, seed=5) as tracer:
@@ -57,13 +59,20 @@ def check_frames(devices, name, **settings):
     assert not differing(pictures)
 
 
-def test_batches_are_equal(devices):
+@pytest.mark.parametrize(("renderer", "worlds"), [("reference", 1), ("reference", 2), ("realtime", 1)])
+def test_batches_are_equal(devices, renderer, worlds):
     def pictures(way):
         scene = sv.builtin("cornell_box")
         cameras = [scene.camera, sv.Camera.look_at((1, 1.2, -2.5), (1, 1, 0))]
-        with sv.Batch(devices[way], scene, SIZE, 2, renderer="reference", outputs=sv.Batch.OUTPUTS) as batch:
-            batch.render(cameras, samples=2)
-            batch.render(cameras[::-1], samples=2)
+        options = {"renderer": renderer, "worlds": worlds, "outputs": sv.Batch.OUTPUTS}
+        with sv.Batch(devices[way], scene, SIZE, 2, **options) as batch:
+            if worlds > 1:
+                block = batch.transforms["short block"]
+                block[1, 1, 3] += 0.3
+                batch.transforms["short block"] = block
+            samples = {"samples": 2} if renderer == "reference" else {}
+            batch.render(cameras, **samples)
+            batch.render(cameras[::-1], **samples)
             return {name: batch[name] for name in batch}
 
     assert not differing(pictures)

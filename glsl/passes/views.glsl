@@ -1,0 +1,62 @@
+// Which pixel of which view an invocation computes, and where a view's pixels are in the frame's buffers and images.
+// With MANY_VIEWS a dispatch covers the pictures of all views in a grid. Images have the same grid; in buffers one view
+// follows the other, so that a buffer is an array (views, height, width). Passes know a pixel by its place within its
+// view, so that nothing of one view reaches another.
+#ifndef PASSES_VIEWS_GLSL
+#define PASSES_VIEWS_GLSL
+
+#include "common/pixel.glsl"
+#include "scene/camera_block.glsl"
+
+#ifdef MANY_VIEWS
+
+// The element of a place within the view, in buffers that have `size` elements for each view.
+uint element_index(uvec2 place, uvec2 size) { return pixel_index(place, size) + view_index * (size.x * size.y); }
+
+// Where a pixel of the view is in images.
+ivec2 texel_of(uvec2 pixel) {
+    return ivec2(pixel + uvec2(view_index % views.columns, view_index / views.columns) * camera.size);
+}
+
+void choose_view(uint index) {
+    view_index = index;
+    world_index = views.at[index].world;
+}
+
+// From a place in the grid of all views: the place within its view, and its element in buffers that have `size`
+// elements for each view. Chooses the view. Returns false outside of all views.
+bool find_element(inout uvec2 place, uvec2 size, out uint index) {
+    uvec2 tile = place / size;
+    uint view = tile.y * views.columns + tile.x;
+    if (tile.x >= views.columns || view >= uint(views.at.length())) { return false; }
+    choose_view(view);
+    place -= tile * size;
+    index = element_index(place, size);
+    return true;
+}
+
+// From a pixel's element in buffers: the pixel within its view, which is chosen.
+uvec2 find_pixel_of(uint index) {
+    uint pixels = camera.size.x * camera.size.y;
+    choose_view(index / pixels);
+    index %= pixels;
+    return uvec2(index % camera.size.x, index / camera.size.x);
+}
+
+#else
+
+#define element_index pixel_index
+#define texel_of ivec2
+
+bool find_element(uvec2 place, uvec2 size, out uint index) {
+    index = pixel_index(place, size);
+    return is_inside(place, size);
+}
+
+uvec2 find_pixel_of(uint index) { return uvec2(index % camera.size.x, index / camera.size.x); }
+
+#endif
+
+bool find_pixel(inout uvec2 pixel, out uint index) { return find_element(pixel, camera.size, index); }
+
+#endif

@@ -1,0 +1,102 @@
+"""What `Batch` is given: its options and results by renderer, and checks."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError, quoted, unknown_name
+from solari_vk.gpu.acceleration.checks import whole_number
+from solari_vk.gpu.device.device import Device
+from solari_vk.passes import batch as passes
+from solari_vk.passes import pathtracer
+from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Camera
+
+OPTIONS = {
+    "labels": [],
+    "reference": [field.name for field in dataclasses.fields(pathtracer.Settings)],
+    "realtime": ["settings", "seed"],
+}
+"""The options of each renderer."""
+LIGHT = {"labels": (), "reference": ("radiance",), "realtime": ("radiance", "raw_radiance", "display")}
+"""The results of each renderer beside the outputs."""
+
+
+def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
+    try:
+        mask = np.asarray(reset)
+    except (TypeError, ValueError, RuntimeError):
+        mask = np.zeros(0)
+    if mask.dtype != np.bool_ or mask.shape not in ((), (views,)):
+        raise SolariError(f"Batch.render: reset is True, False or an array ({views},) of these, not {quoted(reset)}")
+    return mask
+
+
+def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[str, ...]:
+    """The names of the labels among the outputs; raises SolariError for wrong ones, and for wrong options."""
+    if renderer not in OPTIONS:
+        raise SolariError(f"Batch: renderer is one of {', '.join(OPTIONS)}, not {quoted(renderer)}")
+    for name in options:
+        if name not in OPTIONS[renderer]:
+            known = ["renderer", "outputs", "worlds", *OPTIONS[renderer]]
+            raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
+    if not isinstance(outputs, (str, Sequence)):
+        raise SolariError(f"Batch: outputs is a list of names, not {quoted(outputs)}")
+    given = [outputs] if isinstance(outputs, str) else list(outputs)
+    for name in given:
+        if name not in passes.OUTPUTS:
+            raise unknown_name("Batch: there is no output", name, passes.OUTPUTS)
+    if renderer == "labels" and not given:
+        raise SolariError(f"Batch: outputs names nothing: give some of {', '.join(passes.OUTPUTS)}")
+    return tuple(dict.fromkeys(given))
+
+
+def checked_worlds(worlds: Any, views: int) -> int:
+    count = whole_number(worlds, "Batch: worlds", 1)
+    if views % count:
+        raise SolariError(f"Batch: {views:,} views are no multiple of {count:,} worlds: each has as many views")
+    return count
+
+
+def check_realtime(cameras: Any) -> None:
+    """Raise SolariError for cameras that the realtime renderer doesn't take."""
+    for index, camera in enumerate(cameras if isinstance(cameras, (list, tuple)) else ()):
+        if not isinstance(camera, Camera):
+            return  # lists of poses
+        if camera.aperture and camera.projection != "perspective":
+            raise SolariError(f"Batch.render: view {index}: only PathTracer renders the depth of field of a "
+                              f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
+        if camera.auto_exposure:
+            raise SolariError(f"Batch.render: view {index} can't choose an exposure: set auto_exposure to False")
+
+
+def checked_size(device: Device, size: Any, views: int, record_bytes: int, renderer: str) -> tuple[int, int]:
+    """The size of a view; raises SolariError if the device doesn't hold so many views, with a record for each."""
+    width, height = _pair(size)
+    limits = device.properties.limits
+    most = 0
+    if width > 0 and height > 0:
+        pixel_bytes = Renderer.LARGEST_PIXEL_BYTES if renderer == "realtime" else pathtracer.LARGEST_PIXEL_BYTES
+        most = limits.maxStorageBufferRange // max(pixel_bytes * width * height, record_bytes)
+        if renderer == "realtime":  # all in one image, whose last row may have places without a view
+            columns, rows = (limits.maxImageDimension2D // side for side in (width, height))
+            empty = min(round(math.sqrt(most * height / width)), most - 1)
+            most = min(most - max(empty, 0), columns * rows)
+    if views > most:
+        hint = f"at most {most:,} views of this size: render them in parts" if most else "none of this size"
+        raise SolariError(f"Batch: {views:,} views of {width}x{height} pixels: this device's buffers hold {hint}")
+    return width, height
+
+
+def _pair(size: Any) -> tuple[int, int]:
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        raise SolariError(f"Batch: size must be two whole numbers (width, height), not {quoted(size)}") from None
+    return whole_number(width, "Batch: the width"), whole_number(height, "Batch: the height")

@@ -1,0 +1,168 @@
+"""The renderers of a batch's views: the stages of `PathTracer` and `Renderer` over the pictures of all views."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
+from solari_vk.bound.view_table import ViewTable, Written, write_samples
+from solari_vk.bound.worlds import Worlds
+from solari_vk.errors import SolariError
+from solari_vk.frame import SceneFrame
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.shaders.spirv import Binding
+from solari_vk.passes import pathtracer
+from solari_vk.passes.many_views import grid, over_views, tiled
+from solari_vk.reference import PathTracer
+from solari_vk.renderer import LENS_STRIDE, Renderer
+
+Size = tuple[int, int]
+
+
+class ViewTracer(PathTracer):
+    """The path tracer over a strip of views."""
+
+    def __init__(
+        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: Worlds, options: dict[str, Any]
+    ) -> None:
+        self._views, self._worlds = views, worlds
+        super().__init__(device, binder, strip, **options)
+
+    @property
+    def frame(self) -> SceneFrame:
+        """What has the result, `radiance_mean`."""
+        return self._frame
+
+    def _stages(self, size: Size) -> list[Stage]:
+        return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
+
+    def _inputs(self) -> dict[str, Any]:
+        return super()._inputs() | {"views": self._views, **self._worlds.resources}
+
+    def trace(self, samples: int) -> None:
+        """Trace new pictures with this many samples per pixel."""
+        self._begin_picture()
+        self._warn_of_darkness()
+        self._frame.apply_edits()
+        if self._worlds.update():
+            self._frame.bind(self._worlds.resources)
+        pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+        while self.samples < samples:
+            self._add_samples(min(self._batch, samples - self.samples))
+            self._adapt()
+
+
+class ViewRenderer(Renderer):
+    """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
+
+    def __init__(
+        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding, worlds: Worlds,
+        options: dict[str, Any],
+    ) -> None:  # fmt: skip
+        self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
+        self._worlds, self._world_count = worlds, worlds.count
+        self._change = np.zeros(count)  # IndexTranslation.change, as each view has seen it
+        self._own_jitter = np.zeros((count, 2))
+        self.views = ViewTable(device, layout, count, self._grid[0])
+        try:
+            super().__init__(device, binder, size, **options)
+        except BaseException:
+            self.views.buffer.destroy()
+            raise
+        self._owned.callback(self.views.buffer.destroy)
+
+    @property
+    def frame(self) -> SceneFrame:
+        """What has the results."""
+        return self._frame
+
+    @property
+    def gbuffer(self) -> str:
+        """How the surface of a pixel is found: raster draws one view at a time."""
+        return "traced"
+
+    def _checked_size(self, size: Size) -> Size:
+        super()._checked_size(tiled(size, self._grid))
+        return size
+
+    def _stages(self, picture: Size) -> list[Stage]:
+        settings = self.settings
+        for wrong, said in (
+            (settings.lighting != "paths", "lighting=paths"), (settings.gbuffer == "raster", "gbuffer=traced"),
+            (settings.restir and self._worlds.count > 1, "restir=off where there are several worlds"),
+        ):  # fmt: skip
+            if wrong:
+                raise SolariError(f"Batch: views are rendered with the setting {said}")
+        return over_views(super()._stages(picture))
+
+    def _inputs(self) -> dict[str, Any]:
+        return super()._inputs() | {"views": self.views.buffer, **self._worlds.resources}
+
+    def render_views(
+        self, current: NDArray[Any], written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32],
+        keeps_cache: bool,
+    ) -> None:  # fmt: skip
+        """Render the next frame. current (N,): records of the cameras, as view_table.write made them, which are
+        changed. cut (N,): views without a history. keeps_cache: whether the world cache is that of earlier frames."""
+        self._has_lens = bool(written.lenses)
+        self._frame.apply_edits()
+        if self._worlds.update():
+            self._frame.bind(self._worlds.resources)
+        self._prepare()
+        try:
+            self._write_views(current, written, cut | (not self._has_history), seeds)
+            self._write_shared(current, keeps_cache and self._has_history)
+            self._has_history = True
+            self._frame.submit_applied()
+        except BaseException:
+            self.reset()
+            raise
+        self.frame_count += 1
+
+    def _write_views(
+        self, current: NDArray[Any], written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
+    ) -> None:
+        offsets = np.zeros((1, 2))
+        if self.settings.jitter:
+            offsets = np.array(self._jitters)[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._jitters)]
+        numbers = self.frame_count + LENS_STRIDE * seeds.astype(np.int64)
+        own = write_samples(current, written, self.size, self._built_render_size, offsets, numbers)
+        self.views.show(current, cut)
+        change = self._change * CHANGE_DECAY
+        change[change <= MIN_CHANGE] = 0.0
+        self._change = np.where(cut, 0.0, np.maximum(change, self._lights.newest))
+        records, frame = self.views.records, self.views.records["frame"]
+        self._worlds.number(records)
+        frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
+        frame["exposure"], frame["lighting_change"] = written.exposure, self._change
+        frame["blended_changed"] = self.binder.blended_changes != self._blended_changes
+        frame["sample_offset"], frame["picture_shift"] = offsets, own - self._own_jitter
+        self._own_jitter = own
+        self.views.upload()
+
+    def _write_shared(self, current: NDArray[Any], keeps_cache: bool) -> None:
+        """Write what passes without a pixel read."""
+        if not keeps_cache:
+            self._lights.change = 0.0
+            self._changed_lights.clear()
+        places = current["world_from_view"][:, 3].astype(np.float64)
+        center = ((places.min(axis=0) + places.max(axis=0)) / 2).astype(np.float32)
+        self._frame.uniforms.update_declared({
+            "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
+            "all_views.has_history": keeps_cache, "all_views.lighting_change": self._lights.change,
+            "camera_ball.center": center, "camera_ball.radius": np.linalg.norm(places - center, axis=1).max(),
+            **self._changed_lights.uniforms,
+        })  # fmt: skip
+        self._blended_changes = self.binder.blended_changes
+
+    def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The pictures (N, height, width, channels) of an image that has them in the grid."""
+        (columns, rows), (width, height) = self._grid, self.size
+        apart = values.reshape(rows, height, columns, width, -1).swapaxes(1, 2)
+        return apart.reshape(rows * columns, height, width, -1)[: len(self.views.records)]

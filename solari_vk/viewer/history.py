@@ -1,0 +1,223 @@
+"""Edits that can be undone: values of fields, and objects that are added to a scene or removed. Needs no window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from solari_vk.scene.collection import Items
+from solari_vk.scene.observed import Checked
+
+LONGEST = 1000  # edits that are kept
+
+
+class Edit(Protocol):
+    """Something that was done."""
+
+    @property
+    def text(self) -> str:
+        """What was done, for the user."""
+
+    def redo(self) -> None: ...
+    def undo(self) -> None: ...
+
+
+@dataclass
+class Assignment:
+    """Values of an object's fields, and those that they had before."""
+
+    item: Any
+    after: dict[str, Any]
+    before: dict[str, Any]
+
+    @property
+    def text(self) -> str:
+        fields = ", ".join(name.replace("_", " ") for name in self.after)
+        describe = getattr(self.item, "describe", None)
+        return f"{fields} of {describe() if describe else type(self.item).__name__.lower()}"
+
+    def redo(self) -> None:
+        _assign(self.item, self.after)
+
+    def undo(self) -> None:
+        _assign(self.item, self.before)
+
+    def continues(self, other: object) -> bool:
+        """Whether the fields are those of another assignment, as while a slider is dragged."""
+        return isinstance(other, Assignment) and other.item is self.item and other.after.keys() == self.after.keys()
+
+
+@dataclass
+class Presence:
+    """An object that was added to a collection of a scene as number `at`, or removed from there."""
+
+    items: Items[Any]
+    item: Any
+    at: int
+    added: bool
+
+    @property
+    def text(self) -> str:
+        return f"{'adding' if self.added else 'removing'} {self.item.describe()}"
+
+    def redo(self) -> None:
+        self._put(self.added)
+
+    def undo(self) -> None:
+        self._put(not self.added)
+
+    def _put(self, there: bool) -> None:
+        if there:
+            self.items.add(self.item, at=self.at)
+        else:
+            self.items.remove(self.item)
+
+
+@dataclass
+class Several:
+    """Edits that are undone at once."""
+
+    text: str
+    edits: Sequence[Edit]
+
+    def redo(self) -> None:
+        for edit in self.edits:
+            edit.redo()
+
+    def undo(self) -> None:
+        for edit in reversed(self.edits):
+            edit.undo()
+
+
+class History:
+    """The edits of a session, in order. Every change of the scene and the settings by the user goes through it.
+
+    An edit that is refused raises SolariError, and leaves everything as it was. Assignments to the same fields of an
+    object are one edit until `end_gesture`, so that a drag is undone at once.
+    """
+
+    def __init__(self) -> None:
+        self.done: list[Edit] = []
+        self.undone: list[Edit] = []
+        self._saved: Edit | None = None  # the last edit when the scene was saved
+        self._open = False  # whether an assignment may continue the last one
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether there are edits that were not saved."""
+        return (self.done[-1] if self.done else None) is not self._saved
+
+    def mark_saved(self) -> None:
+        """Note that the scene was saved as it is now."""
+        self._saved, self._open = self.done[-1] if self.done else None, False
+
+    def assign(self, item: Any, **fields: Any) -> None:
+        """Assign values to fields of an object."""
+        edit = Assignment(item, fields, {name: _kept(getattr(item, name)) for name in fields})
+        edit.redo()
+        edit.after = {name: _kept(getattr(item, name)) for name in fields}  # as the object converted them
+        last = self.done[-1] if self.done else None
+        if self._open and isinstance(last, Assignment) and edit.continues(last) and last is not self._saved:
+            last.after = edit.after
+            self.undone.clear()
+        else:
+            self._note(edit)
+            self._open = True
+
+    def assign_each(self, text: str, item: Any, values: dict[str, Any]) -> None:
+        """Assign several fields one after the other, as one edit that has its own text."""
+        before = {name: _kept(getattr(item, name)) for name in values}
+        try:
+            _assign(item, values, at_once=False)
+        except BaseException:
+            _assign(item, before, at_once=False)
+            raise
+        edits = [Assignment(item, {name: values[name]}, {name: before[name]}) for name in values]
+        self._note(Several(text, edits))
+
+    def add(self, items: Items[Any], *added: Any) -> None:
+        """Add objects to the end of a collection of the scene."""
+        self.replace(items, (), added)
+
+    def remove(self, items: Items[Any], *removed: Any) -> None:
+        """Remove objects from a collection of the scene."""
+        self.replace(items, removed, ())
+
+    def replace(self, items: Items[Any], removed: Sequence[Any], added: Sequence[Any], text: str = "") -> None:
+        """Remove objects from a collection of the scene, those of `removed` that are there, and add others at its end.
+        text: of the edit, by default what it does."""
+        places = {id(item): number for number, item in enumerate(items)}
+        at = sorted(((places[id(item)], item) for item in removed if id(item) in places), key=lambda pair: -pair[0])
+        # From the end on, so that each place is right when the object returns to it.
+        edits = [Presence(items, item, number, False) for number, item in at]
+        end = len(items) - len(edits)
+        edits += [Presence(items, item, end + number, True) for number, item in enumerate(added)]
+        edit: Edit = Several(text or f"{'adding' if added else 'removing'} {len(edits)} objects", edits)
+        if len(edits) == 1 and not text:
+            edit = edits[0]
+        edit.redo()
+        if edits:
+            self._note(edit)
+
+    def note(self, text: str, edits: Iterable[Edit]) -> None:
+        """Keep what was done already, as one edit."""
+        self._note(Several(text, list(edits)))
+
+    def _note(self, edit: Edit) -> None:
+        self.done.append(edit)
+        del self.done[:-LONGEST]
+        self.undone.clear()
+        self._open = False
+
+    def end_gesture(self) -> None:
+        """Let the next assignment be an edit of its own, since the mouse button was released."""
+        self._open = False
+
+    def undo(self) -> str:
+        """Undo the last edit and return its text, "" if there is none."""
+        return self._move(self.done, self.undone, "undo")
+
+    def redo(self) -> str:
+        """Do the edit again that was undone last, and return its text, "" if there is none."""
+        return self._move(self.undone, self.done, "redo")
+
+    def _move(self, source: list[Edit], target: list[Edit], how: str) -> str:
+        self._open = False
+        if not source:
+            return ""
+        edit = source[-1]
+        getattr(edit, how)()
+        target.append(source.pop())
+        return edit.text
+
+    def clear(self) -> None:
+        """Forget all edits, because another scene is shown."""
+        self.done.clear()
+        self.undone.clear()
+        self._saved, self._open = None, False
+
+    def __iter__(self) -> Iterator[Edit]:
+        """All edits that are done, one by one."""
+        return _flat(self.done)
+
+
+def _flat(edits: Iterable[Edit]) -> Iterator[Edit]:
+    for edit in edits:
+        yield from _flat(edit.edits) if isinstance(edit, Several) else [edit]
+
+
+def _assign(item: Any, values: dict[str, Any], at_once: bool = True) -> None:
+    """Objects of the scene take all fields at once, so that those that depend on each other fit."""
+    if at_once and isinstance(item, Checked):
+        item.update(**values)
+        return
+    for name, value in values.items():
+        setattr(item, name, value)
+
+
+def _kept(value: Any) -> Any:
+    """A value that later edits don't change: the arrays of scene objects are read-only already."""
+    return value.copy() if isinstance(value, np.ndarray) and value.flags.writeable else value

@@ -1,0 +1,140 @@
+"""Batches of worlds: the views of a world are bit by bit those of a scene with its transforms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.reference import numbered_seeds
+from solari_vk.settings import Settings
+
+SIZE, WORLDS = (13, 9), 3
+MOVED = ("short block", "tall block")
+CAMERAS = np.stack([sv.Camera.look_at(place, (1, 0.8, 1)).transform for place in ((0.7, 1, -2.5), (1.2, 1.3, -2.3))])
+OPTIONS = {
+    "labels": {"outputs": sv.Batch.OUTPUTS}, "reference": {"seed": 3, "outputs": ["instance_id"]},
+    "realtime": {"seed": 3, "settings": Settings(world_cache=False), "outputs": ["depth"]},
+}  # fmt: skip
+
+
+def transforms(frame, name, scene):
+    """Of an instance in all worlds."""
+    moves = [sv.Camera.look_at((0.1 * world + 0.02 * frame, 0, 0.05 * world), (world + 1, 0, -5)).transform
+             for world in range(WORLDS)]  # fmt: skip
+    return np.stack(moves) @ scene.instances[name].transform
+
+
+def frames_of(batch, poses, seeds=None, apply=None):
+    taken = []
+    for frame in range(3):
+        apply(batch, frame)
+        batch.render(poses, fov=50, **({} if seeds is None else {"seeds": seeds}))
+        taken.append({name: batch[name] for name in batch})
+    return taken
+
+
+@pytest.mark.parametrize("renderer", OPTIONS)
+def test_worlds_are_scenes_of_their_own(device, renderer):
+    scene, options = sv.builtin("cornell_box"), {"renderer": renderer, **OPTIONS[renderer]}
+    given = {name: [transforms(frame, name, scene) for frame in range(3)] for name in MOVED}
+
+    def move_worlds(batch, frame):
+        for name in MOVED:
+            batch.transforms[name] = given[name][frame]
+            np.testing.assert_array_equal(batch.transforms[name], given[name][frame])
+
+    views = 2 * WORLDS
+    with sv.Batch(device, scene, SIZE, views, worlds=WORLDS, **options) as batch:
+        together = frames_of(batch, np.tile(CAMERAS, (WORLDS, 1, 1)), apply=move_worlds)
+        assert len(batch.transforms) == 2
+    seeds = None if renderer == "labels" else numbered_seeds(3, views).reshape(WORLDS, 2)
+    for world in range(WORLDS):
+        own = sv.builtin("cornell_box")
+
+        def move(batch, frame, world=world, own=own):
+            for name in MOVED:
+                own.instances[name].transform = given[name][frame][world]
+
+        with sv.Batch(device, own, SIZE, 2, **options) as batch:
+            alone = frames_of(batch, CAMERAS, None if seeds is None else seeds[world], move)
+        for frame, (expected, found) in enumerate(zip(alone, together, strict=True)):
+            for name, values in expected.items():
+                np.testing.assert_array_equal(found[name][2 * world : 2 * world + 2], values, f"{name}, frame {frame}")
+    first = next(iter(together[0].values()))
+    assert len({first[2 * world : 2 * world + 2].tobytes() for world in range(WORLDS)}) == WORLDS
+
+
+def test_the_world_cache_has_cells_for_each_world(device):
+    """Light of one world isn't found in another: a wall hides the lamp in the second one."""
+    scene = sv.Scene()
+    grey = sv.Material(base_color=(0.8, 0.8, 0.8))
+    scene.add(sv.shapes.box((-1, -1, -1), (1, 1, 1), inward=True), grey)
+    scene.add(sv.shapes.quad((0, 0.99, 0), (0.25, 0, 0), (0, 0, 0.25)), sv.Material(emissive=(10, 10, 10)))
+    scene.add(sv.shapes.box((-1, -0.02, -1), (1, 0.02, 1)), grey, name="wall", position=(0, 5, 0))
+    pose = sv.Camera.look_at((0, -0.5, 0.9), (0, -0.8, -1)).transform
+    with sv.Batch(device, scene, (16, 16), 2, renderer="realtime", worlds=2, outputs=()) as batch:
+        hidden = np.tile(scene.instances["wall"].transform, (2, 1, 1))
+        hidden[1, 1, 3] = 0.5
+        batch.transforms["wall"] = hidden
+        for _ in range(12):
+            radiance = batch.render([pose, pose], fov=60)["radiance"]
+        assert radiance[0].mean() > 0.1
+        assert radiance[1].max() == 0
+        hidden[0], hidden[1, 1, 3] = hidden[1].copy(), 5
+        batch.transforms["wall"] = hidden
+        radiance = batch.render([pose, pose], fov=60, reset=True, reset_cache=True)["radiance"]
+        assert radiance[0].max() == 0
+        assert radiance[1].mean() > 0.1
+
+
+def test_edits_of_the_scene_reach_all_worlds(device):
+    scene = sv.builtin("cornell_box")
+    poses = np.tile(CAMERAS[:1], (WORLDS, 1, 1))
+    with sv.Batch(device, scene, SIZE, WORLDS, worlds=WORLDS, outputs=["depth", "instance_id"]) as batch:
+        before = batch.render(poses)["depth"]
+        np.testing.assert_array_equal(before, np.tile(before[:1], (WORLDS, 1, 1)))
+        rows = batch.binder.instance_capacity
+        for index in range(rows):  # more than the table of instances has
+            scene.add(sv.shapes.box(), sv.Material(), position=(9 + index, 0, 0))
+        block = scene.add(sv.shapes.box(), sv.Material(), scale=0.3, position=(1, 1, 0.2))
+        apart = np.tile(block.transform, (WORLDS, 1, 1))
+        apart[:, 0, 3] = 0.5, 1, 1.5
+        batch.transforms[block] = apart
+        batch.render(poses)
+        assert batch.binder.instance_capacity > rows
+        [row] = [row for row, other in batch.instances.items() if other is block]
+        middles = [np.argwhere(picture == row)[:, 1].mean() for picture in batch["instance_id"]]
+        assert np.abs(np.diff(middles)).min() > 1
+        scene.remove(block)
+        batch.render(poses)
+        assert (batch["instance_id"] != row).all()
+        np.testing.assert_array_equal(batch["depth"], before)
+        assert not batch.transforms
+
+
+@pytest.mark.parametrize(("use", "said"), [
+    (lambda batch: batch.transforms.__setitem__("blok", np.tile(np.eye(4), (2, 1, 1))), "no instance 'blok'"),
+    (lambda batch: batch.transforms.__setitem__(3, np.eye(4)), "name of an instance or an Instance, not 3"),
+    (lambda batch: batch.transforms.__setitem__("short block", np.eye(4)), r"must have the shape \(2, 4, 4\)"),
+    (lambda batch: batch.transforms.__setitem__("short block", np.zeros((2, 4, 4))), "of world 0 must be affine"),
+    (lambda batch: batch.transforms.__setitem__("lamp", np.tile(np.eye(4), (2, 1, 1))), "emits light"),
+])  # fmt: skip
+def test_wrong_transforms_are_named(device, use, said):
+    with (
+        sv.Batch(device, sv.builtin("cornell_box"), SIZE, 2, worlds=2) as batch,
+        pytest.raises(sv.SolariError, match=said),
+    ):
+        use(batch)
+
+
+def test_wrong_worlds_are_named(device):
+    scene = sv.builtin("cornell_box")
+    for options, said in (
+        ({"views": 3, "worlds": 2}, "3 views are no multiple of 2 worlds"), ({"worlds": 0}, "worlds is 0"),
+        ({"views": 200_000, "worlds": 200_000, "size": (1, 1)}, "this device holds at most"),
+    ):  # fmt: skip
+        with pytest.raises(sv.SolariError, match=said):
+            sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})
+    with sv.Batch(device, scene, SIZE, 2) as batch, pytest.raises(sv.SolariError, match="has one world"):
+        batch.transforms["short block"] = np.eye(4)[None]
