@@ -66,6 +66,7 @@ _HOMES = {
     "sensors.lidar": ("Lidar",),
     "sensors.lidar_scan": ("LidarScan",),
     "sensors.sensor": ("Sensor",),
+    "sensors.structured_light": ("StructuredLightCamera",),
     "sensors.time_of_flight": ("DepthImage", "TimeOfFlightCamera"),
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
@@ -83,11 +84,12 @@ __all__ = [
     "Frame", "Group", "HitGroup", "Instance", "Keypoint", "Lidar", "LidarScan", "LightProfile", "Material", "Mesh",
     "Pass", "PathTracer", "PointLight", "Portal", "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer",
     "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter", "Silhouette", "Sky", "SolariError",
-    "SpotLight", "Stage", "Texture", "TextureImage", "TimeOfFlightCamera", "ValidationError", "Viewer", "Views",
-    "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster", "encode_picture", "illuminance",
-    "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load", "load_colmap", "load_gltf",
-    "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity",
-    "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
+    "SpotLight", "Stage", "StructuredLightCamera", "Texture", "TextureImage", "TimeOfFlightCamera", "ValidationError",
+    "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster",
+    "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load",
+    "load_colmap", "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image",
+    "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights",
+    "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -150,6 +152,7 @@ if TYPE_CHECKING:
     from solari_vk.sensors.lidar import Lidar
     from solari_vk.sensors.lidar_scan import LidarScan
     from solari_vk.sensors.sensor import Sensor
+    from solari_vk.sensors.structured_light import StructuredLightCamera
     from solari_vk.sensors.time_of_flight import DepthImage, TimeOfFlightCamera
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

@@ -67,8 +67,8 @@ class Batch(SceneUser):
             self._layout = reflect(compile_shader(SHADER), SHADER).bindings["views"]
             record = self._layout.element
             assert record is not None
-            self._camera_type = record["current"]
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
+            self._cameras = np.zeros(self.views, record["current"])
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = pathtracer.max_rows(self._strip)
             self._labels_names = names
@@ -142,7 +142,8 @@ class Batch(SceneUser):
         """
         self._check_open()
         samples = self._checked_samples(samples)
-        current = np.zeros(self.views, self._camera_type)
+        current = self._cameras  # the same memory in each frame, which costs less than new memory
+        current.view(np.uint8)[:] = 0
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         written = view_table.write(current, cameras, self.size, options)
         seeds = self._seeds if seeds is None else self._checked_seeds(seeds)

@@ -85,7 +85,8 @@ class ShutterRenderer(PictureRenderer):
         except BaseException:
             self.reset()
             raise
-        self._shown, self._guides = None, guides or None  # the next picture is a new one
+        # The next picture is a new one. This one may have ended early.
+        self._shown, self._guides = None, [mean * np.float32(samples / self.samples) for mean in guides] or None
         return self._finish(RenderedFrame(self, shown, self._projection, submission))
 
     def _show(self, camera: Camera, pose: Pose, seconds: float) -> Camera:

@@ -151,12 +151,13 @@ class ViewRenderer(Renderer):
         if not keeps_cache:
             self._lights.change = 0.0
             self._changed_lights.clear()
-        places = current["world_from_view"][:, 3].astype(np.float64)
-        center = ((places.min(axis=0) + places.max(axis=0)) / 2).astype(np.float32)
+        places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
+        center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
+        distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
         self._frame.uniforms.update_declared({
             "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
             "all_views.has_history": keeps_cache, "all_views.lighting_change": self._lights.change,
-            "camera_ball.center": center, "camera_ball.radius": np.linalg.norm(places - center, axis=1).max(),
+            "camera_ball.center": center, "camera_ball.radius": distances.max(),
             **self._changed_lights.uniforms,
         })  # fmt: skip
         self._blended_changes = self.binder.blended_changes

@@ -7,7 +7,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.reference import numbered_seed
+from solari_vk.passes.path_sampling import numbered_seed
 from solari_vk.settings import Settings
 
 OUTPUTS = ("radiance", "raw_radiance", "display")
@@ -63,16 +63,16 @@ def check_views(device, scene, size, count, frames, settings, edit=None):
     return pictures
 
 
-def moving(count, size, **options):
-    """Four frames with a cut of the first view, or the only one, in the third."""
+def moving(count, frames=4, **options):
+    """Frames with a cut of the first view, or the only one, in the third."""
     cut = np.arange(count) == 0
-    return [(poses_of(orbit(count, index)), options, cut if index == 2 else False) for index in range(4)]
+    return [(poses_of(orbit(count, index)), options, cut if index == 2 else False) for index in range(frames)]
 
 
 @pytest.mark.parametrize(("size", "count"), [((13, 7), 5), ((16, 24), 3)])
 def test_views_are_those_of_renderers(device, size, count):
     options = {"fov": np.linspace(40, 80, count), "ev100": np.linspace(-2, 1.3, count)}
-    frames = moving(count, size, **options)
+    frames = moving(count, **options)
     pictures = check_views(device, lambda: sv.builtin("cornell_box"), size, count, frames, ALONE)
     assert len({picture.tobytes() for picture in pictures[3]["radiance"]}) == count
 
@@ -103,12 +103,27 @@ def test_lights_and_instances_change(device):
             lamp = scene.instances["lamp"]
             lamp.material.emissive = lamp.material.emissive * 3
 
-    check_views(device, lambda: sv.builtin("cornell_box"), (13, 7), 2, moving(2, (13, 7), fov=60), ALONE, edit)
+    check_views(device, lambda: sv.builtin("cornell_box"), (13, 7), 2, moving(2, fov=60), ALONE, edit)
+
+
+def test_light_changes_before_a_cut(device):
+    """A view that is cut then begins without the change, and the others go on with it."""
+
+    def scene():
+        made = sv.builtin("cornell_box")
+        made.add(sv.DirectionalLight(direction=(0.1, -0.3, 1), illuminance=30))
+        return made
+
+    def edit(scene, index):
+        if index == 1:
+            scene.lights[0].illuminance = 12
+
+    check_views(device, scene, (13, 7), 2, moving(2, 8, fov=60), ALONE, edit)
 
 
 @pytest.mark.slow
 def test_reuse_between_pixels_stays_within_views(device):
-    frames = moving(3, (16, 9), fov=60)
+    frames = moving(3, fov=60)
     check_views(device, lambda: sv.builtin("cornell_box"), (16, 9), 3, frames, ALONE | {"restir": True})
 
 

@@ -52,8 +52,9 @@ class Traffic:
 
 
 def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
-    """The stages and the steps of all frames: each lighting, with and without reuse, either G-buffer, the path tracer,
-    first hits by raster. The tables of the BRDF, which a frame of their own makes, come before each."""
+    """The stages and the steps of all frames: each lighting, with and without reuse, either G-buffer, realtime views,
+    the path tracer, first hits by raster. The tables of the BRDF, which a frame of their own makes, come before each.
+    """
     import solari_vk as sv
     from solari_vk.passes import brdf_table, gbuffer, pathtracer
 
@@ -65,6 +66,9 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
         for choice in choices:
             with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:
                 yield [*tables.stages, *renderer.stages], [*tables.describe(), *renderer.describe()]
+        with sv.Batch(device, scene, SIZE, 1, renderer="realtime", outputs=()) as batch:
+            views = batch._realtime
+            yield [*tables.stages, *views.stages], [*tables.describe(), *views.describe()]
         with sv.PathTracer(device, scene, SIZE) as tracer:
             stages = [*tracer.stages, pathtracer.aov_stage(SIZE, SIZE[1])]
         external = {name: tables.resource(name) for name in brdf_table.NAMES}

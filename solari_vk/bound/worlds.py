@@ -114,8 +114,9 @@ class Worlds:
 
     def number(self, records: NDArray[Any]) -> None:
         """Write to the records (N,) of views which world each shows: as many views to each, one after the other."""
-        records["world"] = np.arange(len(records)) // (len(records) // self.count)
-        records["first_instance"] = records["world"] * self.rows
+        if self.count > 1:
+            records["world"] = np.arange(len(records)) // (len(records) // self.count)
+            records["first_instance"] = records["world"] * self.rows
 
     def update(self) -> bool:
         """Have the next submission show the scene, whose edits are applied, and the transforms as they are. Returns

@@ -131,7 +131,13 @@ class Actions(EditActions):
         self._session.say(f"wrote {path}, with an .exr and the command line that renders it in a .txt{left}")
 
     def reload(self) -> None:
-        self._session.reload(shaders=True, file=True)
+        def go_on() -> None:
+            self._session.reload(shaders=True, file=True)
+
+        if self._session.has_file:
+            self._ask_about_edits("load the file again", go_on)
+        else:
+            go_on()
 
     def fullscreen(self) -> None:
         self._session.window.toggle_fullscreen()
@@ -164,8 +170,13 @@ class Actions(EditActions):
 
 def act(session: Session, name: str, argument: Any = None) -> Any:
     """Do the action of this name, with an argument if it takes one. A user's mistake is shown in the window."""
-    with session.showing_mistakes():
-        return getattr(Actions(session), name)(*(() if argument is None else (argument,)))
+    asked = session.question
+    try:
+        with session.showing_mistakes():
+            return getattr(Actions(session), name)(*(() if argument is None else (argument,)))
+    finally:
+        if asked is session.question and not session.has_panels:
+            session.question = None  # whoever does something else doesn't answer
 
 
 def _next(names: tuple[str, ...], current: str, step: int = 1) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.model import Camera, Instance
@@ -154,18 +153,6 @@ class EditActions:
     def surround(self, kind: str) -> None:
         """Surround the scene by "none", "studio", "sky" or a picture of all directions in a file."""
         surround(self._session, kind)
-
-    def turn_environment(self, angle: float) -> None:
-        """Turn the environment about the vertical by an angle in radians."""
-        environment = self._session.scene.environment
-        if environment is None:
-            raise SolariError("there is no environment: choose one first")
-        field = "sun_direction" if hasattr(environment, "sun_direction") else "rotation"
-        before = getattr(environment, field)
-        environment.turn(angle)
-        after = getattr(environment, field)
-        environment.update(**{field: before})  # the history makes the change
-        self._session.edit(environment, **{field: after})
 
     # ---- files --------------------------------------------------------------------------------------
 

@@ -41,6 +41,9 @@ def group_of(field: str) -> str:
     return found[max(found, key=len)]
 
 
+FIELDS = {title: [name for name in Material._names if name != "name" and group_of(name) == title] for title in GROUPS}
+
+
 class MaterialPanel:
     """Lays out a material. show: gives ImGui a texture, as `OverlayRenderer.show` does."""
 
@@ -53,11 +56,7 @@ class MaterialPanel:
         changed, name = imgui.input_text("name##material", material.name)
         if changed:
             self._session.edit(material, name=name)
-        fields: dict[str, list[str]] = {title: [] for title in GROUPS}
-        for field in Material._names:
-            if field != "name":
-                fields[group_of(field)].append(field)
-        for title, names in fields.items():
+        for title, names in FIELDS.items():
             flags = imgui.TreeNodeFlags_.default_open if title in OPEN or is_used(material, names) else 0
             if imgui.tree_node_ex(title, flags):
                 for field in names:

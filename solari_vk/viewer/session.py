@@ -152,8 +152,11 @@ class Session(Messages):
     # ---- reloading ----------------------------------------------------------------------------------
 
     def reload_changed(self) -> None:
-        """Reload the shaders and the scene's file if they changed on disk."""
+        """Reload the shaders and the scene's file if they changed on disk. Edits that aren't saved keep the file."""
         shaders, file = self._sources.changed()
+        if file and self.history.unsaved:
+            self.say(f"{self.name} has changed on disk: F5 loads it again, without your edits")
+            file = False
         if shaders or file:
             self.reload(shaders=shaders, file=file)
 
@@ -165,6 +168,11 @@ class Session(Messages):
         self.scale.unsettle()
         if all(done):
             self.say("shaders are reloaded" if shaders and not file else "reloaded")
+
+    @property
+    def has_file(self) -> bool:
+        """Whether the scene comes from a file that can be loaded again."""
+        return self._sources.load is not None
 
     def replace_scene(self, loaded: Scene, file: Path, load: Callable[[], Scene]) -> None:
         """Show what another scene holds, of a file that is loaded again when it changes. Forgets the edits."""

@@ -235,6 +235,17 @@ def test_shipped_modules_need_no_compiler(shaders, monkeypatch, made):
         compile_shader("passes/user.comp", root=shaders.root)
 
 
+def test_variants_for_many_views_are_shipped(shaders, monkeypatch):
+    shaders.write("user", '#include "passes/views.glsl"\n' + PLAIN + "void main() { values.at[0] = camera.size.x; }\n")
+    compiler.build_all(shaders.root, shaders.root)
+    files = {entry["file"] for entry in json.loads((shaders.root / "shipped.json").read_text()).values()}
+    assert files == {"passes/user.comp.spv", "passes/user.comp.views.spv"}
+    monkeypatch.setattr(shaderc, "compile_source", lambda *_, **__: pytest.fail("compiled"))
+    for header, resource in (("", "camera"), (compiler.MANY_VIEWS, "views")):
+        found = reflect(compile_shader("passes/user.comp", header=header, root=shaders.root))
+        assert resource in found.bindings
+
+
 def test_damaged_shipped_module_is_compiled_instead(shaders):
     shaders.write("user", WRITES_ONE)
     compiler.build_all(shaders.root, shaders.root)

@@ -225,16 +225,11 @@ def test_what_moves_a_light_turns_it_too(direction):
         assert light.direction == pytest.approx((before[2], before[1], -before[0]), abs=1e-6)
 
 
-def test_surroundings_are_switched_and_turned(session, scene, tmp_path):
+def test_surroundings_are_switched(session, scene, tmp_path):
     for kind, made in (("sky", sv.Sky), ("studio", sv.Environment), ("none", type(None))):
         act(session, "surround", kind)
         assert isinstance(scene.environment, made)
     act(session, "undo")
-    act(session, "turn_environment", np.pi / 2)
-    turned = scene.environment.rotation
-    act(session, "undo")
-    assert turned == pytest.approx(np.array([(0, 0, 1), (0, 1, 0), (-1, 0, 0)]) @ scene.environment.rotation, abs=1e-6)
-    session.camera_control.camera.ev100 = 3
     act(session, "surround", str(tmp_path / "missing.hdr"))
     assert "missing.hdr" in session.message
     assert scene.environment is not None
@@ -260,11 +255,31 @@ def test_closing_asks_about_edits(session, scene):
 
 def test_closing_without_panels_takes_two_keys(session, scene):
     session.edit(scene.materials[0], metallic=1)
+    for _ in range(2):
+        act(session, "close")
+        assert "Ctrl+S" in session.message
+        assert not session.window.wants_to_close
+        act(session, "brighter")  # the next Esc asks again
     act(session, "close")
-    assert "Ctrl+S" in session.message
-    assert not session.window.wants_to_close
     act(session, "close")
     assert session.window.wants_to_close
+
+
+def test_a_file_that_changed_does_not_take_edits_away(session, scene, monkeypatch):
+    monkeypatch.setattr(session._sources, "load", lambda: sv.builtin("thin_wall"))
+    monkeypatch.setattr(session._sources, "changed", lambda: (False, True))
+    session.edit(scene.materials[0], metallic=1)
+    count = len(scene.instances)
+    session.reload_changed()
+    assert "F5" in session.message
+    act(session, "reload")
+    assert (len(scene.instances), scene.materials[0].metallic) == (count, 1)
+    act(session, "reload")
+    assert (len(scene.instances) != count, session.history.unsaved) == (True, False), "asked twice, without panels"
+    act(session, "undo")
+    assert "nothing" in session.message
+    session.reload_changed()
+    assert "reloaded" in session.message
 
 
 def test_saving_answers_the_question(scene, tmp_path):

@@ -245,9 +245,10 @@ def test_the_scene_can_be_edited(open_viewer, replace):
     assert instance.transform == pytest.approx(np.array([(0, 0, 1, 5), (0, 1, 0, 6), (-1, 0, 0, 7), (0, 0, 0, 1)]))
 
 
-def test_every_field_of_a_material_can_be_edited(open_viewer, replace):
+def test_every_field_of_a_material_can_be_edited(open_viewer, replace, monkeypatch):
     viewer = open_viewer(size=SIZE, scale=0.2)
     viewer.run(frames=1)
+    monkeypatch.setattr(viewer.pictures, "render", lambda *_: None)  # which would compile for long
     image = np.full((4, 8, 4), 200, np.uint8)
     names = [name for name in sv.Material._names if name != "name"]
     textures = {name: sv.Texture(image) for name in TEXTURES}
@@ -272,9 +273,10 @@ def test_every_field_of_a_material_can_be_edited(open_viewer, replace):
     assert viewer.message == ""
 
 
-def test_every_field_of_a_light_can_be_edited(open_viewer, replace):
+def test_every_field_of_a_light_can_be_edited(open_viewer, replace, monkeypatch):
     viewer = open_viewer(size=SIZE, scale=0.2)
     viewer.run(frames=1)
+    monkeypatch.setattr(viewer.pictures, "render", lambda *_: None)  # which would compile for long
     for light in (sv.PointLight((0, 1, 0), radius=0.1), sv.SpotLight((0, 1, 0), (0, -1, 0.1), radius=0.1),
                   sv.DirectionalLight((0, -1, 0.2))):  # fmt: skip
         viewer.selected = viewer.scene.add(light)

@@ -44,6 +44,9 @@ const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightes
 // ---- variance and fireflies -------------------------------------------------------------------------
 
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
+// The noise left in the specular lobe, over its mean, below which such a history is enough. Where chance seldom reflects
+// a path, as at thin films on clear glass, more is left for hundreds of frames.
+const float LONG_HISTORY_NOISE = 0.15;
 const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood: the kernel (1 2 1)^2
 const float TEMPORAL_VARIANCE_FRAMES = 40.0;  // frames from which a pixel's temporal variance suffices
 // How many times as bright a pixel may be as its neighbors' mean; and as the mean of the 3 x 3 cells around it times

@@ -77,7 +77,10 @@ void main() {
     LobeHistory own_specular = unpack_lobe_history(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
-    bool has_long_history = min(own_diffuse.frames, own_specular.frames) >= TEMPORAL_VARIANCE_FRAMES;
+    // Around the pixel, since one that chance has not lit yet seems to have no noise.
+    float noise_left = denoise_neighborhoods.at[cell_at(pixel)].specular_noise * inversesqrt(own_specular.frames);
+    bool has_long_history = min(own_diffuse.frames, own_specular.frames) >= TEMPORAL_VARIANCE_FRAMES
+        && noise_left < LONG_HISTORY_NOISE;
     bool reflection_edges_known = !has_long_history && own_specular.frames >= MIN_VARIANCE_FRAMES;
     EdgeStopping edges;
     if (!has_long_history) {
