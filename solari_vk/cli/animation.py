@@ -77,17 +77,17 @@ def _views(job: MovieJob, subject: Subject, clip: int | None, suffix: str) -> li
     """The pictures, with the cameras as they are at their times: a clip may move them."""
     from solari_vk.cluster import View
 
-    views = []
+    views, lasts = [], sum(job.shutter or ())
     for number, camera in enumerate(subject.cameras):
         time = None if clip is None else number / job.fps
         if clip is not None and time is not None:
             subject.scene.animate(time, clip)
         shown, closing = copy.deepcopy(camera), None
         if job.shutter is not None and clip is not None and time is not None:
-            subject.scene.animate(time + job.shutter[0], clip)
+            subject.scene.animate(time + lasts, clip)
             closing = copy.deepcopy(camera)
         elif job.shutter is not None:
-            share, last = job.shutter[0] * job.fps, len(subject.cameras) - 1
+            share, last = lasts * job.fps, len(subject.cameras) - 1
             if number < last:
                 closing = between(shown, subject.cameras[number + 1], share)
             elif last:

@@ -47,8 +47,8 @@ class View:
     """A picture to render.
 
     name: its file in the folder, a .png, .jpg, .exr or .npy. time: seconds since the start of the style's clip.
-    closing: the camera when the shutter closes, None for the same. before, after: the cameras of the views around it,
-    for the flow to them.
+    closing: the camera when the shutter closes for the last row, None for the same. before, after: the cameras of the
+    views around it, for the flow to them.
     """
 
     name: str
@@ -198,7 +198,7 @@ class RenderTask:
     def _exposure(self, session: DeviceSession, view: View, given: Shutter) -> dict[str, Any]:
         """The arguments of `PathTracer.render` for a shutter."""
         shutter = given.at(view.time or 0.0)
-        lasts = max(shutter.close - shutter.open, 1e-12)
+        lasts = (shutter.close - shutter.open + shutter.readout) or 1.0
 
         def pose(seconds: float) -> Camera:
             if self.clip is not None:
@@ -231,7 +231,6 @@ class RenderTask:
             folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,
             layers=layers,
         )  # fmt: skip
-
 
     def _flow(
         self, session: DeviceSession, cameras: tuple[Camera | None, Camera | None], back: bool

@@ -88,10 +88,14 @@ def _radical_inverse(number: int) -> float:
 def between(first: Camera, second: Camera, share: float) -> Camera:
     """A camera on the way from one to another: its position and lens linearly, its rotation about one axis."""
     turn = first.rotation.T @ second.rotation
-    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    axis = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))  # times 2 sin(angle)
+    angle = float(np.arctan2(np.linalg.norm(axis), np.trace(turn) - 1))
     turned = first.rotation
     if angle > STILL:
-        axis = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
+        if angle > np.pi / 2:  # its sine goes to zero; the symmetric part has (1 - cosine) times the axis squared
+            squared = (turn + turn.T) / 2 - np.cos(angle) * np.eye(3)
+            largest = squared[np.argmax(np.diag(squared))]
+            axis = largest * np.copysign(1, largest @ axis)
         turned = turned @ rotation(axis, share * angle)
     fields: dict[str, Any] = {name: getattr(first, name) for name in Camera._names}
     for name in ("vertical_fov", "orthographic_height", "aperture", "focus_distance"):
