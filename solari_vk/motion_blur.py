@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -57,14 +58,21 @@ class ShutterRenderer(PictureRenderer):
         """Trace the samples from `first` up to `end` of the rows from `top` up to `below`, of which those before are
         there; returns the device's timeline value."""
 
+    @abstractmethod
+    def _adapt(self) -> None:
+        """Choose the next dispatches' size by the time that the latest finished one took."""
+
     def _expose(
         self, camera: Camera, samples: int, shutter: Any, pose: Any, denoise: bool, time_limit: float | None,
         progress: Callable[[int], None] | None,
     ) -> RenderedFrame:  # fmt: skip
-        """The picture of an exposure; the scene stays as in its middle. Arguments are those of `PathTracer.render`."""
+        """The picture of an exposure; the scene stays as in its middle. Arguments are those of `PathTracer.render`.
+
+        What `progress` raises ends the exposure and is raised again, with the picture so far as the latest."""
         poses = checked_pose(self.binder.scene, shutter, pose)
         started, height, submission = time.perf_counter(), self.size[1], 0
         guides: list[NDArray[Any]] = []
+        ended: BaseException | None = None
         try:
             for number, moment in enumerate(shutter.moments(samples, height, self.settings.seed)):
                 shown = self._show(camera, poses, moment.time)
@@ -77,17 +85,22 @@ class ShutterRenderer(PictureRenderer):
                 if denoise:
                     self._add_guides(guides, moment, samples)
                 if moment.rows[1] == height:
-                    if progress is not None:
-                        progress(self.samples)
-                    if time_limit is not None and time.perf_counter() - started > time_limit:
+                    ended = None if progress is None else _raised_by(progress, self.samples)
+                    if ended or (time_limit is not None and time.perf_counter() - started > time_limit):
                         break
+                self._adapt()
             shown = self._show(camera, poses, shutter.middle)
         except BaseException:
             self.reset()
+            with suppress(Exception):  # the error that is raised is the first one
+                poses(shutter.middle)
             raise
         # The next picture is a new one. This one may have ended early.
         self._shown, self._guides = None, [mean * np.float32(samples / self.samples) for mean in guides] or None
-        return self._finish(RenderedFrame(self, shown, self._projection, submission))
+        frame = self._finish(RenderedFrame(self, shown, self._projection, submission))
+        if ended is not None:
+            raise ended
+        return frame
 
     def _show(self, camera: Camera, pose: Pose, seconds: float) -> Camera:
         """Pose the scene, and take up its edits; returns the camera."""
@@ -109,3 +122,12 @@ class ShutterRenderer(PictureRenderer):
         share = np.float32((moment.samples[1] - moment.samples[0]) / samples)
         for mean, values in zip(guides, found, strict=True):
             mean[top:below] += share * values[top:below]
+
+
+def _raised_by(progress: Callable[[int], None], samples: int) -> BaseException | None:
+    """What a call of `progress` raises, None if nothing."""
+    try:
+        progress(samples)
+    except BaseException as error:
+        return error
+    return None

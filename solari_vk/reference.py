@@ -233,14 +233,14 @@ class PathTracer(ShutterRenderer):
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
         uniforms, submission = self._frame.uniforms, 0
         while first < end:
-            count = min(end - first, MAX_SAMPLES)
+            count = min(end - first, self._batch)
             uniforms["path_sampling.sample_index"] = first
             uniforms["path_sampling.samples_per_dispatch"] = count
             for row in range(top, below, self._band_rows):
-                uniforms["path_sampling.first_row"] = row
-                uniforms["path_sampling.row_count"] = min(self._band_rows, below - row)
+                rows = min(self._band_rows, below - row)
+                uniforms["path_sampling.first_row"], uniforms["path_sampling.row_count"] = row, rows
                 submission = self._frame.submit()
-                self._sizes.append((submission, count * self._band_rows))
+                self._sizes.append((submission, count * rows))
             first += count
         if below == self.size[1]:
             self._control.add(end - self._control.first)

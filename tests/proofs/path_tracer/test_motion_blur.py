@@ -10,6 +10,7 @@ import solari_vk as sv
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte
+from solari_vk.scene.matrices import rotation
 from solari_vk.scene.shutter import between
 
 SIZE = (64, 32)
@@ -114,6 +115,56 @@ def test_an_exposure_is_reproducible(device):
     np.testing.assert_array_equal(one, other)
 
 
+def test_what_progress_raises_keeps_the_picture(device):
+    """It is the picture that `time_limit` ends as early."""
+    scene, instance = edge_scene()
+    pose, shutter = move(instance, 3.0), sv.Shutter(close=1.0)
+
+    def stop(samples):
+        raise InterruptedError
+
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        expected = tracer.render(samples=64, shutter=shutter, pose=pose, time_limit=0)["radiance"]
+        instance.position = (9, 0, 0)
+        with pytest.raises(InterruptedError):
+            tracer.render(samples=64, shutter=shutter, pose=pose, progress=stop)
+        assert (tracer.samples, instance.position[0]) == (4, 1.5)
+        np.testing.assert_array_equal(tracer["radiance"], expected)
+
+
+def test_a_failed_exposure_leaves_the_middle(device):
+    scene, instance = edge_scene()
+    calls = []
+
+    def pose(seconds):
+        calls.append(seconds)
+        if len(calls) == 2:
+            raise OSError("lost")
+        instance.position = (seconds, 0, 0)
+
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        with pytest.raises(OSError, match="lost"):
+            tracer.render(samples=16, shutter=sv.Shutter(close=1.0), pose=pose)
+        with pytest.raises(SolariError, match="render before"):
+            tracer["radiance"]
+    assert instance.position[0] == 0.5
+
+
+def test_dispatches_of_an_exposure_are_measured(device):
+    """They begin with a sample of each pixel, and grow while they are fast; the picture's bits stay."""
+    scene, instance = edge_scene()
+    pose, shutter = move(instance, 3.0), sv.Shutter(close=1.0, time_samples=4)
+    with sv.PathTracer(device, scene, SIZE, max_bounces=0) as tracer:
+        counts, submit, uniforms = [], tracer._frame.submit, tracer._frame.uniforms
+        tracer._frame.submit = lambda: counts.append(uniforms["path_sampling.samples_per_dispatch"]) or submit()
+        measured = tracer.render(samples=128, shutter=shutter, pose=pose)["radiance"]
+        assert counts[0] == 1
+        assert max(counts) > 1
+    with sv.PathTracer(device, scene, SIZE, max_bounces=0) as tracer:
+        tracer._batch, tracer._next_look = 32, 10**9
+        np.testing.assert_array_equal(tracer.render(samples=128, shutter=shutter, pose=pose)["radiance"], measured)
+
+
 def test_moments_share_the_samples():
     shutter = sv.Shutter(open=2.0, close=3.0, time_samples=8)
     moments = list(shutter.moments(20, 32, 0))
@@ -135,6 +186,16 @@ def test_cameras_between():
     assert middle.fov == pytest.approx(50)
     for share, end in ((0, first), (1, second)):
         np.testing.assert_allclose(between(first, second, share).transform, end.transform, atol=1e-9)
+    opposite = sv.Camera(transform=np.diag((-1.0, 1, -1, 1)))
+    quarter = between(sv.Camera(), opposite, 0.5).rotation
+    np.testing.assert_allclose(np.abs(quarter), [(0, 0, 1), (0, 1, 0), (1, 0, 0)], atol=1e-9)
+    np.testing.assert_allclose(between(sv.Camera(), opposite, 1).transform, opposite.transform, atol=1e-9)
+    for angle in (1e-7, 2.0, np.pi - 1e-7):  # beyond the end, by the smallest and the largest angles
+        turned = [np.eye(4), np.eye(4)]
+        for matrix, times in zip(turned, (1, 3), strict=True):
+            matrix[:3, :3] = rotation((1, -2, 0.5), times * angle)
+        further = between(sv.Camera(), sv.Camera(transform=turned[0]), 3)
+        np.testing.assert_allclose(further.transform, turned[1], atol=1e-9)
 
 
 def test_wrong_shutters(device):
