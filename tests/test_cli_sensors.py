@@ -64,23 +64,24 @@ def test_a_data_set_with_raw_numbers_and_flow(run, tmp_path):
         assert (nothing[..., 2] == 2).all()
 
 
-def test_an_orbit_with_a_shutter(run, tmp_path):
+@pytest.mark.parametrize("exposed", [0.05, 0.0])
+def test_an_orbit_with_a_shutter(run, tmp_path, exposed):
     """Each picture is exposed from its time on, while the camera goes on along its way."""
-    code, said = run("render", *BOX, "--mode", "reference", "--samples", 8, "--animate", "orbit:60", "--frames", 2,
-                     "--fps", 10, "--shutter", "0.05,0.01", "--exposure", 2)  # fmt: skip
+    code, said = run("render", *BOX, "--mode", "reference", "--samples", 8, "--animate", "orbit:60", "--frames", 3,
+                     "--fps", 10, "--shutter", f"{exposed},0.03", "--exposure", 2)  # fmt: skip
     assert code == 0, said
     scene = sv.builtin("cornell_box")
-    first, second = orbit(scene.camera_for(1.5), scene.bounds.center, 2, 60.0)
-    closing = between(first, second, 0.5)
-    shutter = sv.Shutter(close=0.05, readout=0.01)
+    first, second, _ = orbit(scene.camera_for(1.5), scene.bounds.center, 3, 60.0)
+    shutter = sv.Shutter(close=exposed, readout=0.03)
     with sv.Device() as device, sv.PathTracer(device, scene, SIZE, seed=3) as tracer:
-        expected = tracer.render(first, 8, shutter=shutter, pose=lambda time: between(first, closing, time / 0.05))
+        expected = tracer.render(first, 8, shutter=shutter, pose=lambda time: between(first, second, time / 0.1))
         np.testing.assert_allclose(np.load(tmp_path / "picture.0000.npy"), expected["radiance"], rtol=1e-5)
     assert np.load(tmp_path / "picture.0001.npy").shape == (16, 24, 3)
 
 
-def test_a_moment_with_a_shutter(run, tmp_path):
-    """The edges of a triangle that moves sideways are less steep the longer it is exposed."""
+@pytest.fixture
+def moving(tmp_path):
+    """The file of a triangle that moves sideways, and a camera."""
     writer = GltfWriter(tmp_path / "moving.glb")
     node = writer.node(mesh=writer.mesh())
     camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.9, "znear": 0.1})
@@ -88,15 +89,35 @@ def test_a_moment_with_a_shutter(run, tmp_path):
     sampler = {"input": writer.accessor([0, 1]), "output": writer.accessor([[-1, 0, 0], [1, 0, 0]])}
     channels = [{"sampler": 0, "target": {"node": node, "path": "translation"}}]
     writer.add("animations", name="slide", samplers=[sampler], channels=channels)
-    file, slopes = writer.save(tmp_path / "moving.glb"), []
-    given = [file, "--size", "48x32", "--mode", "reference", "--environment", "studio", "--time", 0.3, "--samples", 32,
-             "--exposure", 0]  # fmt: skip
+    return writer.save(tmp_path / "moving.glb")
+
+
+def test_a_moment_with_a_shutter(run, tmp_path, moving):
+    """The triangle's edges are less steep the longer it is exposed."""
+    slopes = []
+    given = [moving, "--size", "48x32", "--mode", "reference", "--environment", "studio", "--time", 0.3, "--samples",
+             32, "--exposure", 0]  # fmt: skip
     for words in ((), ("--shutter", 0.4)):
         code, said = run("render", *given, *words)
         assert code == 0, said
         light = np.load(tmp_path / "picture.npy")[..., 0].astype(np.float64)
         slopes.append(np.abs(np.diff(light, axis=1)).max(axis=1))
     assert (slopes[1] < 0.7 * slopes[0]).sum() > 4, "of rows that the triangle's upright edge crosses"
+
+
+def test_an_exposure_that_ends_early_is_written(run, tmp_path, moving):
+    code, said = run("render", moving, "--size", "24x16", "--mode", "reference", "--time", 0.3, "--samples", 32,
+                     "--shutter", "0.4,0.1", "--time-limit", 1e-9)  # fmt: skip
+    assert code == 0, said
+    assert "the time limit is over" in said
+    assert np.isfinite(np.load(tmp_path / "picture.npy")).all()
+
+
+def test_a_large_picture_has_no_shutter(run, moving, monkeypatch):
+    monkeypatch.setattr("solari_vk.bands.rows_of", lambda device, size: 8)
+    code, said = run("render", moving, "--size", "24x16", "--mode", "reference", "--time", 0.3, "--shutter", 0.4)
+    assert code == 2
+    assert "--shutter: a picture in bands" in said
 
 
 @pytest.mark.parametrize(("words", "message"), [

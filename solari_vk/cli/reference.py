@@ -114,13 +114,14 @@ def _exposure(job: StillJob, subject: Subject) -> dict[str, Any]:
     return {"shutter": shutter, "pose": lambda seconds: clip.apply(subject.scene, seconds, loop=False)}
 
 
-def _render_large(
-    job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes
-) -> _Result:
+def _render_large(job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes) -> _Result:
     """In bands of rows, because the device can't hold the picture."""
     if job.target_error is not None:
         raise SolariError("--target-error: a picture in bands, larger than the device holds, has a fixed number of "
                           "samples: give --samples")  # fmt: skip
+    if job.shutter is not None:
+        raise SolariError("--shutter: a picture in bands, larger than the device holds, shows one moment: give a "
+                          "smaller --size")  # fmt: skip
     count = -(-job.size[1] // bands.rows_of(device, job.size))
     print(f"{job.size[0]}x{job.size[1]} is more than the device holds at once: in {count} bands", file=sys.stderr)
     assert total is not None
