@@ -159,6 +159,8 @@ class Viewer(Session):
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
+        else:
+            self.history.end_gesture()  # without panels nothing is dragged
         self._presenter.area = self.picture_area
         pixels = self._presenter.area.width, self._presenter.area.height
         if self.pictures.ready or self.refining.rests or "picture" in self.faults:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from solari_vk.errors import SolariError
 from solari_vk.scene.collection import Items
 from solari_vk.scene.observed import Checked
 
 LONGEST = 1000  # edits that are kept
+UNREACHABLE = object()  # stands for the last edit when the scene was saved, if no undoing leads there
 
 
 class Edit(Protocol):
@@ -78,18 +81,16 @@ class Presence:
 
 @dataclass
 class Several:
-    """Edits that are undone at once."""
+    """Edits that are undone at once: all of them, or none if one raises an error."""
 
     text: str
     edits: Sequence[Edit]
 
     def redo(self) -> None:
-        for edit in self.edits:
-            edit.redo()
+        _all_or_none(self.edits, "redo", "undo")
 
     def undo(self) -> None:
-        for edit in reversed(self.edits):
-            edit.undo()
+        _all_or_none(self.edits[::-1], "undo", "redo")
 
 
 class History:
@@ -102,7 +103,7 @@ class History:
     def __init__(self) -> None:
         self.done: list[Edit] = []
         self.undone: list[Edit] = []
-        self._saved: Edit | None = None  # the last edit when the scene was saved
+        self._saved: object = None  # the last edit when the scene was saved, None before the first
         self._open = False  # whether an assignment may continue the last one
 
     @property
@@ -168,7 +169,9 @@ class History:
 
     def _note(self, edit: Edit) -> None:
         self.done.append(edit)
-        del self.done[:-LONGEST]
+        if len(self.done) > LONGEST:
+            del self.done[:-LONGEST]
+            self._saved = UNREACHABLE if self._saved is None else self._saved
         self.undone.clear()
         self._open = False
 
@@ -177,20 +180,27 @@ class History:
         self._open = False
 
     def undo(self) -> str:
-        """Undo the last edit and return its text, "" if there is none."""
+        """Undo the last edit and return its text, "" if there is none. One that can't be undone is forgotten, and
+        raises SolariError."""
         return self._move(self.done, self.undone, "undo")
 
     def redo(self) -> str:
-        """Do the edit again that was undone last, and return its text, "" if there is none."""
+        """Do the edit again that was undone last, and return its text, "" if there is none. One that can't be done is
+        forgotten, and raises SolariError."""
         return self._move(self.undone, self.done, "redo")
 
     def _move(self, source: list[Edit], target: list[Edit], how: str) -> str:
         self._open = False
         if not source:
             return ""
-        edit = source[-1]
-        getattr(edit, how)()
-        target.append(source.pop())
+        edit = source.pop()
+        try:
+            getattr(edit, how)()
+        except SolariError as error:
+            if source is self.done:
+                self._saved = UNREACHABLE  # what the edit did stays
+            raise SolariError(f"can't {how} {edit.text}, which is forgotten: {error}") from error
+        target.append(edit)
         return edit.text
 
     def clear(self) -> None:
@@ -202,6 +212,18 @@ class History:
     def __iter__(self) -> Iterator[Edit]:
         """All edits that are done, one by one."""
         return _flat(self.done)
+
+
+def _all_or_none(edits: Sequence[Edit], how: str, back: str) -> None:
+    """Call the method `how` of each, and after an error the method `back` of those before it."""
+    for number, edit in enumerate(edits):
+        try:
+            getattr(edit, how)()
+        except BaseException:
+            for done in reversed(edits[:number]):
+                with suppress(SolariError):  # the first error is raised
+                    getattr(done, back)()
+            raise
 
 
 def _flat(edits: Iterable[Edit]) -> Iterator[Edit]:

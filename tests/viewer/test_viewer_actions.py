@@ -83,6 +83,18 @@ def test_keys_fly_give_help_and_close(viewer, capfd):
     viewer.run()
 
 
+def test_each_nudge_without_panels_is_an_edit(viewer):
+    viewer.selected = item = viewer.scene.instances[3]
+    before = item.position
+    type_keys(viewer, glfw.KEY_UP)
+    once = item.position
+    type_keys(viewer, glfw.KEY_UP)
+    assert (item.position != once).any()
+    type_keys(viewer, glfw.KEY_Z, modifiers=glfw.MOD_CONTROL)
+    assert (item.position == once).all()
+    assert (once != before).any()
+
+
 def test_a_pose_is_copied_to_and_pasted_from_the_clipboard(viewer):
     given = sv.builtin("cornell_box").camera.transform
     viewer.camera_control.look(40, 10)
