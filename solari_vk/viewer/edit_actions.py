@@ -15,10 +15,10 @@ from solari_vk.scene.lights.light import Light
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import Placed
-from solari_vk.viewer.history import Assignment
+from solari_vk.viewer.history import Assignment, Several
 from solari_vk.viewer.light_making import LIGHTS, new_light
 from solari_vk.viewer.opening import add_file, is_map, open_file, surround
-from solari_vk.viewer.saving import free_path, save_scene
+from solari_vk.viewer.saving import files_of, free_path, save_scene
 from solari_vk.viewer.session import GIZMOS, Question, Session
 from solari_vk.viewer.window import Event
 
@@ -114,8 +114,7 @@ class EditActions:
 
     def _assign_all(self, text: str, items: Iterable[Checked], **fields: Any) -> None:
         edits = [Assignment(item, fields, {name: getattr(item, name) for name in fields}) for item in items]
-        for edit in edits:
-            edit.redo()
+        Several(text, edits).redo()
         if edits:
             self._session.history.note(text, edits)
 
@@ -157,11 +156,28 @@ class EditActions:
     # ---- files --------------------------------------------------------------------------------------
 
     def save(self, path: Path | str | None = None) -> None:
-        """Write the scene as glTF and the script that renders the picture. path: by default a new name."""
+        """Write the scene as glTF and the script that renders the picture. path: by default a new name.
+
+        Asks before it replaces files that the session didn't write; without panels, the same action again does.
+        """
         session = self._session
         target = Path(path) if path is not None else session.save_path or free_path(session)
+        known = session.save_path is not None and target.resolve() == session.save_path.resolve()
+        taken = [] if known else [str(file) for file in files_of(target) if file.exists()]
+        text = f"There is {' and '.join(taken)} already."
+        if not taken or (session.question is not None and session.question.text == text):
+            session.question = None
+            self._write(target)
+            return
+        session.question = Question(text, {"replace": lambda: self._write(target)})
+        if not session.has_panels:
+            session.warn(f"{text} Save once more to replace it, or give another name.")
+
+    def _write(self, target: Path) -> None:
+        session = self._session
         script, lost = save_scene(session, target)
         session.save_path = target
+        session.sources.note_written(target)
         session.history.mark_saved()
         session.say(f"wrote {target} and {script.name}" + "".join(f"\nnot in the file: {what}" for what in lost))
 

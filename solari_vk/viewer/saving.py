@@ -21,16 +21,22 @@ def free_path(session: Session) -> Path:
     return path
 
 
+def files_of(path: Path) -> tuple[Path, ...]:
+    """The files that `save_scene` writes for a path. Raises SolariError for another ending than .glb and .gltf."""
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        raise SolariError(f"{path}: give a name that ends in .glb or .gltf")
+    data = [path.with_suffix(".bin")] if path.suffix.lower() == ".gltf" else []
+    return (path, path.with_suffix(".py"), *data)
+
+
 def save_scene(session: Session, path: Path) -> tuple[Path, list[str]]:
     """Write the scene to a .glb or .gltf file, and beside it the script, whose path is returned with what the file
     can't hold. Raises SolariError for another ending, and if a file can't be written."""
-    if path.suffix.lower() not in (".glb", ".gltf"):
-        raise SolariError(f"{path}: give a name that ends in .glb or .gltf")
+    _, script, *_ = files_of(path)
     make_folder(path.parent)
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always")
         session.scene.save(path)
-    script = path.with_suffix(".py")
     write_whole(script, script_text(session, path.name))
     return script, [str(warning.message) for warning in noted]
 

@@ -83,7 +83,7 @@ class Session(Messages):
         """The seconds from frame to frame, for the latest frames."""
         self.shader_users: dict[str, Callable[[], object]] = {"shaders": pictures.reload}
         """The functions to call when shaders change, by the places of their errors in `faults`."""
-        self._sources = sources
+        self.sources = sources
         self.save_path: Path | None = None
         """Where the scene was saved last."""
         self.map_folder: Path | None = None
@@ -153,7 +153,7 @@ class Session(Messages):
 
     def reload_changed(self) -> None:
         """Reload the shaders and the scene's file if they changed on disk. Edits that aren't saved keep the file."""
-        shaders, file = self._sources.changed()
+        shaders, file = self.sources.changed()
         if file and self.history.unsaved:
             self.say(f"{self.name} has changed on disk: F5 loads it again, without your edits")
             file = False
@@ -172,11 +172,11 @@ class Session(Messages):
     @property
     def has_file(self) -> bool:
         """Whether the scene comes from a file that can be loaded again."""
-        return self._sources.load is not None
+        return self.sources.load is not None
 
     def replace_scene(self, loaded: Scene, file: Path, load: Callable[[], Scene]) -> None:
         """Show what another scene holds, of a file that is loaded again when it changes. Forgets the edits."""
-        self._sources.replace(loaded, file, load)
+        self.sources.replace(loaded, file, load)
         self._forget()
         self.player = Player(self.scene)
         self.source, self.source_options, self.save_path = str(file), (), None
@@ -193,7 +193,7 @@ class Session(Messages):
         return place not in self.faults
 
     def _load_file(self) -> None:
-        if self._sources.load_again():
+        if self.sources.load_again():
             self._forget()
             if self.player.posed:
                 self.player.show(self.player.seconds)

@@ -15,6 +15,7 @@ from solari_vk.viewer.controls import ACTIONS
 from solari_vk.viewer.edit_actions import move_to, transform_of
 from solari_vk.viewer.history import History
 from solari_vk.viewer.light_making import LIGHTS
+from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.session import GIZMOS
 from solari_vk.viewer.window import Event
 
@@ -89,6 +90,38 @@ def test_refused_edits_leave_everything_as_it_was(scene):
     with pytest.raises(sv.SolariError):
         history.assign_each("several", settings, {"denoise": False, "di_candidates": -1})
     assert (history.done, state(scene, settings)) == ([], before)
+
+
+def test_edits_that_cannot_be_undone_are_forgotten(scene):
+    """All parts of an edit stay if one can't be undone; the scene then isn't what was saved before."""
+    history, items, lamp = History(), list(scene.instances), sv.PointLight((0, 1, 0))
+    history.mark_saved()
+    history.remove(scene.instances, items[1], items[4])
+    left = list(scene.instances)
+    scene.add(items[1])  # by a script, so that there would be two
+    with pytest.raises(sv.SolariError, match="can't undo removing 2 objects, which is forgotten"):
+        history.undo()
+    assert (list(scene.instances), history.done, history.unsaved) == ([*left, items[1]], [], True)
+    history.add(scene.lights, lamp)
+    history.undo()
+    scene.add(lamp)
+    with pytest.raises(sv.SolariError, match="can't redo adding"):
+        history.redo()
+    assert (history.undone, list(scene.lights)) == ([], [lamp])
+
+
+def test_the_oldest_edits_stay_unsaved(scene, monkeypatch):
+    monkeypatch.setattr("solari_vk.viewer.history.LONGEST", 3)
+    history = History()
+    for value in (0.1, 0.2, 0.3, 0.4):
+        history.assign(scene.materials[0], metallic=value)
+        history.end_gesture()
+    while history.undo():
+        pass
+    assert scene.materials[0].metallic == pytest.approx(0.1)
+    assert history.unsaved
+    history.mark_saved()
+    assert not history.unsaved
 
 
 def test_objects_return_to_their_places(scene):
@@ -266,8 +299,8 @@ def test_closing_without_panels_takes_two_keys(session, scene):
 
 
 def test_a_file_that_changed_does_not_take_edits_away(session, scene, monkeypatch):
-    monkeypatch.setattr(session._sources, "load", lambda: sv.builtin("thin_wall"))
-    monkeypatch.setattr(session._sources, "changed", lambda: (False, True))
+    monkeypatch.setattr(session.sources, "load", lambda: sv.builtin("thin_wall"))
+    monkeypatch.setattr(session.sources, "changed", lambda: (False, True))
     session.edit(scene.materials[0], metallic=1)
     count = len(scene.instances)
     session.reload_changed()
@@ -293,6 +326,49 @@ def test_saving_answers_the_question(scene, tmp_path):
 
 
 # ---- files ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", [".glb", ".py"])
+def test_other_files_are_replaced_after_asking(scene, tmp_path, ending):
+    session, other = make_session(scene, tmp_path), tmp_path / f"model{ending}"
+    session.has_panels = True
+    other.write_text("mine")
+    for answer, kept in (("cancel", True), ("replace", False)):
+        act(session, "save", str(tmp_path / "model.glb"))
+        assert str(other) in session.question.text
+        act(session, "answer", answer)
+        assert (other.read_bytes() == b"mine", session.history.unsaved) == (kept, False)
+    session.edit(scene.materials[0], metallic=1)
+    act(session, "save", str(tmp_path / "model.glb"))
+    assert (session.question, session.history.unsaved) == (None, False), "the session's own file"
+
+
+def test_other_files_are_replaced_by_two_keys_without_panels(scene, tmp_path):
+    session, other = make_session(scene), tmp_path / "model.py"
+    other.write_text("mine")
+    act(session, "save", tmp_path / "model.glb")
+    assert "once more" in session.message
+    assert other.read_text() == "mine"
+    act(session, "save", tmp_path / "model.glb")
+    assert other.read_text() != "mine"
+
+
+def test_saving_the_scenes_own_file_loads_nothing(scene, tmp_path, monkeypatch):
+    """Undoing and what is picked stay; a later change by others is loaded."""
+    monkeypatch.setattr("solari_vk.viewer.reload.INTERVAL", 0)
+    file = tmp_path / "model.glb"
+    scene.save(file)
+    session = make_session(scene)
+    session.sources = Sources(scene, file, lambda: sv.load(file))
+    session.edit(scene.materials[0], metallic=0.5)
+    session.selected = item = scene.instances[0]
+    act(session, "save", file)
+    act(session, "save", file)
+    session.reload_changed()
+    assert (session.selected, len(session.history.done)) == (item, 1)
+    sv.builtin("thin_wall").save(file)
+    session.reload_changed()
+    assert session.selected is None
 
 
 def test_dropped_files_are_opened_added_or_surround(session, scene, tmp_path):
