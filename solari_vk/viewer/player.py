@@ -11,17 +11,21 @@ class Player:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self.playing = False
-        self.number = 0
-        """Of the clip, among the scene's animations."""
+        self._number = 0
         self.seconds = 0.0
         self.posed = False
         """Whether the scene has been posed by a clip."""
 
     @property
+    def number(self) -> int:
+        """Of the chosen clip, among the scene's animations; the last one's if there are fewer now."""
+        return max(min(self._number, len(self._scene.animations) - 1), 0)
+
+    @property
     def clip(self) -> Animation | None:
         """The chosen clip, None in a scene without animations."""
         clips = self._scene.animations
-        return clips[min(self.number, len(clips) - 1)] if clips else None
+        return clips[self.number] if clips else None
 
     def advance(self, seconds: float) -> None:
         """Let the time run, if it does."""
@@ -30,7 +34,7 @@ class Player:
 
     def choose(self, number: int) -> None:
         """Show the start of another clip."""
-        self.number = number
+        self._number = number
         self.show(0.0)
 
     def show(self, seconds: float) -> None:

@@ -46,6 +46,12 @@ class Refining:
         return max(self._still - REST, 0) if self.enabled else 0
 
     @property
+    def frames(self) -> int:
+        """Realtime frames since the latest change, or of the full size if the picture rests, as far as more make a
+        difference."""
+        return min(self.steps or self._still + 1, FRAMES)
+
+    @property
     def moves(self) -> bool:
         """Whether the latest frame differed from the one before."""
         return self._still == 0

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
+from solari_vk.scene.placement import Placed
 from solari_vk.settings import DEFAULTS
+from solari_vk.viewer.history import Assignment
 from solari_vk.viewer.session import Session
+
+UNSEEN_FRAMES = 32  # of a realtime picture that the viewer hasn't shown yet
+# Fields that clips change.
+PLACES = ("transform", "position", "rotation", "scale", "direction", "horizontal", "center", "half_u", "half_v")
 
 
 def free_path(session: Session) -> Path:
@@ -37,18 +47,41 @@ def save_scene(session: Session, path: Path) -> tuple[Path, list[str]]:
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always")
         session.scene.save(path)
-    write_whole(script, script_text(session, path.name))
-    return script, [str(warning.message) for warning in noted]
+    lines, lost = _animated_edits(session)
+    write_whole(script, script_text(session, path.name, lines))
+    return script, [*(str(warning.message) for warning in noted), *lost]
 
 
-def script_text(session: Session, scene_file: str) -> str:
-    """A script that renders the picture from the scene in a file beside it."""
+def _animated_edits(session: Session) -> tuple[list[str], list[str]]:
+    """Assignments that place what was edited as it is now, of what clips place otherwise, and so the file does; and
+    which of it has no name that a script could call it by."""
+    scene, lines, lost = session.scene, dict[str, None](), dict[str, None]()
+    rigs = [clip.rig for clip in scene.animations]
+    animated = {item for rig in rigs for item, *_ in (*rig.placed, *rig.skins, *rig.weighted)}
+    for edit in session.history:
+        if not isinstance(edit, Assignment) or edit.item not in animated:
+            continue
+        item: Any = edit.item
+        fields = {"transform" if isinstance(item, Placed) and name in PLACES else name for name in edit.after}
+        for name in sorted(fields & {*PLACES, "visible"}):
+            for kind in ("instances", "cameras", "lights"):
+                items = getattr(scene, kind)
+                if item in items and item.name and [other.name for other in items].count(item.name) == 1:
+                    lines[f"scene.{kind}[{item.name!r}].{name} = {np.asarray(getattr(item, name)).tolist()!r}"] = None
+                elif item in items:
+                    lost[f"the {name} of {item.describe()}, which follows clips and has no name of its own"] = None
+    return list(lines), list(lost)
+
+
+def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) -> str:
+    """A script that renders the picture from the scene in a file beside it. edits: lines after the scene is posed."""
     pictures, camera = session.pictures, session.camera
     width, height = pictures.size if pictures.ready else session.window.pixels
     pose = {**camera.pose(), "ev100": camera.ev100}
     player = session.player
+    shown = "realtime picture of the mode split" if pictures.mode == "split" else f"{pictures.mode} picture"
     lines = [
-        f'"""Renders {scene_file} as the viewer of solari_vk showed it."""',
+        f'"""Renders {scene_file} as the viewer of solari_vk showed it: the {shown}."""',
         "",
         "from pathlib import Path",
         "",
@@ -56,7 +89,8 @@ def script_text(session: Session, scene_file: str) -> str:
         "",
         "here = Path(__file__).resolve()",
         f"scene = sv.load(here.with_name({scene_file!r}))",
-        *([f"scene.animate({player.seconds!r}, {player.number})"] if player.posed else []),
+        *([f"scene.animate({player.seconds!r}, {player.number})"] if player.posed and player.clip else []),
+        *edits,
         f"camera = sv.Camera.from_pose({pose!r})",
         "with sv.Device() as device:",
     ]
@@ -71,12 +105,12 @@ def script_text(session: Session, scene_file: str) -> str:
     else:
         changed = {name: getattr(session.settings, name) for name in DEFAULTS}
         settings = [f"{name}={value!r}" for name, value in changed.items() if value != DEFAULTS[name]]
-        frames = pictures.realtime.frame_count if pictures.realtime is not None else 32
+        frames = session.refining.frames if pictures.ready else UNSEEN_FRAMES
         lines += [
             f"    settings = sv.Settings({', '.join(settings)})",
             f"    renderer = sv.Renderer(device, scene, {options}, settings=settings)",
             f"    renderer.view, renderer.tonemap = {pictures.view!r}, {pictures.tonemap!r}",
-            f"    for _ in range({max(frames, 1)}):",
+            f"    for _ in range({frames}):",
             "        frame = renderer.render(camera)",
         ]
     return "\n".join([*lines, '    frame.save(here.with_suffix(".png"))', ""])

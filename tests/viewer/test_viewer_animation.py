@@ -6,11 +6,13 @@ import glfw
 import numpy as np
 import pytest
 from support.characters import bent, tube
-from viewer_tools import type_keys
+from viewer_tools import make_session, type_keys
 
 import solari_vk as sv
 from solari_vk.viewer import panels
+from solari_vk.viewer.actions import act
 from solari_vk.viewer.player import Player
+from solari_vk.viewer.saving import script_text
 from solari_vk.viewer.screenshot import command_line
 
 
@@ -58,6 +60,56 @@ def test_a_player(scene):
     scene.animations.clear()
     player.show(0.5)
     assert player.clip is None
+
+
+@pytest.fixture
+def moving_ball():
+    """A session without a window whose ball two clips move to the right, the second one faster; and the ball."""
+    rig = sv.Rig([-1], [np.eye(4)], [(0, 0, 0)], [(0, 0, 0, 1)], np.ones((1, 3)))
+    ball = sv.Instance(sv.shapes.sphere(), name="ball")
+    rig.attach(ball, 0)
+    scene = sv.Scene(ball, sv.PointLight((0, 3, 0)))
+    for speed in (1.0, 2.0):
+        scene.animations.add(sv.Animation(rig, [sv.Channel(0, "translation", [0, 4], [(0, 0, 0), (4 * speed, 0, 0)])]))
+    return make_session(scene), ball
+
+
+def run_script(path):
+    """The scene of a saved script, without its picture."""
+    names = {"__file__": str(path)}
+    exec(path.read_text().partition("with sv.Device")[0], names)
+    return names["scene"]
+
+
+def test_saved_scripts_show_the_clip_and_the_edits(moving_ball, tmp_path):
+    session, ball = moving_ball
+    session.player.choose(1)
+    session.player.show(1.0)
+    act(session, "save", tmp_path / "posed.glb")
+    np.testing.assert_allclose(run_script(tmp_path / "posed.py").instances["ball"].position, (2, 0, 0), atol=1e-6)
+    session.edit(ball, position=(0, 5, 0))
+    session.edit(ball, visible=False)
+    session.scene.animations.remove(session.scene.animations[1])
+    act(session, "save", tmp_path / "edited.glb")
+    assert "scene.animate(1.0, 0)" in (tmp_path / "edited.py").read_text()
+    found = run_script(tmp_path / "edited.py").instances["ball"]
+    assert (found.position.tolist(), found.visible) == ([0, 5, 0], False)
+    ball.name = ""
+    act(session, "save", tmp_path / "nameless.glb")
+    assert "the transform of Instance" in session.message
+    run_script(tmp_path / "nameless.py")
+
+
+def test_saved_scripts_render_the_frames_since_a_change(moving_ball):
+    session, _ = moving_ball
+    session.pictures.mode, session.pictures.ready = "split", True
+    for number, view in enumerate("abbb"):
+        session.refining.note_view(view)
+        assert f"range({max(number, 1)})" in script_text(session, "a.glb")
+    for _ in range(200):
+        session.refining.note_view("b")
+    assert "range(64)" in script_text(session, "a.glb")
+    assert "realtime picture of the mode split" in script_text(session, "a.glb").partition("\n")[0]
 
 
 def test_keys_play_and_choose(open_viewer, scene):
