@@ -78,7 +78,7 @@ class Batch(SceneUser):
             self.binder.update()
             self._worlds = Worlds(device, self.binder, checked_worlds(worlds, self.views))
             self._owned.callback(self._worlds.destroy)
-            self._worlds.update()
+            self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             self._labels: SceneFrame | None = None
             self._paths: ViewTracer | None = None
@@ -176,8 +176,9 @@ class Batch(SceneUser):
     def _find_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()
         worlds = self._worlds
-        if worlds.update():
+        if self._bound != (version := worlds.update()):
             frame.bind(worlds.resources)
+            self._bound = version
         if self._orders.update():
             frame.bind(self._orders.buffers)
         if worlds.rows != self._capacity:
