@@ -27,7 +27,7 @@ class WorldTransforms(MutableMapping[str | Instance, NDArray[np.float64]]):
     """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
     object. Instances without have the scene's in all worlds.
 
-    Assign numpy arrays, or tensors in host memory. Raises SolariError for an instance that the scene doesn't have, for
+    Assign numpy arrays, or tensors. Raises SolariError for an instance that the scene doesn't have, for
     one that emits light, which all worlds share, and for transforms that `Instance.transform` doesn't take.
     """
 
