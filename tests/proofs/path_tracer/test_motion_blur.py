@@ -209,7 +209,7 @@ def test_wrong_shutters(device):
             ({"shutter": sv.Shutter(close=1)}, "has no animations: give pose"),
             ({"shutter": 0.5, "pose": print}, "shutter is a solari_vk.Shutter, not 0.5"),
             ({"shutter": sv.Shutter(close=1), "pose": 3}, "pose is a function of the time"),
-            ({"shutter": sv.Shutter(close=1), "pose": id, "target_error": 0.1}, "leave target_error out"),
+            ({"shutter": sv.Shutter(close=1), "pose": id, "target_error": 0.1}, "have no target_error"),
             ({"pose": id}, "shutter is a solari_vk.Shutter, not None"),
         ):  # fmt: skip
             with pytest.raises(SolariError, match=message):
