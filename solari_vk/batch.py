@@ -78,7 +78,7 @@ class Batch(SceneUser):
             self.binder.update()
             self._worlds = Worlds(device, self.binder, checked_worlds(worlds, self.views))
             self._owned.callback(self._worlds.destroy)
-            self._worlds.update()
+            self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             self._labels: SceneFrame | None = None
             self._paths: ViewTracer | None = None
@@ -128,7 +128,7 @@ class Batch(SceneUser):
         """Render all views, and return the batch, whose results are these until it renders again.
 
         cameras: poses (N, 4, 4), the transforms of `Camera`: world from camera, which looks along its -z axis with y
-        up, in meters. They are arrays of numpy or tensors in host memory. Their lens is given by one of fov, the
+        up, in meters. They are arrays of numpy or tensors. Their lens is given by one of fov, the
         vertical field of view in degrees, vertical_fov, in radians (45 degrees), both a number or (N,), and K, OpenCV's
         matrices (3, 3) or (N, 3, 3) in pixels of a view, as `Camera.from_opencv` takes them; near and ev100, numbers or
         (N,), are Camera.near and Camera.ev100. Or N `Camera` objects of any kind, with lenses, apertures and parallel
@@ -176,8 +176,9 @@ class Batch(SceneUser):
     def _find_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()
         worlds = self._worlds
-        if worlds.update():
+        if self._bound != (version := worlds.update()):
             frame.bind(worlds.resources)
+            self._bound = version
         if self._orders.update():
             frame.bind(self._orders.buffers)
         if worlds.rows != self._capacity:

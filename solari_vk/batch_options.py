@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
+from solari_vk.host_array import host_array
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.renderer import Renderer
@@ -30,7 +31,7 @@ LIGHT = {"labels": (), "reference": ("radiance",), "realtime": ("radiance", "raw
 
 def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
     try:
-        mask = np.asarray(reset)
+        mask = host_array(reset)
     except (TypeError, ValueError, RuntimeError):
         mask = np.zeros(0)
     if mask.dtype != np.bool_ or mask.shape not in ((), (views,)):

@@ -176,12 +176,13 @@ class PathTracer(ShutterRenderer):
             oidn.check_installed()
         if shutter is not None or pose is not None:
             if target_error is not None:
-                raise SolariError("PathTracer.render: a picture with a shutter has a fixed number of samples: leave "
-                                  "target_error out")  # fmt: skip
+                raise SolariError("PathTracer.render: pictures with a shutter have no target_error: leave it out")
             self._control.aim(None, denoise)
             return self._expose(camera, samples, shutter, pose, denoise, time_limit, progress)
         started = time.perf_counter()
         self._prepare(camera)
+        if self.begun[0]:
+            self._add_samples(0)  # the rest of what `advance` has begun
         self._control.aim(target_error, denoise)
         self._warn_of_darkness()
         if denoise:
@@ -196,12 +197,11 @@ class PathTracer(ShutterRenderer):
         return self._finish(self._latest)
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
-        """Submit a short dispatch with the next samples of all pixels, or of so many bands of rows below those of the
-        latest call, without waiting for it. `samples` are those that all pixels have."""
+        """Submit a short dispatch with the next samples, of all pixels or `bands` of rows below those of the latest."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
         self._control.more()
-        submission = self._add_samples(min(self._batch, max_samples), bands)
+        submission = self._add_samples(self._control.limited(min(self._batch, max_samples)), bands)
         self._latest = RenderedFrame(self, camera, self._projection, submission)
         self._adapt()
 
@@ -252,7 +252,7 @@ class PathTracer(ShutterRenderer):
         This is done rarely, because on some drivers reading a timestamp waits for work in progress.
         """
         frame = self._frame
-        if self.begun[0] or frame.frame_count < self._next_look:
+        if self.begun[0] or self._control.is_uneven or frame.frame_count < self._next_look:
             return
         self._next_look = 2 * frame.frame_count
         spent = sum(frame.timings.values())

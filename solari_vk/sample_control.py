@@ -81,6 +81,15 @@ class SampleControl:
             self.wanted(0)
 
     @property
+    def is_uneven(self) -> bool:
+        """Whether pixels may take different numbers of samples, so that dispatches don't tell what a sample costs."""
+        return self._plan is not None
+
+    def limited(self, count: int) -> int:
+        """`count`, or the samples up to the next estimate where pixels have different numbers."""
+        return count if self._plan is None else min(count, self._plan.remaining)
+
+    @property
     def first(self) -> int:
         """The number of the next sample, which the shader counts from."""
         return self.samples if self._plan is None else self._plan.taken

@@ -31,7 +31,7 @@ class ViewTracer(PathTracer):
     def __init__(
         self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: Worlds, options: dict[str, Any]
     ) -> None:
-        self._views, self._worlds = views, worlds
+        self._views, self._worlds, self._bound = views, worlds, worlds.version
         super().__init__(device, binder, strip, **options)
 
     @property
@@ -50,8 +50,9 @@ class ViewTracer(PathTracer):
         self._begin_picture()
         self._warn_of_darkness()
         self._frame.apply_edits()
-        if self._worlds.update():
+        if self._bound != (version := self._worlds.update()):
             self._frame.bind(self._worlds.resources)
+            self._bound = version
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:
             self._add_samples(min(self._batch, samples - self.samples))
@@ -66,7 +67,7 @@ class ViewRenderer(Renderer):
         options: dict[str, Any],
     ) -> None:  # fmt: skip
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
-        self._worlds, self._world_count = worlds, worlds.count
+        self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # IndexTranslation.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
         self.views = ViewTable(device, layout, count, self._grid[0])
@@ -112,8 +113,9 @@ class ViewRenderer(Renderer):
         changed. cut (N,): views without a history. keeps_cache: whether the world cache is that of earlier frames."""
         self._has_lens = bool(written.lenses)
         self._frame.apply_edits()
-        if self._worlds.update():
+        if self._bound != (version := self._worlds.update()):
             self._frame.bind(self._worlds.resources)
+            self._bound = version
         self._prepare()
         try:
             self._write_views(current, written, cut | (not self._has_history), seeds)

@@ -88,10 +88,12 @@ def test_the_world_cache_has_cells_for_each_world(device):
         assert radiance[1].mean() > 0.1
 
 
-def test_edits_of_the_scene_reach_all_worlds(device):
+@pytest.mark.parametrize("renderer", ["labels", "reference", "realtime"])
+def test_edits_of_the_scene_reach_all_worlds(device, renderer):
     scene = sv.builtin("cornell_box")
     poses = np.tile(CAMERAS[:1], (WORLDS, 1, 1))
-    with sv.Batch(device, scene, SIZE, WORLDS, worlds=WORLDS, outputs=["depth", "instance_id"]) as batch:
+    options = {"worlds": WORLDS, "outputs": ["depth", "instance_id"], "renderer": renderer}
+    with sv.Batch(device, scene, SIZE, WORLDS, **options) as batch:
         before = batch.render(poses)["depth"]
         np.testing.assert_array_equal(before, np.tile(before[:1], (WORLDS, 1, 1)))
         rows = batch.binder.instance_capacity

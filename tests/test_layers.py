@@ -69,7 +69,7 @@ MAY_IMPORT = {
     "renderer": {"settings", *RENDERING},
     "bands": {"reference", *RENDERING},
     "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
-    "batch_options": {"renderer", "gpu.acceleration", *RENDERING},
+    "batch_options": {"host_array", "renderer", "gpu.acceleration", *RENDERING},
     "batch": {"batch_options", "reference", "view_renderers", "gpu.acceleration", "gpu.shaders", *RENDERING},
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},

@@ -93,7 +93,7 @@ struct EnvironmentShare {
 
 // `density`: with which all light samples have the direction, those of the environment with `own`.
 EnvironmentShare share_of_environment(float own, float density, float mis_pdf) {
-    float share = own / density;
+    float share = density > 0.0 ? own / density : 1.0;  // 0 of lights without power
     return EnvironmentShare(share, share * power_heuristic(mis_pdf, own));
 }
 
@@ -113,7 +113,7 @@ vec3 mis_weighted_environment(
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
     float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
     float density = own + density_of_openings(origin, direction, NO_INDEX);
-    float weight = density > 0.0 ? share_of_environment(own, density, mis_pdf).weighted : 1.0;
+    float weight = share_of_environment(own, density, mis_pdf).weighted;
     for (uint i = 0u; i < portal_count(); i++) {
         weight += share_of_portal(i, find_opening(i, origin, direction), density, mis_pdf, receiver).weighted;
     }

@@ -27,7 +27,7 @@ class WorldTransforms(MutableMapping[str | Instance, NDArray[np.float64]]):
     """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
     object. Instances without have the scene's in all worlds.
 
-    Assign numpy arrays, or tensors in host memory. Raises SolariError for an instance that the scene doesn't have, for
+    Assign numpy arrays, or tensors. Raises SolariError for an instance that the scene doesn't have, for
     one that emits light, which all worlds share, and for transforms that `Instance.transform` doesn't take.
     """
 
@@ -95,6 +95,7 @@ class Worlds:
         self.count = count
         self.transforms = WorldTransforms(binder, count)
         self._device, self._binder = device, binder
+        self.version = 0  # of `resources`: frames bind them again when it has changed
         self._seen: tuple[int, ...] = ()
         self._addresses: list[int] = []
         self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
@@ -118,21 +119,19 @@ class Worlds:
             records["world"] = np.arange(len(records)) // (len(records) // self.count)
             records["first_instance"] = records["world"] * self.rows
 
-    def update(self) -> bool:
-        """Have the next submission show the scene, whose edits are applied, and the transforms as they are. Returns
-        whether `resources` has other buffers than before. Raises SolariError for more worlds than the device holds."""
+    def update(self) -> int:
+        """Have the next submission show the scene, whose edits are applied, and the transforms as they are; returns
+        `version`. Raises SolariError for more worlds than the device holds."""
         if self.count == 1:
             tlas, previous = self._binder.traced.tlas, self._binder.traced.previous
             self._show_addresses([tlas.address, (previous or tlas).address])
-            return False
-        if self._seen == (self._binder.revision,) and not self.transforms.changed:
-            return False
-        moved = self.transforms.by_row()
-        replaced = self._write(moved)
-        self._seen, self.transforms.changed = (self._binder.revision,), False
-        return replaced
+        elif self._seen != (self._binder.revision,) or self.transforms.changed:
+            self._seen = ()  # until all is written
+            self._write(self.transforms.by_row())
+            self._seen, self.transforms.changed = (self._binder.revision,), False
+        return self.version
 
-    def _write(self, moved: Mapping[int, NDArray[np.float64]]) -> bool:
+    def _write(self, moved: Mapping[int, NDArray[np.float64]]) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         self._check_room()
         records = np.tile(binder.instance_table.records, (worlds, 1))
@@ -143,6 +142,7 @@ class Worlds:
             instances["transform"][:, traced.place(row)] = transforms[:, :3]
         before = self._buffers.get("instances")
         self._buffers["instances"] = self._uploaded(before, records, "instances")
+        self.version += self._buffers["instances"] is not before
         rays = self._uploaded(self._records, instances, "tlas_instances")
         if rays is not self._records or self._builds is None or self._structures[0].max_instances != traced.count:
             self._records = rays
@@ -150,7 +150,6 @@ class Worlds:
         assert self._builds is not None
         self._builds.submit()
         self._show_addresses([structure.address for structure in self._structures for _ in ("now", "previous")])
-        return self._buffers["instances"] is not before
 
     def _check_room(self) -> None:
         binder, limit = self._binder, self._device.properties.limits.maxStorageBufferRange
@@ -185,6 +184,7 @@ class Worlds:
             self._builds.destroy()
         for structure in self._structures:
             structure.destroy()
+        self._builds, self._structures = None, []
 
     def destroy(self) -> None:
         """Free everything."""

@@ -48,7 +48,7 @@ class SamplePlan:
     @property
     def remaining(self) -> int:
         """The samples that pixels take in the rest of this pass, at most."""
-        return int((self.ends - self.begins).max()) - self.taken
+        return max(int((self.ends - self.begins).max()) - self.taken, 0)
 
     @property
     def samples(self) -> int:

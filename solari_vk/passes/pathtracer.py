@@ -62,9 +62,8 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
     With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
-    camera.
-    Inputs: `*_table`, `brdf_averages`, with the shader "trace" `sample_ranges`, which the host writes. Outputs:
-    `radiance_mean`, `luminance_deviations`, `ray_count`.
+    camera. With "trace" the host may write `sample_ranges`.
+    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)

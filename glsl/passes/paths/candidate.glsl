@@ -69,6 +69,8 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
         uint rng = path.direct_sample.seed;
         candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
+    // The hit of an unlit surface is on no light that other pixels could sample.
+    if (candidate.light.x == NO_INDEX) { candidate.light_resampling_weight = 0.0; }
     candidate.instance = path.hit.instance;
     // after one ray, the sum is one over the pdf of that ray
     candidate.path_contribution_weight =

@@ -33,6 +33,7 @@ ResolvedLightSample sample_for_receiver_portal(ResolvedLightSample light_sample,
     float solid_angle = solid_angle_per_area * portal.area;
     if (!(solid_angle > MIN_PORTAL_SOLID_ANGLE)) { return light_sample; }
     float own = light_probability_by_power(light_sources.at[scene_info.first_portal + index]) / solid_angle;
+    if (!(own > 0.0)) { return light_sample; }
     float all = own + density_of_openings(receiver, direction, index);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];

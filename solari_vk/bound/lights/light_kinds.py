@@ -173,7 +173,7 @@ LIGHT_KINDS = (
         power=lambda light, flux: light.cross_section * flux,
         buffer="portals",
         record=_portal_record,
-        position=lambda light: light.center.astype(np.float64),
+        position=lambda light: (light.center - light.half_u - light.half_v).astype(np.float64),
         bounds=lambda light: np.stack([_corners(light).min(axis=0), _corners(light).max(axis=0)]),
         depends_on_receiver=True,
     ),

@@ -182,15 +182,16 @@ class CudaTensors:
         """Nobody has the tensor any more."""
         free = self._free.setdefault(place.size, [])
         free.append(place)
-        if len(free) > _KEPT:
-            oldest = free.pop(0)
-            oldest.await_consumers()
-            oldest.close()
+        if len(free) > _KEPT and not self._device.closed:
+            self._device.retire(partial(self._discard, free.pop(0)))  # a copy to it may be due
+
+    def _discard(self, place: _Place) -> None:
+        place.await_consumers()
+        place.close()
 
     def _close(self) -> None:
         for place in [place for places in self._free.values() for place in places]:
-            place.await_consumers()
-            place.close()
+            self._discard(place)
         self._free.clear()
         self.cuda.destroy_semaphore(self._semaphore)
         self._device.vk.vkDestroySemaphore(self._device.handle, self._timeline, raw.NULL)

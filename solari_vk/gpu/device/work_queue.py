@@ -295,6 +295,7 @@ class WorkQueue(LogicalDevice):
         waited = 0
         while wait(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_TIMEOUT and not (self.lost and waited > 10):
             waited += 1
+        self.lent.collect()  # what a last view's end gives back
         retired = [destroy for _, destroy in self._retired]
         for destroy in [*retired, *reversed(self._owned.values())]:
             destroy()
