@@ -129,11 +129,11 @@ def test_a_large_picture_has_no_shutter(run, moving, monkeypatch):
     (["--mode", "realtime", "--shutter", "0.1"], "--shutter is an option of --mode reference"),
     (["--mode", "reference", "--shutter", "0.1", "--target-error", "0.1"], "--target-error: a picture with --shutter"),
 ])  # fmt: skip
-def test_wrong_options(run, words, message):
+def test_wrong_options(run, words, message, capsys):
     try:
         code, said = run("render", *BOX, *words)
     except SystemExit as ended:
-        code, said = ended.code, message
+        code, said = ended.code, capsys.readouterr().err
     assert code == 2
     assert message in said
 

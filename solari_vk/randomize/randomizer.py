@@ -17,8 +17,9 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.files import read_regular
 from solari_vk.randomize.draws import stream
-from solari_vk.randomize.recipe import Recipe, check_recipe, check_seed, files_of
+from solari_vk.randomize.recipe import Recipe, check_recipe, files_of
 from solari_vk.randomize.snapshot import Snapshot
+from solari_vk.scene.checks import check_whole
 from solari_vk.scene.model import Camera, Instance, Scene
 
 FUNCTIONS = ("prepare", "randomize", "camera")
@@ -48,7 +49,7 @@ class Randomizer:
         names with the file and the nearest key.
         """
         file = Path(path).absolute()
-        check_seed(seed, str(path))
+        check_whole(f"{path}: seed:", seed)
         try:
             text = read_regular(file, f"{path}").decode()
         except UnicodeDecodeError:

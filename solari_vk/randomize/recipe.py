@@ -17,6 +17,7 @@ from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.files import read_regular
 from solari_vk.randomize.draws import check, draw, is_numbers, largest, stream
 from solari_vk.scene import shapes
+from solari_vk.scene.checks import check_whole
 from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.images.radiance_files import read_radiance
 from solari_vk.scene.matrices import rotation, transform_points
@@ -68,13 +69,7 @@ def check_recipe(recipe: Any, who: str) -> None:
         raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(given['count'])}")
     if "within" in given and np.shape(given["within"]) != (2, 3):
         raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(given['within'])}")
-    check_seed(recipe.get("seed", 0), who)
-
-
-def check_seed(seed: Any, who: str) -> None:
-    """Raise SolariError for what isn't a whole number from 0 on."""
-    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-        raise SolariError(f"{who}: seed: must be a whole number from 0 on, not {quoted(seed)}")
+    check_whole(f"{who}: seed:", recipe.get("seed", 0))
 
 
 def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import quoted, shortened
+from solari_vk.errors import SolariError, quoted, shortened
 from solari_vk.host_array import host_array
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import unit
@@ -109,6 +109,14 @@ def pixels(value: Any) -> NDArray[np.uint8]:
     except ValueError as error:
         raise ValueError(f"{error}: give 8-bit pixels (height, width[, 3 or 4])") from None
     return found
+
+
+def check_whole(what: str, value: Any, low: int = 0, high: int | None = None) -> None:
+    """Raise SolariError for what isn't a whole number from `low` on, up to `high`. what: the start of the message."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or value < low or (high is not None and value > high):
+        limits = f"from {low} on" if high is None else f"from {low} to {high}"
+        raise SolariError(f"{what} must be a whole number {limits}, not {quoted(value)}")
 
 
 def refuse_not_finite(array: NDArray[Any]) -> None:

@@ -8,6 +8,7 @@ itself, and of others each triangle is a slab behind its front.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, checked_keywords, quoted
+from solari_vk.scene import checks
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.matrices import quaternion_rotation, transform_points
@@ -32,34 +34,38 @@ FLAT = 1e-5  # of a mesh's size, by which a convex mesh's vertices may stand bef
 
 
 def drop(
-    everything: Sequence[Instance], falling: Sequence[Instance], *, on: Sequence[Instance] | None, region: Any,
-    seed: int, upright: bool, seconds: float,
-) -> None:  # fmt: skip
-    """The work of `Scene.drop`; everything: the instances of the scene."""
+    falling: Sequence[Instance], *, on: Sequence[Instance], region: Any, seed: int, upright: bool, seconds: float
+) -> None:
+    """The work of `Scene.drop`; on: what they fall on, and the things themselves, which don't count."""
     try:
         import mujoco
     except ImportError:
         raise SolariError('Scene.drop: needs MuJoCo: install it by "pip install solari-vk[physics]"') from None
     moved = set(falling)
-    supports = [one for one in (everything if on is None else on) if one.visible and one not in moved]
+    supports = [one for one in on if one.visible and one not in moved]
     low, high = _region(region, supports)
     bodies = [_Body(one) for one in falling]
     _place(bodies, low, high, np.random.default_rng(seed), upright)
-    model = mujoco.MjModel.from_xml_string(_document(bodies, _still(supports, high[1]), low, high))
-    data = mujoco.MjData(model)
-    quiet = 0
-    for _ in range(math.ceil(seconds / STEP)):
-        mujoco.mj_step(model, data)
-        quiet = quiet + 1 if np.abs(data.qvel).max(initial=0.0) < SLOW else 0
-        if quiet >= RESTING:
-            break
-    else:
+    still = _still(supports, high[1])
+    # Where nothing of a thing can touch what lies still any more.
+    lost = np.array([min((part[:, 1].min() for _, part in still), default=math.inf) - one.radius for one in bodies])
+    try:
+        model = mujoco.MjModel.from_xml_string(_document(bodies, [part for _, part in still], low, high))
+        data = mujoco.MjData(model)
+        poses, quiet = data.qpos.reshape(-1, 7), 0  # a view
+        for _ in range(math.ceil(seconds / STEP)):
+            mujoco.mj_step(model, data)
+            quiet = quiet + 1 if np.abs(data.qvel).max(initial=0.0) < SLOW else 0
+            if quiet >= RESTING or not (poses[:, 1] >= lost).all():  # also if a place is NaN
+                break
+    except (ValueError, mujoco.FatalError) as error:
+        raise SolariError(_of_mujoco(str(error), bodies, still)) from None
+    for body, pose, depth in zip(bodies, poses, lost, strict=True):
+        if not pose[1] >= depth:
+            raise SolariError(f"Scene.drop: {body.instance.describe()} fell through: nothing is below it in the region")
+    if quiet < RESTING:
         raise SolariError(f"Scene.drop: {len(bodies)} things don't rest after {seconds:g} s: give more seconds, or a "
                           "larger region")  # fmt: skip
-    poses = data.qpos.reshape(-1, 7)
-    for body, pose in zip(bodies, poses, strict=True):
-        if not np.isfinite(pose).all() or pose[1] < low[1] - 1:
-            raise SolariError(f"Scene.drop: {body.instance.describe()} fell through: nothing is below it in the region")
     for body, pose in zip(bodies, poses, strict=True):
         w, x, y, z = pose[3:].tolist()
         body.apply(pose[:3], np.array(quaternion_rotation(x, y, z, w)))
@@ -85,6 +91,15 @@ class _Body:
         transform[:3, :3] = turn @ self.axes
         transform[:3, 3] = position - turn @ self.middle
         self.instance.transform = transform
+
+
+def _of_mujoco(text: str, bodies: list[_Body], still: list[tuple[Instance, Floats]]) -> str:
+    """MuJoCo's error, with the thing that it means by the name of a mesh."""
+    named, who = re.search(r"(still|body)(\d+)", text), f"{len(bodies)} things"
+    if named:
+        at = int(named[2])
+        who = (still[at][0] if named[1] == "still" else bodies[at].instance).describe()
+    return f"Scene.drop: {who}: MuJoCo can't move or hold this: {' '.join(text.split())}"
 
 
 def _region(region: Any, supports: list[Instance]) -> tuple[Floats, Floats]:
@@ -123,9 +138,9 @@ def _place(bodies: list[_Body], low: Floats, high: Floats, rng: np.random.Genera
         tallest = max(tallest, body.radius)
 
 
-def _still(supports: list[Instance], top: float) -> list[Floats]:
+def _still(supports: list[Instance], top: float) -> list[tuple[Instance, Floats]]:
     """The points of convex parts of what lies still and isn't wholly above the region."""
-    parts, count = list[Floats](), 0
+    parts, count = list[tuple[Instance, Floats]](), 0
     for instance in supports:
         mesh = instance.posed_mesh()
         points = transform_points(instance.transform, mesh.positions.astype(np.float64))
@@ -141,14 +156,14 @@ def _still(supports: list[Instance], top: float) -> list[Floats]:
         if not len(corners):
             continue
         if keep.all() and _is_convex(points, corners, normals):
-            parts.append(np.unique(points, axis=0))
+            parts.append((instance, np.unique(points, axis=0)))
             continue
         count += len(corners)
         if count > MOST_TRIANGLES:
             raise SolariError(f"Scene.drop: more than {MOST_TRIANGLES:,} triangles, with those of "
                               f"{instance.describe()}: give `on`, what to fall on, or simpler meshes")  # fmt: skip
         behind = corners - SLAB * normals[:, None]
-        parts += list(np.concatenate([corners, behind], axis=1))
+        parts += [(instance, part) for part in np.concatenate([corners, behind], axis=1)]
     return parts
 
 
@@ -196,26 +211,46 @@ class Dropping:
 
     @checked_keywords()
     def drop(
-        self: Any, *items: Instance | Group | str, on: Sequence[Instance] | None = None,
+        self: Any, *items: Instance | Group | str, on: Sequence[Instance | Group | str] | None = None,
         region: ArrayLike | None = None, seed: int = 0, upright: bool = False, seconds: float = 20.0,
     ) -> None:  # fmt: skip
         """Let things fall until they rest on what is there and on each other, without meeting.
 
         items: instances or their names, which are in the scene; a Group's instances fall one by one. on: what they fall
-        on, by default all other visible instances. region: a box, its lowest and its highest corner (2, 3) in meters;
-        things start at random places above its top and stay within its sides, and what lies above it, such as a
+        on, likewise, by default all other visible instances. region: a box, its lowest and its highest corner (2, 3) in
+        meters; things start at random places above its top and stay within its sides, and what lies above it, such as a
         ceiling, doesn't count. By default it is the bounds of what they fall on. seed: of the places, and of the
         rotations, with upright about the vertical axis only. seconds: the longest that they may take.
 
         Things collide as their convex hulls, all of one density, with friction, and rest within 1 mm. The same seed
         gives the same transforms on one machine. Needs the extra `physics` (MuJoCo). Raises SolariError for things that
-        are flat, don't fit into the region, find nothing below them or don't rest; all is then as it was.
+        are named twice, aren't in the scene, are flat, don't fit into the region, find nothing below them or don't
+        rest, and what MuJoCo says of a thing; all is then as it was.
         """
-        falling = list[Instance]()
+        checks.check_whole("Scene.drop: seed", seed)
+        try:
+            checks.number(STEP, 1e5, "s")(seconds)
+        except (TypeError, ValueError) as error:
+            raise SolariError(f"Scene.drop: seconds {error}") from None
+        falling = self._instances_of(items)
+        for place, one in enumerate(falling):
+            if one in falling[:place]:
+                raise SolariError(f"Scene.drop: {one.describe()} is given twice: it falls once")
+        given = [on] if isinstance(on, (Group, str)) or not np.iterable(on) else on
+        supports = self.instances[:] if on is None else self._instances_of(given)
+        drop(falling, on=supports, region=region, seed=seed, upright=upright, seconds=seconds)
+
+    def _instances_of(self: Any, items: Sequence[Instance | Group | str]) -> list[Instance]:
+        """The instances of the scene that items are or hold."""
+        found = list[Instance]()
         for item in items:
             one = self.instances[item] if isinstance(item, str) else item
-            found = one.items if isinstance(one, Group) else [one]
-            falling += (things := [thing for thing in found if isinstance(thing, Instance)])
+            held = one.items if isinstance(one, Group) else [one]
+            things = [thing for thing in held if isinstance(thing, Instance)]
             if not things:
                 raise SolariError(f"{self.describe()}: drop takes instances, not {quoted(item)}")
-        drop(self.instances[:], falling, on=on, region=region, seed=seed, upright=upright, seconds=seconds)
+            for thing in things:
+                if thing not in self.instances:
+                    raise SolariError(f"Scene.drop: {thing.describe()} is not in the scene: add it first")
+            found += things
+        return found

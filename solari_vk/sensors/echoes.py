@@ -12,6 +12,7 @@ from solari_vk.tracer import RayTracer
 
 Floats = NDArray[np.float64]
 STEP = np.float32(1 + 2**-20)  # from one surface to the next: two that are closer, relative to the distance, are one
+INVISIBLE = 256  # surfaces that neither send back nor take light, which are passed beside those that count
 FAINTEST = 1e-4  # the share of a pulse, there and back, below which it isn't followed
 RED = 0  # the color that is nearest to the infrared, of which materials say nothing
 
@@ -36,22 +37,26 @@ def find_echoes(
 
     A surface sends back pi times its BRDF towards the sensor times the cosine, so that a white Lambertian surface that
     faces it has the strength 1. What a surface lets pass goes straight on, and its echoes pass that surface again.
+    Surfaces that are fully transparent have no echo and don't count, up to INVISIBLE of them.
     """
     count = len(origins)
     start, energy = np.full(count, t_min, np.float32), np.ones(count)
+    left = np.full(count, surfaces)
     active = np.flatnonzero(np.isfinite(directions).all(axis=-1))
     parts = list[tuple[Any, ...]]()
-    for _ in range(surfaces):
+    for _ in range(surfaces + INVISIBLE):
         if not len(active):
             break
         hits, echoes = tracer.backscatter(origins[active], directions[active], t_min=start[active], t_max=t_max)
         there = hits.instance >= 0
         active, hits, echoes = active[there], hits[there], echoes[there]
         strength = np.pi * energy[active] * echoes.backscatter[:, RED]
-        parts.append((active, hits.t.astype(np.float64), strength, hits.instance.copy()))
+        sends = strength > 0
+        parts.append((active[sends], hits.t[sends].astype(np.float64), strength[sends], hits.instance[sends]))
+        left[active] -= sends | (echoes.passed[:, RED] < 1)
         energy[active] *= echoes.passed[:, RED].astype(np.float64) ** 2
         start[active] = np.maximum(hits.t * STEP, np.nextafter(hits.t, np.float32(np.inf)))
-        active = active[energy[active] > FAINTEST]
+        active = active[(energy[active] > FAINTEST) & (left[active] > 0)]
     if not parts:
         return Echoes(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.int32))
     return Echoes(*(np.concatenate(column) for column in zip(*parts, strict=True)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.sensors.echoes import Echoes, check_tracer, checked_numbers, find_echoes, from_preset
 from solari_vk.sensors.lidar_scan import LidarScan
@@ -27,16 +27,19 @@ def _spread(first: float, last: float, count: int) -> tuple[float, ...]:
     return tuple(np.radians(np.linspace(first, last, count)).tolist())
 
 
-# Of the makers' data sheets: Velodyne 63-9229 (VLP-16) and 97-0038 (HDL-32E); Ouster OS1, first generation, whose sheet
-# names 40 m at a reflectivity of 10 %, 1.2 cm of resolution and a divergence at half maximum.
+# Of the makers' documents; what neither names has Lidar's default.
+# VLP-16: Velodyne's data sheet 63-9229 and user manual 63-9243. elevations: "vertical angle" of table 9-1, every 2
+# degrees; azimuth_steps and period: "rotation rate" 10 Hz, and its "angular resolution (horizontal)" of 0.2 degrees;
+# max_range: "measurement range"; range_noise: "range accuracy, typical", taken as a standard deviation;
+# range_resolution: "granularity" of distances in packets; returns: "dual return". min_range is an estimate.
+# OS1-64, OS1-128: Ouster's data sheet "OS1, High Resolution Imaging LIDAR", first generation. elevations: "field of
+# view, vertical", spaced evenly; azimuth_steps: "horizontal resolution"; period: "rotation rate" 10 Hz; min_range,
+# max_range: "range" at a reflectivity of 80 %; reference: "range" at 10 %; range_noise: "range repeatability, 1 sigma"
+# at a high signal; range_resolution: "range resolution"; divergence: "beam divergence, FWHM"; returns: "# of returns".
 PRESETS: dict[str, dict[str, Any]] = {
     "VLP-16": {
         "elevations": _spread(-15, 15, 16), "azimuth_steps": 1800, "period": 0.1, "min_range": 0.5, "max_range": 100.0,
         "range_noise": 0.03, "range_resolution": 0.002, "returns": 2,
-    },
-    "HDL-32E": {
-        "elevations": _spread(-30.67, 10.67, 32), "azimuth_steps": 2170, "period": 0.1, "min_range": 1.0,
-        "max_range": 100.0, "range_noise": 0.02, "range_resolution": 0.002, "returns": 2,
     },
     "OS1-64": {
         "elevations": _spread(-16.6, 16.6, 64), "azimuth_steps": 1024, "period": 0.1, "min_range": 0.8,
@@ -62,13 +65,14 @@ class Lidar:
     separation: meters; echoes of a pulse that are closer are one, at their mean distance by power.
 
     divergence: of the beam, in radians, between the angles of half the power of a Gaussian. rays_per_beam: rays that
-    sample it; 1 has none. max_surfaces: that a ray meets, through glass and blended surfaces.
+    sample it; 1 has none. max_surfaces: that a ray meets, through glass and blended surfaces; those that
+    are fully transparent don't count.
 
     range_noise: the standard deviation of distances, in meters. range_resolution: distances are multiples of it.
     reference: a distance in meters and a reflectivity: a Lambertian surface there that faces the sensor is detected in
     nine of ten pulses; (0, 0): echoes however faint are. The received power falls with the squared distance; noise of
-    the receiver is Gaussian, and the threshold six standard deviations (Richmond and Cain, "Direct-Detection LADAR
-    Systems", 2010).
+    the receiver is Gaussian, also of the intensity, and the threshold six standard deviations (Richmond and Cain,
+    "Direct-Detection LADAR Systems", 2010).
 
     `Lidar.preset(name)` has the numbers of a data sheet: PRESETS. Raises SolariError for numbers out of range.
     """
@@ -96,9 +100,7 @@ class Lidar:
                 raise SolariError(f"Lidar: {name} {error}") from None
             object.__setattr__(self, name, tuple(values.tolist()))
         for name in ("azimuth_steps", "returns", "rays_per_beam", "max_surfaces"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise SolariError(f"Lidar: {name} is a whole number from 1 on, not {quoted(value)}")
+            checks.check_whole(f"Lidar: {name}", getattr(self, name), 1)
         checked_numbers(self, {
             "period": (0, 1e6, "s"), "min_range": (0, 1e6, "m"), "max_range": (1e-3, 1e6, "m"),
             "separation": (0, 1e6, "m"), "divergence": (0, 1, "radians"), "range_noise": (0, 1e3, "m"),
@@ -115,8 +117,14 @@ class Lidar:
 
     @classmethod
     def preset(cls, name: str, **fields: Any) -> Lidar:
-        """A lidar by the numbers of its data sheet, changed by these fields: "VLP-16", "HDL-32E", "OS1-64" or
-        "OS1-128". Noise and detection are as far as the sheet names them."""
+        """A lidar by the numbers of its maker's documents, changed by these fields.
+
+        "VLP-16" (Velodyne 63-9229, 63-9243): 16 channels of table 9-1; 0.2 degrees and 10 Hz of "rotation rate"; 100 m
+        of "measurement range"; "range accuracy, typical" as range_noise; 2 mm of packets; two returns of "dual return".
+        Its min_range is an estimate, and detection isn't named. "OS1-64" and "OS1-128" (Ouster OS1, first generation):
+        "field of view", spaced evenly; "horizontal resolution" at 10 Hz; "range" at 80 % as limits, and at 10 % as
+        reference; "range repeatability" at a high signal as range_noise; "range resolution"; "beam divergence".
+        """
         made: Lidar = from_preset(cls, PRESETS, name, fields)
         return made
 
@@ -154,9 +162,10 @@ class Lidar:
         pose: world from sensor, a transform (4, 4) or a position (3,); one for each column, (azimuth_steps, 4, 4); or a
         function of the time in seconds since the scan began, for a sensor that moves meanwhile. noise: of distances
         and of the receiver, by numpy's `default_rng(seed)`; without it an echo is detected above the threshold. The
-        scene stands still. Rays meet the backs of surfaces too. Raises SolariError for a wrong pose.
+        scene stands still. Rays meet the backs of surfaces too. Raises SolariError for a wrong pose or seed.
         """
         check_tracer("Lidar.scan", tracer)
+        checks.check_whole("Lidar.scan: seed", seed)
         poses = self._poses(pose)
         right, up, along = self._axes()
         shape = (*along.shape[:2], self.rays_per_beam)
@@ -190,14 +199,14 @@ class Lidar:
         if self.range_resolution:
             measured = np.round(measured / self.range_resolution) * self.range_resolution
         seen = np.flatnonzero((amplitude > threshold) & (total > 0))
-        seen = seen[np.lexsort((-total[seen], beam[seen]))]
+        seen = seen[np.lexsort((-amplitude[seen], beam[seen]))]
         seen = seen[_rank(beam[seen]) < self.returns]
         seen = seen[np.lexsort((mean[seen], beam[seen]))]
         at = (*np.divmod(beam[seen], steps), _rank(beam[seen]))
         shape = channels, steps, self.returns
         distances, intensity = np.full(shape, np.nan), np.zeros(shape)
         instances, positions = np.full(shape, -1, np.int32), np.full((*shape, 3), np.nan)
-        distances[at], intensity[at] = measured[seen], total[seen] * mean[seen] ** 2
+        distances[at], intensity[at] = measured[seen], amplitude[seen] * mean[seen] ** 2
         instances[at] = instance[brightest[seen]]
         origins = poses[at[1], :3, 3]
         positions[at] = origins + measured[seen, None] * along[at[:2]]

@@ -30,7 +30,7 @@ class LidarScan:
     """In meters; NaN where nothing came back."""
     intensity: Floats
     """The reflectivity that a Lambertian surface there, facing the sensor, would have: the received power times the
-    squared distance. Retroreflection may exceed 1."""
+    squared distance, with the receiver's noise. Retroreflection may exceed 1."""
     instance: NDArray[np.int32]
     """A key of the tracer's `instances`; -1 where nothing came back."""
     position: Floats

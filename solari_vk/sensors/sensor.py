@@ -2,6 +2,7 @@
 
 The noise is the linear model of EMVA Standard 1288 (release 4.0): photons become electrons with the quantum efficiency,
 their number has Poisson's noise, the electronics add Gaussian noise, and the gain makes digital numbers (DN) of them.
+Nonuniformity is of the response to light, before Poisson's noise, and of the dark signal, added to the electrons.
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ class Sensor:
     and blue.
 
     full_well: electrons that a pixel holds. gain: DN for each electron; or iso, with which white (78 / iso lx s) is
-    the largest number; by default the sensor's own speed, `base_iso`, at which the well is full then. bit_depth: of
-    the digital numbers. black_level: DN without light. shot_noise: whether numbers of electrons have Poisson's noise.
-    read_noise: its standard deviation in electrons. dark_current: electrons a second. prnu, dsnu: fixed patterns of
-    the sensor numbered pattern_seed, as standard deviations: of the relative response, and of the dark signal in
-    electrons.
+    the largest number. Its default and smallest value is the sensor's own speed, `base_iso`, at which the well is full
+    then; below it the well would be full before white. bit_depth: of the digital numbers. black_level: DN without
+    light. shot_noise: whether numbers of electrons have Poisson's noise. read_noise: its standard deviation in
+    electrons. dark_current: electrons a second. prnu, dsnu: fixed patterns of the sensor numbered pattern_seed, as
+    standard deviations: of the relative response to light, and of the dark signal in electrons, which is added as read
+    noise is.
 
     vignetting: "none"; "cos4", the natural one of a perspective camera; or the coefficients a1, a2, ... of 1 + a1 r² +
     a2 r⁴ + ..., where r is 1 at half the picture's diagonal from the principal point (Goldman, "Vignette and Exposure
@@ -79,11 +81,12 @@ class Sensor:
         given: dict[str, tuple[float, float, str]] = {
             "iso": (1e-3, 1e9, ""), "gain": (1e-9, 1e9, "DN for each electron"), "f_number": (0.1, 1e3, ""),
             "exposure_time": (1e-9, 1e6, "s"), "pixel_pitch": (1e-8, 1e-2, "m"), "full_well": (1, 1e12, "electrons"),
-            "bit_depth": (1, 16, ""), "black_level": (0, 65535, "DN"), "read_noise": (0, 1e9, "electrons"),
+            "black_level": (0, 65535, "DN"), "read_noise": (0, 1e9, "electrons"),
             "dark_current": (0, 1e12, "electrons a second"), "prnu": (0, 1, ""), "dsnu": (0, 1e9, "electrons"),
-            "pattern_seed": (0, 2**63, ""),
         }  # fmt: skip
         checked_numbers(self, {name: rule for name, rule in given.items() if getattr(self, name) is not None})
+        checks.check_whole("Sensor: bit_depth", self.bit_depth, 1, 16)
+        checks.check_whole("Sensor: pattern_seed", self.pattern_seed)
         for name, shape in (("quantum_efficiency", 3), ("chromatic_aberration", 2)):
             try:
                 values = np.broadcast_to(checks.real(getattr(self, name), np.float64), (shape,))
@@ -101,7 +104,11 @@ class Sensor:
             raise SolariError(f'Sensor: vignetting is "none", "cos4" or coefficients, not {quoted(self.vignetting)}')
         if self.iso is not None and self.gain is not None:
             raise SolariError("Sensor: iso and gain say the same: give one of them")
-        if self.bit_depth != int(self.bit_depth) or not self.black_level < self.white_level:
+        if self.iso is not None and self.iso < self.base_iso * (1 - 1e-3):
+            well = self.full_well * self.base_iso / self.iso
+            raise SolariError(f"Sensor: iso, {self.iso:g}, is below base_iso, {self.base_iso:.5g}: the well is full "
+                              f"before white: give base_iso or more, a full_well of {well:.5g}, or gain")  # fmt: skip
+        if not self.black_level < self.white_level:
             raise SolariError(f"Sensor: black_level, {self.black_level:g} DN, must be below the largest number of "
                               f"{self.bit_depth:g} bits")  # fmt: skip
 
@@ -195,23 +202,29 @@ class Sensor:
         radiance: (height, width, 3) in cd/m², such as a frame, whose camera is taken. camera: which took it, for its
         ev100, the principal point and vignetting. The same seed gives the same numbers: `rng =
         numpy.random.default_rng(seed)` draws `rng.poisson` of all pixels and then `rng.standard_normal`. Raises
-        SolariError for wrong shapes, radiance that isn't finite, and vignetting that needs a camera.
+        SolariError for wrong shapes and seeds, radiance that isn't finite, and vignetting that needs a camera.
         """
-        mean = self.mean_electrons(radiance, camera)
+        checks.check_whole("Sensor.expose: seed", seed)
+        light, dark = self._light_and_dark(radiance, camera)
         rng, pattern = np.random.default_rng(seed), np.random.default_rng(self.pattern_seed)
-        if self.prnu or self.dsnu:
-            mean = mean * np.maximum(1 + self.prnu * pattern.standard_normal(mean.shape), 0.0)
-            mean = np.maximum(mean + self.dsnu * pattern.standard_normal(mean.shape), 0.0)
+        patterned = bool(self.prnu or self.dsnu)
+        response, offset = (pattern.standard_normal(light.shape) if patterned else 0.0 for _ in range(2))
+        mean = light * np.maximum(1 + self.prnu * response, 0.0) + dark
         most = 4 * self.full_well  # numpy's Poisson numbers have a limit; these pixels are full in any case
         electrons = rng.poisson(np.minimum(mean, most)).astype(np.float64) if self.shot_noise else mean
         electrons = np.minimum(electrons, self.full_well)
-        electrons = electrons + self.read_noise * rng.standard_normal(mean.shape)
+        electrons = electrons + self.read_noise * rng.standard_normal(mean.shape) + self.dsnu * offset
         numbers = np.floor(self.black_level + self.dn_per_electron * electrons + 0.5)
         return np.clip(numbers, 0, self.white_level).astype(np.uint16)
 
     def mean_electrons(self, radiance: ArrayLike, camera: Camera | None = None) -> Floats:
         """The expected electrons in each pixel, with those of the dark current, without the fixed patterns: the shape
         of `expose`, whose arguments these are."""
+        light, dark = self._light_and_dark(radiance, camera)
+        return light + dark
+
+    def _light_and_dark(self, radiance: ArrayLike, camera: Camera | None) -> tuple[Floats, float]:
+        """The expected electrons of light in each pixel, and those of the dark current."""
         camera = getattr(radiance, "camera", None) if camera is None else camera
         timed, light = self._for(camera), np.asarray(radiance, np.float64)
         if light.ndim != 3 or light.shape[2] != 3 or 0 in light.shape:
@@ -227,7 +240,7 @@ class Sensor:
         if self.bayer:
             colors = bayer_colors(self.bayer, light.shape[:2])
             electrons = np.take_along_axis(electrons, colors[..., None], axis=2)[..., 0]
-        return electrons + self.dark_current * timed.seconds
+        return electrons, self.dark_current * timed.seconds
 
     def develop(self, raw: ArrayLike, camera: Camera | None = None) -> Floats:
         """Radiance (height, width, 3) in cd/m² from raw digital numbers: without the black level and the mean dark
@@ -249,8 +262,14 @@ class Sensor:
         return float(most / self.electrons_per_radiance[GREEN])
 
     def describe(self) -> str:
-        """The numbers of EMVA 1288 in a line: gain, saturation, dynamic range and the largest signal-to-noise ratio."""
-        most = min(self._white_electrons, self.full_well)
-        floor = math.sqrt(self.read_noise**2 + 1 / 12 / self.dn_per_electron**2)
-        return (f"{self.dn_per_electron:.4g} DN/e-, saturation {most:.0f} e-, dynamic range "
-                f"{20 * math.log10(most / floor):.1f} dB, SNR {10 * math.log10(most):.1f} dB")  # fmt: skip
+        """The numbers of EMVA 1288 in a line: gain; saturation, in electrons of light; absolute threshold, at which the
+        signal is about the noise, sqrt(read_noise² + dark electrons + 1 / (12 gain²)) + 1/2 electrons; dynamic range,
+        of both; and the largest signal-to-noise ratio. Without an exposure_time, dark electrons are those at EV100 0.
+        """
+        dark = self.dark_current * self.seconds
+        most = max(min(self._white_electrons, self.full_well) - dark, 0.0)
+        variance = self.read_noise**2 + dark * self.shot_noise + 1 / 12 / self.dn_per_electron**2
+        threshold = math.sqrt(variance) + 0.5
+        reach, ratio = (20 * math.log10(most / threshold), 10 * math.log10(most)) if most else (-math.inf, -math.inf)
+        return (f"{self.dn_per_electron:.4g} DN/e-, saturation {most:.0f} e-, absolute threshold {threshold:.4g} e-, "
+                f"dynamic range {reach:.1f} dB, SNR {ratio:.1f} dB")  # fmt: skip

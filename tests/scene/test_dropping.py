@@ -97,6 +97,14 @@ def test_scales_mirrors_and_what_lies_above():
     assert np.abs(corners[:, [0, 2]]).max() < 1
 
 
+def test_what_lies_far_below_the_region():
+    scene = table_scene()
+    scene.add(shapes.box((1, -9, 1), (4, -8, 4)), name="cellar")
+    ball = scene.add(KINDS["ball"](), name="ball")
+    scene.drop("ball", on=["cellar"], region=[(2, 0, 2), (3, 1, 3)])
+    assert ball.position[1] == pytest.approx(-7.92, abs=0.01)
+
+
 def test_what_can_not_fall():
     scene = table_scene()
     flat = scene.add(shapes.plane(0.2), name="sheet")
@@ -111,8 +119,23 @@ def test_what_can_not_fall():
         scene.drop(thing, region=(1, 2))
     with pytest.raises(SolariError, match=r"things don't rest after 0.01 s"):
         scene.drop(thing, seconds=0.01)
-    with pytest.raises(SolariError, match=r"nothing is below it in the region|don't rest"):
-        scene.drop(thing, on=[scene.instances["leg"]], region=[(2, 0, 2), (3, 1, 3)], seconds=8)
+    beside = {"on": ["leg"], "region": [(2, 0, 2), (3, 1, 3)]}
+    with pytest.raises(SolariError, match=r"'ball' fell through: nothing is below it in the region"):
+        scene.drop(thing, **beside, seconds=1000)
     with pytest.raises(SolariError, match="nothing to fall on"):
         sv.Scene(thing).drop(thing)
+    speck = scene.add(shapes.sphere(1e-6, 8), name="speck")
+    with pytest.raises(SolariError, match="Instance 'speck': MuJoCo can't"):
+        scene.drop(speck, on="floor")
+    stranger = sv.Instance(KINDS["ball"](), name="stranger")
+    for items, fields, message in (
+        ([thing, "ball"], {}, "Instance 'ball' is given twice"),
+        ([stranger], {}, "Instance 'stranger' is not in the scene: add it first"),
+        ([thing], {"on": [stranger]}, "Instance 'stranger' is not in the scene"),
+        ([thing], {"on": ["flor"]}, "'flor'"), ([thing], {"on": 5}, "drop takes instances, not 5"),
+        ([thing], {"seed": -1}, "seed must be a whole number from 0 on, not -1"),
+        ([thing], {"seconds": 0}, "seconds must be a finite number between 0.002 and 100000 s, not 0"),
+    ):  # fmt: skip
+        with pytest.raises(SolariError, match=message):
+            scene.drop(*items, **fields)
     assert thing.transform is before

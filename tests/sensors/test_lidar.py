@@ -136,6 +136,17 @@ def test_detection_falls_with_the_distance(device):
         assert certain.all() == certain.any() == ((40 / distance) ** 2 > threshold)
 
 
+def test_the_noise_of_intensity(device):
+    """The receiver's noise is in the intensity, and decides which of two equal echoes is the strongest."""
+    lidar = sv.Lidar(elevations=(0.0,) * 4000, azimuth_steps=1, reference=(40.0, 0.1))
+    found = scan(device, sv.Scene(wall(20, matte(0.1))), lidar, seed=5).intensity
+    assert found.mean() == pytest.approx(0.1, rel=0.01)
+    assert found.std() == pytest.approx(20**2 * 0.1 / 40**2 / (6 + 1.2815516), rel=0.05)
+    equal = sv.Scene(wall(10, matte(0.1, alpha=0.5, alpha_mode="blend")), wall(20, matte(0.8)))
+    first = scan(device, equal, lidar, seed=5).distance < 15
+    assert first.mean() == pytest.approx(0.5, abs=0.05)
+
+
 def test_noise_and_resolution_of_distances(device):
     lidar = sv.Lidar(elevations=(0.0,) * 4000, azimuth_steps=1, range_noise=0.03, range_resolution=0.002)
     scene = sv.Scene(wall(12, matte(0.5)))
@@ -193,7 +204,7 @@ def test_files_of_points(device, tmp_path):
 @pytest.mark.parametrize(("fields", "message"), [
     ({"elevations": (-15, 15)}, r"between -pi/2 and pi/2 radians.*np.radians"),
     ({"elevations": (math.nan,)}, "elevations must be finite"),
-    ({"azimuth_steps": 0}, "azimuth_steps is a whole number from 1 on"),
+    ({"azimuth_steps": 0}, "azimuth_steps must be a whole number from 1 on, not 0"),
     ({"min_range": 300.0}, "must be below max_range"),
     ({"reference": (40.0, 0.0)}, "a distance and a reflectivity above 0"),
     ({"range_noise": -1}, "range_noise is a number between 0 and 1000 m"),
@@ -209,6 +220,8 @@ def test_wrong_poses(device):
     with sv.RayTracer(device, sv.Scene()) as tracer:
         with pytest.raises(SolariError, match="one for each of 90 columns, not 7"):
             sv.Lidar(**PLAIN).scan(tracer, [np.eye(4)] * 7)
+        with pytest.raises(SolariError, match="scan: seed must be a whole number from 0 on, not True"):
+            sv.Lidar(**PLAIN).scan(tracer, (0, 0, 0), seed=True)
         with pytest.raises(SolariError, match="poses must be finite"):
             sv.Lidar(**PLAIN).scan(tracer, (0, math.nan, 0))
         assert np.isnan(sv.Lidar(**PLAIN).scan(tracer, (0, 0, 0)).distance).all()

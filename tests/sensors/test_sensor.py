@@ -69,7 +69,7 @@ def test_more_gain_than_the_well_needs_and_less():
     base = sv.Sensor(exposure_time=0.01)
     fast = sv.Sensor(exposure_time=0.01, iso=4 * base.base_iso)
     assert fast.saturation_radiance == pytest.approx(base.saturation_radiance / 4)
-    slow = sv.Sensor(iso=base.base_iso / 2, shot_noise=False, read_noise=0.0)
+    slow = sv.Sensor(gain=base.dn_per_electron / 2, shot_noise=False, read_noise=0.0)
     full = slow.expose(even(1e6))
     assert full.max() == pytest.approx(64 + (4095 - 64) / 2, abs=1)
 
@@ -95,6 +95,29 @@ def test_fixed_patterns_stay():
     assert one.std() == pytest.approx(expected, rel=0.02)
     moved = sv.Sensor(prnu=0.02, dsnu=5.0, shot_noise=False, read_noise=0.0, pattern_seed=1)
     assert (moved.expose(light) != one).mean() > 0.9
+
+
+def test_nonuniformity_without_light():
+    """The dark signal's pattern goes below the black level, and the response's isn't in the dark current."""
+    sensor = sv.Sensor(dsnu=20.0, prnu=0.5, dark_current=1000.0, exposure_time=0.1, read_noise=0.5, shot_noise=False,
+                       black_level=200, bit_depth=14)  # fmt: skip
+    found = sensor.expose(even(0, (256, 256))).astype(float)
+    expected = sensor.dn_per_electron * math.hypot(20, 0.5)
+    assert found.std() == pytest.approx(expected, rel=0.02)
+    assert found.mean() == pytest.approx(200 + sensor.dn_per_electron * 100, abs=4 * expected / math.sqrt(3 * 256**2))
+    dark = sv.Sensor(dsnu=20.0, read_noise=0.5, black_level=200).expose(even(0, (256, 256))).astype(float)
+    assert dark.mean() == pytest.approx(200, abs=0.1)
+    assert dark.std() == pytest.approx(sv.Sensor(black_level=200).dn_per_electron * math.hypot(20, 0.5), rel=0.02)
+
+
+def test_the_line_of_emva_1288():
+    sensor = sv.Sensor(gain=0.4, read_noise=3.0, dark_current=500.0, exposure_time=0.02, full_well=8000)
+    threshold = math.sqrt(9 + 10 + 1 / 12 / 0.4**2) + 0.5
+    assert sensor.describe() == (
+        f"0.4 DN/e-, saturation 7990 e-, absolute threshold {threshold:.4g} e-, "
+        f"dynamic range {20 * math.log10(7990 / threshold):.1f} dB, SNR {10 * math.log10(7990):.1f} dB"
+    )
+    assert "dynamic range -inf dB" in sv.Sensor(dark_current=1e9, exposure_time=1).describe()
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
@@ -163,6 +186,9 @@ def test_files_of_sensors(tmp_path):
 
 @pytest.mark.parametrize(("fields", "message"), [
     ({"iso": 100, "gain": 1}, "iso and gain say the same"),
+    ({"iso": 100}, r"iso, 100, is below base_iso, 227.*give base_iso or more, a full_well of 227"),
+    ({"bit_depth": 8.5}, "bit_depth must be a whole number from 1 to 16, not 8.5"),
+    ({"pattern_seed": -1}, "pattern_seed must be a whole number from 0 on, not -1"),
     ({"bayer": "RGBG"}, "there is no Bayer pattern 'RGBG'"),
     ({"black_level": 5000}, "black_level, 5000 DN, must be below the largest number of 12 bits"),
     ({"quantum_efficiency": 1.2}, "lies between 0 and 1"),
@@ -178,6 +204,8 @@ def test_what_is_no_sensor(fields, message):
 def test_what_is_no_picture():
     with pytest.raises(SolariError, match=r"radiance has the shape \(height, width, 3\)"):
         QUIET.expose(np.zeros((4, 4)))
+    with pytest.raises(SolariError, match=r"expose: seed must be a whole number from 0 on, not 1.5"):
+        QUIET.expose(even(1), seed=1.5)
     with pytest.raises(SolariError, match="must be finite"):
         QUIET.expose(even(np.inf))
     with pytest.raises(SolariError, match=r"raw numbers have the shape \(height, width, 3\)"):

@@ -81,9 +81,28 @@ def test_the_projectors_shadow(device):
     assert points[:, 0].max() == pytest.approx(-0.2, abs=2 * pixel)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_level_camera_sees_the_floor(device):
+    """The angle is that between the normal and the ray: the floor is across the view axis, and rays reach it."""
+    floor = sv.Instance(shapes.quad((0, -1, 0), (0, 0, 900), (900, 0, 0)), sv.Material(double_sided=True))
+    x, below = np.meshgrid((np.arange(64) - 31.5) * math.tan(0.6) / 24, (np.arange(48) - 23.5) * math.tan(0.6) / 24)
+    cosine = below / np.sqrt(1 + x**2 + below**2)
+    for max_angle, share in ((math.radians(80), 0.3), (math.pi / 2, 0.5)):
+        sensor = sv.StructuredLightCamera(disparity_step=0.0, max_angle=max_angle, max_range=1e3)
+        found = capture(device, sv.Scene(floor), sensor, sv.Camera(vertical_fov=1.2), noise=False)
+        seen = cosine > math.cos(max_angle) + 1e-9
+        np.testing.assert_array_equal(np.isfinite(found), seen)
+        assert seen.mean() >= share
+        np.testing.assert_allclose(found[seen], 1 / below[seen], rtol=1e-3)
+        noisy = capture(device, sv.Scene(floor), sensor, sv.Camera(vertical_fov=1.2), seed=1)
+        assert np.isfinite(noisy[36:]).all()
+
+
 def test_wrong_cameras(device):
     with pytest.raises(SolariError, match="a perspective camera is needed"):
         capture(device, sv.Scene(), EXACT, sv.Camera(projection="fisheye"))
     with pytest.raises(SolariError, match="baseline is a number between"):
         sv.StructuredLightCamera(baseline=0)
+    with pytest.raises(SolariError, match="capture: seed must be a whole number from 0 on, not -1"):
+        capture(device, sv.Scene(), EXACT, seed=-1)
     assert np.isnan(capture(device, sv.Scene(), EXACT)).all()

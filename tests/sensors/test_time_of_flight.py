@@ -64,12 +64,27 @@ def test_ambiguity_and_a_second_frequency(device):
     scene, camera = sv.Scene(wall(9.0)), sv.Camera(vertical_fov=0.02)
     one = sv.TimeOfFlightCamera(frequencies=(20e6,))
     assert one.unambiguous_range == pytest.approx(C / 40e6)
+    assert sv.TimeOfFlightCamera(frequencies=(100e6, 80e6)).farthest == pytest.approx(C / 40e6)
     np.testing.assert_allclose(capture(device, scene, one, camera, noise=False).distance, 9 - C / 40e6, atol=2e-3)
     two = sv.TimeOfFlightCamera(frequencies=(100e6, 80e6), max_range=7.4)
     nearer = sv.Scene(wall(6.2))
     np.testing.assert_allclose(capture(device, nearer, two, camera, seed=1).distance, 6.2, atol=0.1)
     three = sv.TimeOfFlightCamera(frequencies=(100e6, 80e6, 16e6), max_range=9.3, signal=500_000)
     np.testing.assert_allclose(capture(device, scene, three, camera, seed=1).distance, 9, atol=0.1)
+
+
+def test_transparent_surfaces_do_not_count(device):
+    """Ten panes of glass without refraction, which is invisible, stand before a wall; a pane that is seen counts."""
+    camera, tof = sv.Camera(vertical_fov=0.02), sv.TimeOfFlightCamera(max_surfaces=1)
+    clear = sv.Material(transmission=1.0, roughness=0.0, base_color=1.0, ior=1.0)
+    panes = [sv.Instance(wall(1 + 0.1 * number).mesh, clear) for number in range(10)]
+    found = capture(device, sv.Scene(*panes, wall(3.0)), tof, camera, noise=False)
+    np.testing.assert_allclose(found.distance, 3, rtol=1e-3)
+    np.testing.assert_allclose(found.amplitude, 0.8 * 5e4 * 0.5 / 9, rtol=2e-3)
+    seen = capture(
+        device, sv.Scene(*panes, wall(2.5, alpha=0.5, alpha_mode="blend"), wall(3.0)), tof, camera, noise=False
+    )
+    np.testing.assert_allclose(seen.distance, 2.5, rtol=1e-3)
 
 
 def test_missing_returns(device):
@@ -105,11 +120,17 @@ def test_mixed_pixels(device):
 
 def test_what_is_no_camera(device):
     for fields, message in (
-        ({"frequencies": ()}, "frequencies are numbers between"), ({"contrast": 0}, "contrast is a number between"),
-        ({"max_range": 10.0}, "beyond the unambiguous range of one frequency, 7.49481 m: give a second frequency"),
+        ({"frequencies": ()}, "frequencies are whole numbers"), ({"contrast": 0}, "contrast is a number between"),
+        ({"max_range": 10.0}, "10 m, is beyond the unambiguous range of these frequencies, 7.49481 m: add a frequency"),
+        ({"frequencies": (100e6, 80e6), "max_range": 8}, r"8 m, is beyond the unambiguous range .*, 7.49481 m"),
+        ({"frequencies": (20e6, 20e6)}, "frequencies must differ"),
+        ({"frequencies": (100e6, 99999999)}, r"up to 1.49896e.08 m 1e.08 Hz have more than 10,000 turns"),
+        ({"rays_per_pixel": 1.5}, r"rays_per_pixel must be a whole number from 1 to 64, not 1.5"),
     ):  # fmt: skip
         with pytest.raises(SolariError, match=message):
             sv.TimeOfFlightCamera(**fields)
+    with pytest.raises(SolariError, match=r"capture: seed must be a whole number from 0 on, not 0.5"):
+        capture(device, sv.Scene(), sv.TimeOfFlightCamera(), seed=0.5)
     with pytest.raises(SolariError, match="sends no light out of one point"):
         capture(device, sv.Scene(), sv.TimeOfFlightCamera(), sv.Camera(orthographic_height=2))
 
