@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 from solari_vk.gpu.shaders import shader_cache, shaderc
+from solari_vk.gpu.shaders.compiler import has_many_views
 
 ROOT = Path(__file__).resolve().parents[1]
 STAGES = {"." + stage for stage in shaderc.STAGES}
@@ -92,15 +93,20 @@ def wheel(unpacked_sdist):
 
 def compiled_modules(tree: Path) -> set[str]:
     """The files of all modules: each shader's, for shaders that trace another one for ray pipelines, and those for
-    scenes without features, which shaders of scenes have."""
+    scenes without features, which shaders of scenes have, and for many views."""
     sources = shader_cache.Sources([tree / "glsl"])
     paths = {path: sources.closure(path) for path in entry_points(tree)}
     traces = {path for path, closure in paths.items() if "scene/trace.glsl" in closure}
     plain = {path for path, closure in paths.items() if "generated/bound/features.glsl" in closure}
     assert 1 < len(traces) < len(plain) < len(paths)
-    names = {*paths, *(f"{path}.plain" for path in plain)}
-    tracing = {f"{name}.rgen" for name in names if name.removesuffix(".plain") in traces}
-    return {f"{name}.spv" for name in names | tracing}
+    many = {path for path in paths if has_many_views(path, sources)}
+    assert 1 < len(many) < len(paths)
+    suffixes = {
+        path: [f"{views}{features}{rays}" for views in ("", ".views")[: 1 + (path in many)]
+               for features in ("", ".plain")[: 1 + (path in plain)] for rays in ("", ".rgen")[: 1 + (path in traces)]]
+        for path in paths
+    }  # fmt: skip
+    return {f"{path}{suffix}.spv" for path, each in suffixes.items() for suffix in each}
 
 
 def test_sdist_has_sources_and_compiled_shaders(tree, unpacked_sdist):

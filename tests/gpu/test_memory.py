@@ -181,11 +181,11 @@ NON_COHERENT = [LOCAL | VISIBLE | CACHED, VISIBLE | CACHED, VISIBLE | COHERENT]
 )
 def test_choice_of_memory_type(flags: list[int], host: bool, allowed: int, expected: int, mapped: bool) -> None:
     memory = fake_allocator(flags)
-    chosen = memory._choose_type(allowed, "thing", host)
+    chosen = memory.choose_type(allowed, "thing", host)
     assert chosen == expected
     assert memory._pool(chosen, host, False).mapped == mapped
     with pytest.raises(DeviceError, match="thing: the device has no suitable type of mappable memory"):
-        fake_allocator([LOCAL])._choose_type(1, "thing", True)
+        fake_allocator([LOCAL]).choose_type(1, "thing", True)
 
 
 # ---- buffers ----------------------------------------------------------------------------------------
