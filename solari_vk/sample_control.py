@@ -39,6 +39,9 @@ class SampleControl:
     def _begin_evenly(self) -> None:
         self._plan = None
         self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
+        self._begin_estimating()
+
+    def _begin_estimating(self) -> None:
         self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if self.denoises else 1, self.samples))
 
     def aim(self, target: float | None, denoises: bool) -> None:
@@ -48,7 +51,7 @@ class SampleControl:
         """
         if denoises != self.denoises:
             self.denoises = denoises
-            self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if denoises else 1, self.samples))
+            self._begin_estimating()
         self._target = target
         if target and not denoises:
             self._plan = self._plan or SamplePlan(self._size, pathtracer.SAMPLE_BLOCK, self.samples)

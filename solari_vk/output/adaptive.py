@@ -40,7 +40,7 @@ class SamplePlan:
         self.ends = self.begins.copy()
         """Those after it."""
         self.taken = 0
-        """The samples of this pass that pixels have taken, as far as they take as many."""
+        """The samples of this pass that have been traced; pixels that take fewer in it have all of theirs."""
         self.error = math.inf
         self._squares = np.full((height, width), np.inf)  # variance of the mean's luminance
         self._looks: list[tuple[NDArray[np.int64], Floats]] = []  # the latest: samples of cells, the mean's luminance
@@ -74,7 +74,7 @@ class SamplePlan:
         else:
             needed = np.minimum(self._needed(AIM * target), GROWTH * counts)
             wanted = np.maximum(np.ceil(needed).astype(np.int64), counts)
-            if (wanted == counts).all():  # what the cells need of each other isn't enough
+            if (wanted == counts).all():  # all should have enough, and the error is still too large
                 wanted = np.ceil(GROWTH * counts).astype(np.int64)
         self._begin_pass(np.minimum(wanted, limit))
 

@@ -55,7 +55,6 @@ int cuWaitExternalSemaphoresAsync(
 int cuDestroyExternalSemaphore(CUexternalSemaphore);
 int cuEventCreate(CUevent *, unsigned);
 int cuEventRecord(CUevent, CUstream);
-int cuEventQuery(CUevent);
 int cuEventSynchronize(CUevent);
 int cuEventDestroy_v2(CUevent);
 int cuMemcpyDtoH_v2(void *, CUdeviceptr, size_t);
