@@ -70,9 +70,6 @@ def check_realtime(cameras: Any) -> None:
     for index, camera in enumerate(cameras if isinstance(cameras, (list, tuple)) else ()):
         if not isinstance(camera, Camera):
             return  # lists of poses
-        if camera.aperture and camera.projection != "perspective":
-            raise SolariError(f"Batch.render: view {index}: only PathTracer renders the depth of field of a "
-                              f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
         if camera.auto_exposure:
             raise SolariError(f"Batch.render: view {index} can't choose an exposure: set auto_exposure to False")
 

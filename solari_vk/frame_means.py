@@ -16,13 +16,17 @@ class FrameMeans:
     """Radiance and its parts as means of frames, taken in float64; other results are the latest frame's.
 
     names: results beside the radiance. estimate: that of a picture of many frames, by what the paths gave in them; it
-    looks at the size that is rendered.
+    looks at the size that is rendered. exposes: frames have a shutter, so that their `radiance` is a mean already, of
+    which the latest counts.
     """
 
-    def __init__(self, renderer: Renderer, names: Iterable[str] = (), estimate: ErrorEstimate | None = None) -> None:
+    def __init__(
+        self, renderer: Renderer, names: Iterable[str] = (), estimate: ErrorEstimate | None = None, *,
+        exposes: bool = False,
+    ) -> None:  # fmt: skip
         self._renderer, self._estimate = renderer, estimate
         self._raw = "raw_radiance" if "raw_radiance" in renderer.outputs else "radiance"
-        light = ["radiance", *(name for name in names if name in LIGHT), *([self._raw] if estimate else [])]
+        light = [name for name in names if name in LIGHT] + ["radiance"] * (not exposes) + [self._raw] * bool(estimate)
         self._sums: dict[str, Any] = dict.fromkeys(light, 0.0)
         self.count = 0
         """The number of frames."""

@@ -6,7 +6,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +23,24 @@ GUIDES = ("albedo", "shading_normal")  # of OIDN
 Pose = Callable[[float], Any]
 
 
-def checked_pose(scene: Scene, shutter: Any, pose: Any) -> Pose:
+class Exposed(NamedTuple):
+    """A realtime frame's part in an exposure."""
+
+    later: bool
+    """Whether earlier frames were of the same exposure."""
+    rows: tuple[int, int]
+    """Those that it exposes: the first one, and the one after the last."""
+
+
+def checked_pose(scene: Scene, shutter: Any, pose: Any, who: str) -> Pose:
     """What poses the scene during an exposure. Raises SolariError if nothing does, and for what is no shutter."""
     if not isinstance(shutter, Shutter):
-        raise SolariError(f"PathTracer.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}")
+        raise SolariError(f"{who}.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}")
     if pose is None and not len(scene.animations):
-        raise SolariError(f"PathTracer.render: {scene.describe()} has no animations: give pose, a function that poses "
+        raise SolariError(f"{who}.render: {scene.describe()} has no animations: give pose, a function that poses "
                           "the scene at a time, and may return the camera")  # fmt: skip
     if pose is not None and not callable(pose):
-        raise SolariError(f"PathTracer.render: pose is a function of the time in seconds, not {quoted(pose)}")
+        raise SolariError(f"{who}.render: pose is a function of the time in seconds, not {quoted(pose)}")
     found: Pose = scene.animate if pose is None else pose
     return found
 
@@ -69,7 +78,7 @@ class ShutterRenderer(PictureRenderer):
         """The picture of an exposure; the scene stays as in its middle. Arguments are those of `PathTracer.render`.
 
         What `progress` raises ends the exposure and is raised again, with the picture so far as the latest."""
-        poses = checked_pose(self.binder.scene, shutter, pose)
+        poses = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
         started, height, submission = time.perf_counter(), self.size[1], 0
         guides: list[NDArray[Any]] = []
         ended: BaseException | None = None
@@ -104,8 +113,7 @@ class ShutterRenderer(PictureRenderer):
 
     def _show(self, camera: Camera, pose: Pose, seconds: float) -> Camera:
         """Pose the scene, and take up its edits; returns the camera."""
-        given = pose(seconds)
-        shown = given if isinstance(given, Camera) else camera
+        shown = _posed(pose, seconds, camera)
         self._note_camera(shown)
         self.binder.update()
         self._warn_of_darkness()
@@ -122,6 +130,48 @@ class ShutterRenderer(PictureRenderer):
         share = np.float32((moment.samples[1] - moment.samples[0]) / samples)
         for mean, values in zip(guides, found, strict=True):
             mean[top:below] += share * values[top:below]
+
+
+class ExposureRenderer(PictureRenderer):
+    """A realtime renderer. With a shutter each frame shows the scene at one time of the exposure, so that surfaces are
+    sharp for the denoiser, and the picture is the mean of the frames: Haeberli and Akeley, "The Accumulation Buffer"
+    (1990)."""
+
+    frame_count: int
+    _exposure: tuple[Any, ...] | None = None  # what the latest frames' exposure is of
+    _moved = False  # whether the scene on the device is at another time than the latest frame's first hits
+
+    @abstractmethod
+    def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
+        """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
+
+    def _expose(self, camera: Camera, shutter: Any, pose: Any, number: int) -> RenderedFrame:
+        """Frame `number` of an exposure; the scene stays as in its middle."""
+        poses = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
+        seconds, rows = shutter.frame(number, self.size[1])
+        before, self._exposure = self._exposure, None
+        later = before == (shutter, Projection.of(camera, self.size).view)
+        try:
+            _, submission = self._submit(_posed(poses, seconds, camera), Exposed(later, rows))
+        except BaseException:
+            with suppress(Exception):  # the error that is raised is the first one
+                poses(shutter.middle)
+            raise
+        middle = _posed(poses, shutter.middle, camera)
+        self._exposure, self._moved = (shutter, Projection.of(camera, self.size).view), True
+        return RenderedFrame(self, middle, Projection.of(middle, self.size), submission)
+
+    def check_latest(self, frame: RenderedFrame, name: str) -> None:
+        super().check_latest(frame, name)
+        if self._moved and name in pathtracer.FIRST_HIT_AOVS:
+            self.binder.update()
+            self._moved = False
+
+
+def _posed(pose: Pose, seconds: float, camera: Camera) -> Camera:
+    """The camera at a time, at which the scene then is."""
+    given = pose(seconds)
+    return given if isinstance(given, Camera) else camera
 
 
 def _raised_by(progress: Callable[[int], None], samples: int) -> BaseException | None:

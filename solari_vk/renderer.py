@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -19,27 +20,30 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
+from solari_vk.motion_blur import Exposed, ExposureRenderer
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled
-from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer, by_pixel, checked_seed
+from solari_vk.picture_renderer import METERING_FRAMES, by_pixel, checked_seed
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.shutter import Shutter
 from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
 THIS_FRAME = (
     "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_offset", "picture_shift",
+    "shutter_state", "exposed_rows",
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
 _GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
-LENS_STRIDE = 7919  # between the points of the lens of successive seeds
+LENS_STRIDE = 7919  # between the points of the lens, and times of the exposure, of successive seeds
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
-class Renderer(PictureRenderer):
+class Renderer(ExposureRenderer):
     """Realtime lighting: one path a pixel, more where it has little history, ended by a world-space radiance cache; or
     Solari's separate passes.
 
@@ -126,26 +130,38 @@ class Renderer(PictureRenderer):
         """What the stages' shaders are given beside the scene, by name."""
         return self._tables | self._lights.buffers
 
-    def render(self, camera: Camera | None = None) -> RenderedFrame:
+    def render(
+        self, camera: Camera | None = None, *, shutter: Shutter | None = None,
+        pose: Callable[[float], Any] | None = None,
+    ) -> RenderedFrame:  # fmt: skip
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
         camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
-        24 frames. Call `reset` at a cut. Raises SolariError for a wrong camera or an invalid scene.
+        24 frames. Call `reset` at a cut. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
+        by default `scene.animate`, poses the scene, and may return the camera; `radiance` is the mean of the successive
+        frames that were given this shutter and this camera, and another one begins a new picture. The scene stays as in
+        the middle of the exposure, which results at pixels' centers show. Raises SolariError for a wrong camera, a
+        shutter without a pose in a scene without animations, or an invalid scene.
         """
         camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
-        if camera.aperture and camera.projection != "perspective":
-            raise SolariError(f"{camera.describe()}: only PathTracer renders the depth of field of a "
-                              f"{camera.projection} camera: set the aperture to 0")  # fmt: skip
+        if shutter is None and pose is None:
+            self._exposure, self._moved = None, False
+            frame = RenderedFrame(self, camera, *self._submit(camera))
+        else:
+            frame = self._expose(camera, shutter, pose, self.frame_count + LENS_STRIDE * self.seed)
+        return self._finish(frame, METERING_FRAMES)
+
+    def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._prepare()
         try:
-            projection = self._write_uniforms(camera)
+            projection = self._write_uniforms(camera, exposed)
             submission = self._frame.submit_applied()
         except BaseException:
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
-        return self._finish(RenderedFrame(self, camera, projection, submission), METERING_FRAMES)
+        return projection, submission
 
     def _prepare(self) -> None:
         """Have the next frame show the scene and the settings as they are."""
@@ -196,7 +212,7 @@ class Renderer(PictureRenderer):
         shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
         self._frame.uniforms.update_declared(uniform_values(self.settings) | shown)
 
-    def _write_uniforms(self, camera: Camera) -> Projection:
+    def _write_uniforms(self, camera: Camera, exposed: Exposed | None) -> Projection:
         offset = (0.0, 0.0)
         if self.settings.jitter:
             offset = self._jitters[(self.frame_count + 7 * self.seed) % len(self._jitters)]
@@ -212,6 +228,7 @@ class Renderer(PictureRenderer):
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
             self.binder.blended_changes != self._blended_changes, *offset, x - previous_x, y - previous_y,
+            0 if exposed is None else 1 + (exposed.later and history), *(exposed.rows if exposed else (0, 0)),
         )  # fmt: skip
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes

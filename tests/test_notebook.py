@@ -139,11 +139,12 @@ def test_an_orthographic_camera_zooms_by_its_height():
 
 
 def test_errors_are_told_and_frames_go_on_afterwards(widget, renderer, monkeypatch):
-    widget._control.camera.update(projection="fisheye", aperture=0.1)
+    renderer.settings.gbuffer = "raster"
+    widget._control.camera.aperture = 0.1
     ((answer, buffers),) = widget.comm.tell(page="a", **STILL)
-    assert "only PathTracer renders the depth of field" in answer["error"]
+    assert "raster draws no lenses" in answer["error"]
     assert (answer["page"], buffers) == ("a", [])
-    widget._control.camera.update(projection="perspective", aperture=0.0)
+    renderer.settings.gbuffer, widget._control.camera.aperture = "auto", 0.0
 
     said = {KeyboardInterrupt(): "KeyboardInterrupt: ", ValueError("odd"): "ValueError: odd",
             sv.SolariError("closed"): "closed"}  # fmt: skip
@@ -301,11 +302,12 @@ def test_the_page_shows_frames_errors_and_edits(page, widget, renderer):
     assert len(page.settle()) == SETTLED
     assert page.page.inner_text("pre") == ""
     assert page.shows(renderer)
-    widget._control.camera.update(projection="fisheye", aperture=0.1)
+    renderer.settings.gbuffer = "raster"
+    widget._control.camera.aperture = 0.1
     page.refresh()
     assert len(page.settle()) == 1
-    assert "only PathTracer renders the depth of field" in page.page.inner_text("pre")
-    widget._control.camera.update(projection="perspective", aperture=0.0)
+    assert "raster draws no lenses" in page.page.inner_text("pre")
+    renderer.settings.gbuffer, widget._control.camera.aperture = "auto", 0.0
     renderer.resize((32, 24))
     page.refresh()
     assert len(page.settle()) == SETTLED

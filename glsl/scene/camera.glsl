@@ -14,6 +14,19 @@ bool has_lens(Camera from) { return SCENE_LENSES && from.lens.kind != PINHOLE; }
 // Whether depth is measured along the ray, since the camera may see more than half of what is around it.
 bool is_wide(Camera from) { return SCENE_LENSES && from.lens.kind >= FISHEYE; }
 
+const vec3 Y_UP = vec3(1.0, -1.0, -1.0);  // from the axes of lens.glsl to those of view space, and back
+
+// Where a point of the aperture is for a direction, from the middle of the lens, in the axes of lens.glsl. offset: with
+// y up. A wide lens shows its aperture to every direction, as if it turned from the view axis by the shortest way.
+vec3 on_aperture(vec3 along, vec2 offset, Camera from) {
+    vec3 beside = vec3(offset.x, -offset.y, 0.0);
+    if (!is_wide(from)) { return beside; }
+    // 1 / (1 + z), also near z = -1
+    float share = along.z < 0.0 ? (1.0 - along.z) / max(dot(along.xy, along.xy), 1e-30) : 1.0 / (1.0 + along.z);
+    float across = dot(along.xy, beside.xy);
+    return vec3(beside.xy - share * across * along.xy, -across);
+}
+
 // The line of sight of a position in the picture, in view space: the point at a depth is start + depth * along.
 struct ViewLine {
     vec3 start;
@@ -26,10 +39,8 @@ ViewLine view_line(vec2 position, Camera from) {
     vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
     if (has_lens(from)) {
         vec2 at = ndc * from.tan_half_fov;
-        const vec3 y_up = vec3(1.0, -1.0, -1.0);
-        vec3 start = lens_start(at, from.lens) * y_up + vec3(from.lens_offset, 0.0);
-        vec3 along = lens_direction(at, from.lens) * y_up;
-        return ViewLine(start, along - vec3(from.lens_offset / from.focus_distance, 0.0));
+        vec3 along = lens_direction(at, from.lens), beside = on_aperture(along, from.lens_offset, from);
+        return ViewLine((lens_start(at, from.lens) + beside) * Y_UP, (along - beside / from.focus_distance) * Y_UP);
     }
     vec2 lateral = ndc * from.tan_half_fov * vec2(1.0, -1.0);
     bool parallel = is_parallel(from);
@@ -89,13 +100,12 @@ vec2 sample_aperture(vec2 u) {
     return weights.x * vec2(cos(angles.x), sin(angles.x)) + weights.y * vec2(cos(angles.y), sin(angles.y));
 }
 
-// A camera ray through another point of the lens, as a thin lens refracts it. on_lens: in the unit disk. A wide lens
-// shows its aperture to every direction, and is sharp at one distance from it. Cook, Porter and Carpenter, "Distributed
-// Ray Tracing" (1984).
+// A camera ray through another point of the lens, as a thin lens refracts it. on_lens: in the unit disk. A wide lens is
+// sharp at one distance from it. Cook, Porter and Carpenter, "Distributed Ray Tracing" (1984).
 CameraRay through_lens(CameraRay ray, vec2 on_lens) {
     vec3 in_focus = ray.origin + ray.direction * (camera.focus_distance / ray.depth_per_t);
-    mat3 axes = is_wide(camera) ? orthonormalize(ray.direction) : mat3(camera.world_from_view);
-    ray.origin += axes * vec3(camera.lens_radius * on_lens, 0.0);
+    mat3 axes = mat3(camera.world_from_view);
+    ray.origin += axes * (on_aperture(ray.direction * axes * Y_UP, camera.lens_radius * on_lens, camera) * Y_UP);
     vec3 along = in_focus - ray.origin;
     float distance = length(along);
     ray.direction = along / distance;
@@ -113,20 +123,55 @@ bool is_camera_static() {
         && previous_camera.parallel_range == camera.parallel_range && previous_camera.lens == camera.lens;
 }
 
-// The position of a world point in a camera's picture in uv, without the jitter of samples; far outside for points
-// behind the camera.
-vec2 project_to_uv(vec3 world_position, Camera from) {
-    precise vec3 view = from.view_from_world * vec4(world_position, 1.0);
-    view.xy -= from.lens_offset * (1.0 + view.z / from.focus_distance);
+const int LENS_STEPS = 10;
+
+// The position in the picture of a camera with a wide lens of a point in the axes of lens.glsl, which is seen through a
+// point beside the lens's middle: the middle sees another point there, which is found step by step.
+bool find_wide_position(vec3 point, Camera from, out vec2 at) {
+    bool seen = find_lens_position(point, from.lens, at);
+    for (int i = 0; i < LENS_STEPS && seen && from.lens_offset != vec2(0.0); i++) {
+        vec3 along = lens_direction(at, from.lens), beside = on_aperture(along, from.lens_offset, from);
+        float depth = dot(point - lens_start(at, from.lens), along);
+        seen = find_lens_position(point - (1.0 - depth / from.focus_distance) * beside, from.lens, at);
+    }
+    return seen;
+}
+
+// The position of a point in view space in a camera's picture in uv, without the jitter of samples; far outside for
+// points behind the camera.
+vec2 project_view_to_uv(vec3 point, Camera from) {
+    precise vec3 view = point;
+    if (!is_wide(from)) { view.xy -= from.lens_offset * (1.0 + view.z / from.focus_distance); }
     vec2 shift = from.principal_shift / vec2(from.size);
     if (has_lens(from)) {
         vec2 at;
-        bool seen = find_lens_position(view * vec3(1.0, -1.0, -1.0), from.lens, at);
+        bool seen = is_wide(from) ? find_wide_position(view * Y_UP, from, at)
+            : find_lens_position(view * Y_UP, from.lens, at);
         return seen ? 0.5 + 0.5 * at / from.tan_half_fov - shift : vec2(-1000.0);
     }
     if (!(view.z < 0.0)) { return vec2(-1000.0); }
     precise vec2 uv = 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
     return uv - shift;
+}
+
+// The same of a point in the world.
+vec2 project_to_uv(vec3 world_position, Camera from) {
+    precise vec3 view = from.view_from_world * vec4(world_position, 1.0);
+    return project_view_to_uv(view, from);
+}
+
+// Motion in uv, around a panorama the shorter way.
+vec2 shorter_way(vec2 motion) {
+    if (SCENE_LENSES && camera.lens.kind == EQUIRECTANGULAR) { motion.x -= round(motion.x); }
+    return motion;
+}
+
+// Where the middle of the lens shows the point at a depth that is seen at a position of the picture, both in uv.
+vec2 uv_from_lens_middle(vec2 uv, float depth, Camera from) {
+    ViewLine line = view_line(uv * vec2(from.size) + from.principal_shift, from);
+    Camera middle = from;
+    middle.lens_offset = vec2(0.0);
+    return project_view_to_uv(line.start + depth * line.along, middle);
 }
 
 #endif

@@ -1,4 +1,4 @@
-"""`solari-vk render --animate` with several devices, or by the path tracer: pictures, and a movie of them."""
+"""`solari-vk render --animate` with several devices, a shutter, or by the path tracer: pictures, and their movie."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import copy
 import dataclasses
 import shutil
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from solari_vk.cli.cluster import metered, open_pool, render_files
-from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob
+from solari_vk.cli.jobs import ANIMATION_AVERAGE, EXPOSED_AVERAGE, MovieJob, StillJob
 from solari_vk.cli.subject import Subject, expose
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder
@@ -37,8 +37,8 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     make_folder(folder)
     clip = None if subject.clip is None else list(subject.scene.animations).index(subject.clip)
     if isinstance(how, Settings):
-        frames = job.average or ANIMATION_AVERAGE
-        style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up)
+        frames = job.average or (ANIMATION_AVERAGE if job.shutter is None else EXPOSED_AVERAGE)
+        style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up, shutter=_shutter(job))
     else:
         style = Style(job.size, job.seed, job.aov, job.tonemap, clip, samples=how, max_bounces=job.max_bounces,
                       denoise=job.denoise, shutter=_shutter(job))  # fmt: skip
@@ -61,6 +61,18 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
         shutil.rmtree(folder)
         print(f"wrote {job.output}: EV100 {views[0].camera.ev100:.2f}", file=sys.stderr)
     return 0 if complete else 1
+
+
+def exposure(job: StillJob | MovieJob, subject: Subject) -> dict[str, Any]:
+    """The arguments of `render` for --shutter of a still picture."""
+    if job.shutter is None:
+        return {}
+    clip, opens = subject.still, job.time or 0.0
+    if clip is None:
+        raise SolariError("--shutter: nothing moves in a still picture: give --time, of the file's animation, or "
+                          "--animate")  # fmt: skip
+    shutter = Shutter(open=opens, close=opens + job.shutter[0], readout=job.shutter[1])
+    return {"shutter": shutter, "pose": lambda seconds: clip.apply(subject.scene, seconds, loop=False)}
 
 
 def _shutter(job: MovieJob) -> Shutter | None:

@@ -115,6 +115,14 @@ class Batch(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Dataset(Measurement):
+    MODULE = "dataset"
+    files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
+    views: int = option("of each round (8)", "N", type=positive, default=8)
+    size: tuple[int, int] = option("of a view (320x240)", "WxH", type=size, default=(320, 240))
+
+
+@dataclass(frozen=True, kw_only=True)
 class FirstFrames(Measurement):
     MODULE = "first_frames"
     views: int = option("of the batch (16)", "N", type=positive, default=16)

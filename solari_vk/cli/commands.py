@@ -58,6 +58,7 @@ COMMANDS = (
             _part("cpu", "processor time to an error on software devices, beside other renderers", bench.Cpu),
             _part("trees", "rays by what the driver's builder of acceleration structures is given", bench.Trees),
             _part("batch", "views a second of batches, beside the same views one by one", bench.Batch),
+            _part("dataset", "views a second by set of outputs, beside the lit frame", bench.Dataset),
             _part("first-frames", "errors of first frames after cuts, alone and in batches", bench.FirstFrames),
         ),
     ),

@@ -28,7 +28,7 @@ from solari_vk.output.movie import SUFFIXES
 if TYPE_CHECKING:
     from solari_vk.settings import Settings
 
-ANIMATION_AVERAGE = 4
+ANIMATION_AVERAGE, EXPOSED_AVERAGE = 4, 16  # the latter with a shutter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +138,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
 
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "frames", "warm_up", "average"),
-        "reference": ("samples", "max_bounces", "denoise", "shutter"),
+        "reference": ("samples", "max_bounces", "denoise"),
         "several devices": ("workers", "cluster", "shared_folder"),
     }
 
@@ -168,7 +168,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
                                 "as its path has)", "N", type=positive)
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
     average: int | None = option("the picture is the mean of the last N frames (all); each picture of an animation is "
-                                 "the mean of N frames (4)", "N", type=positive)
+                                 "the mean of N frames (4; with --shutter 16)", "N", type=positive)
     animate: str | None = option(
         "go around the scene, swing by an angle, play the file's animation (the word file), or follow the camera poses "
         "of a JSON file", "orbit[:DEGREES]|file|FILE",

@@ -61,7 +61,7 @@ def run(job: StillJob | MovieJob) -> int:
     check_parts(job.aov, job.size, settings)
     frames, _ = frames_of(job)
     subject = load(job, clip=job.clip, time=job.time)
-    if job.is_spread and isinstance(job, MovieJob):
+    if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
         return animation.run(job, subject, settings)
     with frames_folder() if job.is_movie else nullcontext() as folder:
         cameras, targets = subject.cameras, targets_of(job, len(subject.cameras), folder)
@@ -118,6 +118,7 @@ class _Shooting:
     ) -> None:
         self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
         self._cameras, self._targets = subject.cameras, targets
+        self._exposure = animation.exposure(job, subject)
         self._written: list[Path] = []
         self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(targets) == 1 else None
         self._begin_mean()
@@ -147,12 +148,12 @@ class _Shooting:
         return self._written
 
     def _begin_mean(self) -> None:
-        self._means = FrameMeans(self._renderer, self._job.aov, self._estimate)
+        self._means = FrameMeans(self._renderer, self._job.aov, self._estimate, exposes=bool(self._exposure))
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""
         for index in range(count):
-            self._renderer.render(camera)
+            self._renderer.render(camera, **(self._exposure if averaged else {}))
             if index >= count - averaged:
                 self._means.add()
                 if self.error <= (self._job.target_error or 0.0):

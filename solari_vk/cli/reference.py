@@ -85,7 +85,7 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         if bands.rows_of(device, job.size) < job.size[1]:
             return _render_large(job, subject, total, device, notes)
         renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
-        exposing = _exposure(job, subject)
+        exposing = animation.exposure(job, subject)
         with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
                 renderer.render(
@@ -100,18 +100,6 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         layers = {name: renderer[name] for name in job.aov}
         mean_samples = float(renderer.sample_counts.mean())
         return _Result(radiance, layers, mean_samples, renderer.error, seconds, ev100, notes.after)
-
-
-def _exposure(job: StillJob, subject: Subject) -> dict[str, Any]:
-    """The arguments of `PathTracer.render` for --shutter."""
-    if job.shutter is None:
-        return {}
-    clip, opens = subject.still, job.time or 0.0
-    if clip is None:
-        raise SolariError("--shutter: nothing moves in a still picture: give --time, of the file's animation, or "
-                          "--animate")  # fmt: skip
-    shutter = sv.Shutter(open=opens, close=opens + job.shutter[0], readout=job.shutter[1])
-    return {"shutter": shutter, "pose": lambda seconds: clip.apply(subject.scene, seconds, loop=False)}
 
 
 def _render_large(job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes) -> _Result:

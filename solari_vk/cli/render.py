@@ -81,10 +81,10 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield still, f"{output}: {output.suffix} is for animations: give --animate, or write a .png"
         yield job.sensor, f"--sensor: a movie has no raw numbers: write numbered files, such as {output.stem}.png"
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
+    yield (job.shutter is not None and job.target_error is not None,
+           f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}")
     if job.mode == "reference":
         yield not still and job.target_error is not None, "--target-error: each picture of an animation has --samples"
-        yield (job.shutter is not None and job.target_error is not None,
-               "--target-error: a picture with --shutter has --samples")  # fmt: skip
         yield (job.shutter is not None and still and job.is_spread,
                "--shutter: a still picture is exposed by one device: leave --workers and --cluster out")  # fmt: skip
         return
@@ -96,7 +96,9 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield (output.suffix.lower() in (".exr", ".npy"),
                f"--view {view}: a debug view is a picture: write a .png, or use --aov for numbers")  # fmt: skip
         yield job.average, "--average: a debug view shows one frame"
+        yield job.shutter, "--shutter: a debug view shows one moment"
         yield job.aov or job.sensor, "--aov, --sensor: a debug view shows one frame"
+    yield still and job.shutter and job.average, "--average: a picture with --shutter is the mean of its --frames"
     if job.target_error is not None:
         for name, given in (("animate", not still), ("average", job.average), ("view", viewing)):
             yield given, f"--target-error: a still picture of as many frames as it takes has no --{name}"

@@ -65,8 +65,8 @@ class Style:
 
     With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
     picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
-    layers: names of further results of the renderer, and TRACED; RAW with a sensor. shutter: of the path tracer's
-    pictures, relative to the views' times. clip: the number of an animation of the scene.
+    layers: names of further results of the renderer, and TRACED; RAW with a sensor. shutter: relative to the
+    views' times. clip: the number of an animation of the scene.
     randomizer: changes the scene for each view, by its number. points: those of KEYPOINTS, as JSON.
     """
 
@@ -170,8 +170,8 @@ class RenderTask:
             self._pose(session, view)
             with style.randomized(session.scene, number):
                 tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
-                options: dict[str, Any] = {} if style.shutter is None else self._exposure(session, view, style.shutter)
-                frame = tracer.render(view.camera, style.samples, denoise=style.denoise, **options)
+                exposure = self._exposure(session, view)
+                frame = tracer.render(view.camera, style.samples, denoise=style.denoise, **exposure)
                 self._save(session, folder, view, frame, number)
 
     def _play(self, session: DeviceSession, folder: Path) -> None:
@@ -182,12 +182,13 @@ class RenderTask:
         with style.randomized(session.scene, self.first):  # then the task has one view
             for view in self.before:
                 self._pose(session, view)
-                renderer.render(view.camera)
+                renderer.render(view.camera, **self._exposure(session, view))
             for number, view in enumerate(self.views, self.first):
                 self._pose(session, view)
-                means = FrameMeans(renderer, style.rendered)
+                exposure = self._exposure(session, view)
+                means = FrameMeans(renderer, style.rendered, exposes=bool(exposure))
                 for _ in range(style.frames):
-                    renderer.render(view.camera)
+                    renderer.render(view.camera, **exposure)
                     means.add()
                 self._save(session, folder, view, means, number)
 
@@ -195,9 +196,11 @@ class RenderTask:
         if view.time is not None and self.clip is not None:
             session.scene.animate(view.time, self.clip)
 
-    def _exposure(self, session: DeviceSession, view: View, given: Shutter) -> dict[str, Any]:
-        """The arguments of `PathTracer.render` for a shutter."""
-        shutter = given.at(view.time or 0.0)
+    def _exposure(self, session: DeviceSession, view: View) -> dict[str, Any]:
+        """The arguments of `render` for the style's shutter."""
+        if self.style.shutter is None:
+            return {}
+        shutter = self.style.shutter.at(view.time or 0.0)
         lasts = (shutter.close - shutter.open + shutter.readout) or 1.0
 
         def pose(seconds: float) -> Camera:

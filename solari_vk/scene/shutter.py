@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
 
 STILL = 1e-9  # radians
+GOLDEN_RATIO = 0.6180339887498949  # less 1
 
 
 class Moment(NamedTuple):
@@ -32,9 +34,9 @@ class Shutter:
     """When a picture is exposed: from `open` to `close`, in seconds.
 
     time_samples: times, one at random in each of as many equal parts, at which the scene is posed; the samples of a
-    pixel are shared among them. readout: seconds by which the last row is exposed later than the first (a rolling
-    shutter), in row_bands steps; 0 exposes all rows at once (a global shutter). Raises SolariError for numbers out of
-    range.
+    pixel are shared among them. Realtime frames show one time each. readout: seconds by which the last row is exposed
+    later than the first (a rolling shutter), in row_bands steps; 0 exposes all rows at once (a global shutter). Raises
+    SolariError for numbers out of range.
     """
 
     open: float = 0.0
@@ -78,6 +80,22 @@ class Shutter:
                 later = self.readout * (band + 0.5) / bands if self.readout else 0.0
                 rows = height * band // bands, height * (band + 1) // bands
                 yield Moment(self.open + share * (self.close - self.open) + later, rows, shared)
+
+    def frame(self, number: int, height: int) -> tuple[float, tuple[int, int]]:
+        """The time that a realtime frame shows, and the rows of a picture of this height whose exposure it is part of:
+        the first one, and the one after the last.
+
+        Times of successive numbers cover the exposures of all rows evenly: Roberts, "The Unreasonable Effectiveness of
+        Quasirandom Sequences" (2018). A rolling shutter exposes rows for `readout` / `row_bands` at least.
+        """
+        share = (0.5 + number * GOLDEN_RATIO) % 1
+        if not self.readout:
+            return self.open + share * (self.close - self.open), (0, height)
+        longer = max(abs(self.readout) / min(self.row_bands, height) - (self.close - self.open), 0.0) / 2
+        opens, closes = self.open - longer, self.close + longer
+        time = opens + min(self.readout, 0.0) + share * (closes - opens + abs(self.readout))
+        first, last = sorted(height * (time - edge) / self.readout - 0.5 for edge in (opens, closes))
+        return time, (max(math.ceil(first), 0), max(min(math.floor(last) + 1, height), 0))
 
 
 def _radical_inverse(number: int) -> float:

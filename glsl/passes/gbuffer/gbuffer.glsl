@@ -186,10 +186,7 @@ vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 worl
 // Exactly 0 for what is static, also where a compiler rounds the two projections differently.
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
     if (previous_world_position == world_position && is_camera_static()) { return vec2(0.0); }
-    vec2 motion = project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera);
-    // Around a panorama the shorter way.
-    if (SCENE_LENSES && camera.lens.kind == EQUIRECTANGULAR) { motion.x -= round(motion.x); }
-    return motion;
+    return shorter_way(project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera));
 }
 
 vec2 hit_motion_vector(Hit hit, Mesh mesh) {

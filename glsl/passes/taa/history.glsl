@@ -69,19 +69,14 @@ bool was_visible(ivec2 pixel, vec2 position) {
     return false;
 }
 
-// By how much, in uv, a point at a depth appears beside its place in the picture of the lens's middle.
-vec2 lens_shift(Camera from, float inverse_depth) {
-    float depth_ratio = is_parallel(from) ? 1.0 - 1.0 / (inverse_depth * from.focus_distance)
-        : inverse_depth - 1.0 / from.focus_distance;
-    return vec2(-0.5, 0.5) * from.lens_offset * depth_ratio / from.tan_half_fov;
-}
-
 // The motion in uv without that of the point of the lens through which a frame sees: the picture is the mean over the
 // lens, which stays.
 vec2 motion_without_lens(ivec2 pixel, vec2 motion) {
     if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) { return vec2(0.0); }
-    float inverse_depth = max(imageLoad(depth, texel_of(pixel)).x, 1e-9) / camera.near;
-    return motion + lens_shift(camera, inverse_depth) - lens_shift(previous_camera, inverse_depth);
+    float distance = camera.near / max(imageLoad(depth, texel_of(pixel)).x, 1e-9);
+    vec2 uv = (vec2(pixel) + 0.5 + camera.jitter - camera.principal_shift) / vec2(camera.size);
+    vec2 before = uv_from_lens_middle(uv + motion, distance, previous_camera);
+    return shorter_way(before - uv_from_lens_middle(uv, distance, camera));
 }
 
 // The motion in pixels of the picture, from where it was in the previous frame; exactly 0 for what doesn't move.
@@ -95,6 +90,7 @@ vec2 motion_in_picture(ivec2 pixel) {
 
 // Whether neither the camera nor any surface around moved, among them those that only the previous frame shows there.
 bool is_still(ivec2 center) {
+    if (this_frame.shutter_state != NO_SHUTTER) { return true; }  // the picture is that of all times
     if (camera.world_from_view != previous_camera.world_from_view) { return false; }
     uint known = NO_INDEX;
     for (int i = 0; i < 9; i++) {
@@ -126,6 +122,8 @@ bool is_blended(ivec2 center) {
 }
 
 HistorySample find_history(ivec2 at, Neighborhood around) {
+    if (this_frame.shutter_state == FIRST_OF_EXPOSURE) { return NO_HISTORY_SAMPLE; }
+    if (this_frame.shutter_state == LATER_OF_EXPOSURE) { return load_history(at); }
     vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
     bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
     if (this_frame.has_history == 0u || !inside) { return NO_HISTORY_SAMPLE; }

@@ -13,6 +13,7 @@ const uint PASS_SALT = 0x510E527Fu;
 // Supersampling" (GDC 2016). Where nothing moves, that color changes only if most samples around differ from it in the
 // same direction, as they do when the light changes, and by the share that they have in common.
 HistorySample limited(HistorySample history, Neighborhood around) {
+    if (this_frame.shutter_state != NO_SHUTTER) { return history; }
     vec3 color = to_ycocg(history.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
@@ -35,13 +36,19 @@ HistorySample limited(HistorySample history, Neighborhood around) {
         history.blended);
 }
 
+// Whether the shutter is open at a row of the picture at this frame's time.
+bool is_exposed(uint row) {
+    return this_frame.shutter_state == NO_SHUTTER
+        || row >= this_frame.exposed_rows.x && row < this_frame.exposed_rows.y;
+}
+
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     uint index;
     if (!find_element(pixel, camera.picture_size, index)) { return; }
     ivec2 at = ivec2(pixel);
     NearestSample found = find_own_sample(at);
-    if (taa_settings.antialiasing == 0u) {
+    if (taa_settings.antialiasing == 0u && this_frame.shutter_state == NO_SHUTTER) {
         radiance.at[index] = found.exists ? found.radiance : interpolate(at, find_neighborhood(at)).radiance;
         taa_history.at[index] = uvec2(0u);
         return;
@@ -52,7 +59,10 @@ void main() {
 
     float weight = 1.0;
     bool settled = history.weight >= ENOUGH;
-    if (!found.exists || !is_finite_color(found.radiance)) {
+    bool exposed = is_exposed(pixel.y);
+    if (!exposed && history.weight > 0.0) {
+        found = NO_NEAREST_SAMPLE;
+    } else if (!found.exists || !is_finite_color(found.radiance)) {
         found = settled ? NO_NEAREST_SAMPLE : interpolate(at, around);
         weight = INTERPOLATED;
     } else {
@@ -63,12 +73,13 @@ void main() {
         if (softens || blended && !is_still(around.center)) {
             found.radiance = soften(around.center, at, history.weight + 1.0, blended);
         }
+        if (!exposed) { weight = UNEXPOSED; }  // stands for samples of the row's time, until there are some
     }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
-        // frame. Up to a factor, these weights sum to the square of the number.
-        // never above 1 by rounding
-        float total = history.weight + weight, share = 1.0 - square(history.weight / total);
+        // frame. Up to a factor, these weights sum to the square of the number. Times of an exposure count the same.
+        float total = history.weight + weight, kept = history.weight / total;  // never above 1 by rounding
+        float share = this_frame.shutter_state == NO_SHUTTER ? 1.0 - square(kept) : 1.0 - kept;
         bool differs = abs(relative_difference(found.radiance, history.radiance)) > UNNOTICED;
         if (history.weight > 0.0 && differs && !is_still(around.center)) {
             // Means in motion have few samples: bright ones count less, or pixels at edges of lamps would flash. What

@@ -10,6 +10,7 @@ from support.realtime import GBUFFER, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
+from solari_vk.bound.projection import lens_point
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
@@ -37,6 +38,8 @@ def check_disk(device, kind="perspective", focus=2.0):
     found = []
     for aperture in (0.0, APERTURE):
         fields = {"orthographic_height": 2 * DISTANCE * math.tan(FOV / 2)} if kind == "orthographic" else {}
+        if kind == "fisheye":
+            fields = {"projection": kind}
         scene = sv.Scene(sv.Camera(vertical_fov=FOV, aperture=aperture, focus_distance=focus, **fields))
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
         with make_renderer(device, scene, SIZE, jitter=True) as renderer:
@@ -53,7 +56,9 @@ def check_disk(device, kind="perspective", focus=2.0):
     np.testing.assert_allclose(wide - narrow, (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
 
 
-@pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0)])
+@pytest.mark.parametrize(("kind", "focus"), [
+    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0), ("fisheye", 2.0),
+])  # fmt: skip
 def test_the_disk_of_confusion(device, kind, focus):
     check_disk(device, kind, focus)
 
@@ -75,14 +80,70 @@ def test_points_are_where_the_lens_shows_them(device):
     assert np.ptp(ratio) < 0.2 * ratio.mean()
 
 
+WIDE = {
+    "fisheye": {"vertical_fov": 3.0}, "stereographic": {"vertical_fov": 2.5}, "equirectangular": {"eye_offset": 0.05},
+    "cube": {},
+}  # fmt: skip
+
+
+def beside(directions, point):
+    """A point of the aperture (2,) of wide lenses, y up, as it is for directions in the camera's axes (..., 3): the
+    aperture turns from the view axis (-z) by the shortest way."""
+    axis = np.cross((0.0, 0.0, -1.0), directions)
+    sine, cosine = np.linalg.norm(axis, axis=-1, keepdims=True), -directions[..., 2:]
+    unit, flat = axis / np.maximum(sine, 1e-12), np.array((*point, 0.0))
+    across = (unit @ flat)[..., None]
+    return cosine * flat + sine * np.cross(unit, flat) + (1 - cosine) * across * unit  # Rodrigues
+
+
+def check_wide_motion(device, kind):
+    """The motion of a still scene from frame to frame is that of the point of the lens: it leads to a pixel whose line
+    through the other point meets the surface."""
+    size = (96, 16) if kind == "cube" else (64, 32) if kind == "equirectangular" else (48, 48)
+    camera = sv.Camera.look_at((0.9, 1.1, 0.6), (1, 0.9, 2), projection=kind, aperture=0.06, focus_distance=0.9,
+                               **WIDE[kind])  # fmt: skip
+    turn = camera.transform[:3, :3]
+    with make_renderer(device, sv.builtin("cornell_box"), size, passes=GBUFFER, jitter=False) as renderer:
+        renderer.render(camera)
+        frame = renderer.render(camera)
+        motion = frame["motion_vectors"].astype(np.float64) * size
+        depth = camera.near / np.maximum(frame["gbuffer_depth"].reshape(size[::-1]), 1e-9)
+    pixels = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), -1).astype(np.float64)
+
+    def line(number, where):
+        origins, directions = camera.rays(where, size)
+        offset = beside(directions @ turn, lens_point(camera, number)) @ turn.T
+        return origins + offset, directions - offset / camera.focus_distance
+
+    start, along = line(1, pixels)
+    points = start + depth[..., None] * along
+    start, along = line(0, pixels + motion)
+    away = points - start
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    off = np.linalg.norm(away - (away * along).sum(-1, keepdims=True) * along, axis=-1) / depth
+    pixel = np.linalg.norm(camera.rays((size[0] / 2, size[1] / 2), size)[1] - camera.rays(
+        (size[0] / 2 + 1, size[1] / 2), size)[1])  # fmt: skip
+    seen = np.isfinite(off) & (depth < 100)
+    assert seen.mean() > 0.7
+    assert np.quantile(np.linalg.norm(motion, axis=-1)[seen], 0.5) > 0.1
+    assert np.quantile(off[seen], 0.995) < 0.02 * pixel
+    assert off[seen].max() < 0.2 * pixel
+
+
+@pytest.mark.parametrize("kind", WIDE)
+def test_wide_lenses_show_the_points_of_the_lens(device, kind):
+    check_wide_motion(device, kind)
+
+
 @pytest.mark.slow
-def test_denoised_frames_converge_as_sharp_ones_do(device):
+@pytest.mark.parametrize("fields", [{}, {"projection": "fisheye", "vertical_fov": 1.6, "aperture_blades": 3}])
+def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
     """The mean of frames within 2 % of the path tracer's, sixteenths nearly as a sharp picture's; the error of frame 32
     at most twice a sharp picture's."""
     errors, worst = {}, {}
     for aperture in (0.0, 0.25):
         scene = balls()
-        scene.camera.aperture = aperture
+        scene.camera.update(aperture=aperture, **fields)
         truth = trace(device, scene, 1024, SIZE)
         with sv.Renderer(device, scene, SIZE) as renderer:
             frames = [np.asarray(renderer.render()["radiance"], np.float64) for _ in range(64)]
@@ -100,8 +161,6 @@ def test_denoised_frames_converge_as_sharp_ones_do(device):
 
 def test_what_realtime_refuses(device):
     with sv.Renderer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
-        with pytest.raises(SolariError, match="only PathTracer renders the depth of field of a fisheye camera"):
-            renderer.render(sv.Camera(projection="fisheye", aperture=0.1))
         renderer.settings.gbuffer = "raster"
         with pytest.raises(SolariError, match="raster draws no lenses"):
             renderer.render(sv.Camera(aperture=0.1))
@@ -112,6 +171,10 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "a lens twice as wide": (check_disk, Bug(
         *LENS, "ViewLine line = correct(position, from); line.start.xy += from.lens_offset;\n"
         "    line.along.xy -= from.lens_offset / from.focus_distance; return line;")),
+    "wide lenses whose aperture faces the view axis": (lambda device: check_wide_motion(device, "fisheye"), Bug(
+        "scene/camera.glsl", "on_aperture", "return vec3(offset.x, -offset.y, 0.0);")),
+    "one step to wide positions": (lambda device: check_wide_motion(device, "fisheye"), Bug(
+        "scene/camera.glsl", "LENS_STEPS", "1")),
     "motion without the lens": (test_points_are_where_the_lens_shows_them, Bug(
         "scene/camera.glsl", "project_to_uv",
         "Camera still = from; still.lens_offset = vec2(0.0); return correct(world_position, still);")),
