@@ -64,17 +64,29 @@ def test_a_data_set_with_raw_numbers_and_flow(run, tmp_path):
         assert (nothing[..., 2] == 2).all()
 
 
-@pytest.mark.parametrize("exposed", [0.05, 0.0])
-def test_an_orbit_with_a_shutter(run, tmp_path, exposed):
+REALTIME = ["realtime", "--average", 3, "--warm-up", 2]
+
+
+@pytest.mark.parametrize(("mode", "exposed"), [
+    (["reference", "--samples", 8], 0.05), (["reference", "--samples", 8], 0.0), (REALTIME, 0.05),
+])  # fmt: skip
+def test_an_orbit_with_a_shutter(run, tmp_path, mode, exposed):
     """Each picture is exposed from its time on, while the camera goes on along its way."""
-    code, said = run("render", *BOX, "--mode", "reference", "--samples", 8, "--animate", "orbit:60", "--frames", 3,
-                     "--fps", 10, "--shutter", f"{exposed},0.03", "--exposure", 2)  # fmt: skip
+    code, said = run("render", *BOX, "--mode", *mode, "--animate", "orbit:60", "--frames", 3, "--fps", 10, "--shutter",
+                     f"{exposed},0.03", "--exposure", 2)  # fmt: skip
     assert code == 0, said
     scene = sv.builtin("cornell_box")
     first, second, _ = orbit(scene.camera_for(1.5), scene.bounds.center, 3, 60.0)
-    shutter = sv.Shutter(close=exposed, readout=0.03)
-    with sv.Device() as device, sv.PathTracer(device, scene, SIZE, seed=3) as tracer:
-        expected = tracer.render(first, 8, shutter=shutter, pose=lambda time: between(first, second, time / 0.1))
+    first.ev100 = second.ev100 = 2.0
+    exposure = {"shutter": sv.Shutter(close=exposed, readout=0.03),
+                "pose": lambda time: between(first, second, time / 0.1)}  # fmt: skip
+    kind = sv.PathTracer if mode[0] == "reference" else sv.Renderer
+    with sv.Device() as device, kind(device, scene, SIZE, seed=3) as renderer:
+        if kind is sv.Renderer:
+            for number in range(2 + 3):
+                expected = renderer.render(first, **(exposure if number >= 2 else {}))
+        else:
+            expected = renderer.render(first, 8, **exposure)
         np.testing.assert_allclose(np.load(tmp_path / "picture.0000.npy"), expected["radiance"], rtol=1e-5)
     assert np.load(tmp_path / "picture.0001.npy").shape == (16, 24, 3)
 
@@ -92,11 +104,11 @@ def moving(tmp_path):
     return writer.save(tmp_path / "moving.glb")
 
 
-def test_a_moment_with_a_shutter(run, tmp_path, moving):
+@pytest.mark.parametrize("mode", [["reference", "--samples", 32], ["realtime", "--frames", 32]])
+def test_a_moment_with_a_shutter(run, tmp_path, moving, mode):
     """The triangle's edges are less steep the longer it is exposed."""
     slopes = []
-    given = [moving, "--size", "48x32", "--mode", "reference", "--environment", "studio", "--time", 0.3, "--samples",
-             32, "--exposure", 0]  # fmt: skip
+    given = [moving, "--size", "48x32", "--environment", "studio", "--time", 0.3, "--exposure", 0, "--mode", *mode]
     for words in ((), ("--shutter", 0.4)):
         code, said = run("render", *given, *words)
         assert code == 0, said
@@ -126,8 +138,11 @@ def test_a_large_picture_has_no_shutter(run, moving, monkeypatch):
     (["--mode", "reference", "--shutter", "0.1"], "nothing moves in a still picture: give --time"),
     (["--mode", "reference", "--shutter", "a"], "'a' is not a number"),
     (["--mode", "reference", "--animate", "orbit", "--shutter", "0.5"], "longer than a picture at --fps 24"),
-    (["--mode", "realtime", "--shutter", "0.1"], "--shutter is an option of --mode reference"),
-    (["--mode", "reference", "--shutter", "0.1", "--target-error", "0.1"], "--target-error: a picture with --shutter"),
+    (["--mode", "realtime", "--shutter", "0.1"], "nothing moves in a still picture: give --time"),
+    (["--mode", "reference", "--shutter", "0.1", "--target-error", "0.1"], "a picture with --shutter has --samples"),
+    (["--mode", "realtime", "--shutter", "0.1", "--target-error", "0.1"], "a picture with --shutter has --frames"),
+    (["--mode", "realtime", "--shutter", "0.1", "--average", "3"], "a picture with --shutter is the mean of its"),
+    (["--mode", "realtime", "--shutter", "0.1", "--view", "depth"], "--shutter: a debug view shows one moment"),
 ])  # fmt: skip
 def test_wrong_options(run, words, message, capsys):
     try:

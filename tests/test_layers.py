@@ -66,7 +66,7 @@ MAY_IMPORT = {
     "sample_control": {"output", "passes", "gpu.frame"},
     "reference": {"motion_blur", "sample_control", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
-    "renderer": {"settings", *RENDERING},
+    "renderer": {"motion_blur", "settings", *RENDERING},
     "bands": {"reference", *RENDERING},
     "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
     "batch_options": {"host_array", "renderer", "gpu.acceleration", *RENDERING},

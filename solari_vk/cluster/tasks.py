@@ -65,9 +65,9 @@ class Style:
 
     With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
     picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
-    layers: names of further results of the renderer, and TRACED; RAW with a sensor. shutter: relative to the
-    views' times. clip: the number of an animation of the scene.
-    randomizer: changes the scene for each view, by its number. points: those of KEYPOINTS, as JSON.
+    layers: names of further results of the renderer, and TRACED; RAW with a sensor. shutter: relative to the views'
+    times; the warm-up has none. clip: the number of an animation of the scene. randomizer: changes the scene for each
+    view, by its number. points: those of KEYPOINTS, as JSON.
     """
 
     size: tuple[int, int]
@@ -182,7 +182,7 @@ class RenderTask:
         with style.randomized(session.scene, self.first):  # then the task has one view
             for view in self.before:
                 self._pose(session, view)
-                renderer.render(view.camera, **self._exposure(session, view))
+                renderer.render(view.camera)
             for number, view in enumerate(self.views, self.first):
                 self._pose(session, view)
                 exposure = self._exposure(session, view)

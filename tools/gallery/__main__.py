@@ -4,7 +4,8 @@
 
 Each NAME.py beside this file is a feature. Its docstring is the caption, and `scene(assets)` makes the scene, whose
 camera is used; `assets` is a folder of glTF files that aren't part of this project. `exposure(scene)`, if there is one,
-has further arguments of the path tracer. Without names all are rendered.
+has further arguments of `render`. SIZE is another size. `draw(device, scene, picture)` makes what stands beside the
+path tracer's picture in place of the realtime frame. Without names all are rendered.
 """
 
 from __future__ import annotations
@@ -29,18 +30,22 @@ def feature(name: str) -> dict[str, Any]:
     return runpy.run_path(str(HERE / f"{name}.py"))
 
 
-def render(device: sv.Device, scene: sv.Scene, path: Path, samples: int, exposure: dict[str, Any]) -> None:
-    """Save the two pictures of a scene side by side, with one exposure."""
-    with sv.PathTracer(device, scene, SIZE) as reference:
-        reference.render(samples=samples, **exposure).save(path)
-    left = Image.open(path).convert("RGB")
-    with sv.Renderer(device, scene, SIZE) as renderer:
-        for _ in range(FRAMES):
-            frame = renderer.render()
-        frame.save(path)
-    both = Image.new("RGB", (2 * SIZE[0] + 4, SIZE[1]), "white")
+def render(device: sv.Device, found: dict[str, Any], path: Path, samples: int, assets: Path | None) -> None:
+    """Save the two pictures of a feature side by side, with one exposure."""
+    scene, (width, height) = found["scene"](assets), found.get("SIZE", SIZE)
+    exposure = found["exposure"](scene) if "exposure" in found else {}
+    with sv.PathTracer(device, scene, (width, height)) as reference:
+        left = Image.fromarray(reference.render(samples=samples, **exposure).image())
+    if "draw" in found:
+        right = found["draw"](device, scene, left)
+    else:
+        with sv.Renderer(device, scene, (width, height)) as renderer:
+            for _ in range(FRAMES):
+                frame = renderer.render(**exposure)
+            right = Image.fromarray(frame.image())
+    both = Image.new("RGB", (2 * width + 4, height), "white")
     both.paste(left, (0, 0))
-    both.paste(Image.open(path).convert("RGB"), (SIZE[0] + 4, 0))
+    both.paste(right, (width + 4, 0))
     both.save(path, optimize=True)
 
 
@@ -50,7 +55,8 @@ def page(names: list[str]) -> str:
         "# Gallery\n",
         "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n",
         "`tools/helmets.py` makes this picture by the path tracer, with a thin lens, and denoises it.\n",
-        f"Below: the path tracer, and beside it one denoised frame of the realtime renderer, its {FRAMES}th.",
+        f"Below: the path tracer, and beside it one denoised frame of the realtime renderer, its {FRAMES}th, or",
+        "what the title names.",
         "`python tools/gallery` renders all of them.\n",
     ]
     for name in names:
@@ -71,10 +77,7 @@ def main() -> None:
     device = sv.Device()
     for name in options.names:
         print(name, flush=True)
-        found = feature(name)
-        scene = found["scene"](options.assets)
-        exposure = found["exposure"](scene) if "exposure" in found else {}
-        render(device, scene, options.output / f"{name}.png", options.samples, exposure)
+        render(device, feature(name), options.output / f"{name}.png", options.samples, options.assets)
     options.output.with_suffix(".md").write_text(page(FEATURES))
 
 

@@ -1,6 +1,6 @@
 """Motion blur: a wheel turns and a ball passes while the shutter is open.
 
-The path tracer exposes the scene at many times. The realtime frame beside it shows the middle of the exposure.
+The path tracer exposes the scene at many times. A realtime frame shows one of them, and the picture is their mean.
 """
 
 from __future__ import annotations
@@ -41,5 +41,5 @@ def pose(made: sv.Scene, seconds: float) -> None:
 
 
 def exposure(made: sv.Scene) -> dict[str, Any]:
-    """The arguments of the path tracer."""
+    """The arguments of `render`."""
     return {"shutter": sv.Shutter(close=1.0, time_samples=64), "pose": lambda seconds: pose(made, seconds)}
