@@ -28,7 +28,7 @@ from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.model import Camera, Instance, Material, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
@@ -107,8 +107,7 @@ class Batch(SceneUser):
             raise
 
     def _stages(self) -> list[Stage]:
-        rows = self._worlds.count * self._capacity
-        return [passes.labels_stage(self._strip, self._rows, self._labels_names, rows)]
+        return [passes.labels_stage(self._strip, self._rows, self._labels_names, self._worlds.count * self._capacity)]
 
     @property
     def transforms(self) -> WorldTransforms:
@@ -175,18 +174,17 @@ class Batch(SceneUser):
 
     def _find_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()
-        worlds = self._worlds
-        if self._bound != (version := worlds.update()):
-            frame.bind(worlds.resources)
+        if self._bound != (version := self._worlds.update()):
+            frame.bind(self._worlds.resources)
             self._bound = version
         if self._orders.update():
             frame.bind(self._orders.buffers)
-        if worlds.rows != self._capacity:
-            self._capacity = worlds.rows
+        if self._worlds.rows != self._capacity:
+            self._capacity = self._worlds.rows
             if "motion_vectors" in self._names:
                 previous = frame.resource("previous_instances").read()
                 frame.rebuild(self._stages())
-                if worlds.count == 1:  # the rows stay valid
+                if self._worlds.count == 1:  # the rows stay valid
                     frame.resource("previous_instances").upload(previous)
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
@@ -280,6 +278,11 @@ class Batch(SceneUser):
     def instances(self) -> dict[int, Instance]:
         """The scene's instances by the numbers in `batch["instance_id"]`."""
         return self.binder.instances
+
+    @property
+    def materials(self) -> dict[int, Material]:
+        """The scene's materials by the numbers in `batch["material_id"]`."""
+        return self.binder.materials.by_row
 
     def close(self) -> None:
         """Free everything on the device, when no tensor needs it any more. Safe to call twice."""

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
+from solari_vk.bound.projection import JITTERS, SEED_STRIDE, CameraUniforms, Projection
 from solari_vk.errors import SolariError, quoted
 from solari_vk.passes import pathtracer
-from solari_vk.picture_renderer import PictureRenderer
+from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.shutter import Moment, Shutter
@@ -138,6 +138,7 @@ class ExposureRenderer(PictureRenderer):
     (1990)."""
 
     frame_count: int
+    seed: int
     _exposure: tuple[Any, ...] | None = None  # what the latest frames' exposure is of
     _moved = False  # whether the scene on the device is at another time than the latest frame's first hits
 
@@ -145,10 +146,31 @@ class ExposureRenderer(PictureRenderer):
     def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
         """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
 
-    def _expose(self, camera: Camera, shutter: Any, pose: Any, number: int) -> RenderedFrame:
-        """Frame `number` of an exposure; the scene stays as in its middle."""
+    def render(
+        self, camera: Camera | None = None, *, shutter: Shutter | None = None,
+        pose: Callable[[float], Any] | None = None,
+    ) -> RenderedFrame:  # fmt: skip
+        """Submit the next frame and return it, without waiting for it; its results are read by name.
+
+        camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
+        24 frames. Call `reset` at a cut. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
+        by default `scene.animate`, poses the scene, and may return the camera; `radiance` is the mean of the successive
+        frames that were given this shutter and this camera, and another one begins a new picture. The scene stays as in
+        the middle of the exposure, which results at pixels' centers show. Raises SolariError for a wrong camera, a
+        shutter without a pose in a scene without animations, or an invalid scene.
+        """
+        camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
+        if shutter is None and pose is None:
+            self._exposure, self._moved = None, False
+            frame = RenderedFrame(self, camera, *self._submit(camera))
+        else:
+            frame = self._expose(camera, shutter, pose)
+        return self._finish(frame, METERING_FRAMES)
+
+    def _expose(self, camera: Camera, shutter: Any, pose: Any) -> RenderedFrame:
+        """The next frame of an exposure; the scene stays as in its middle."""
         poses = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
-        seconds, rows = shutter.frame(number, self.size[1])
+        seconds, rows = shutter.frame(self.frame_count + SEED_STRIDE * self.seed, self.size[1])
         before, self._exposure = self._exposure, None
         later = before == (shutter, Projection.of(camera, self.size).view)
         try:

@@ -22,7 +22,7 @@ from solari_vk.output.annotations import boxes
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.passes import pathtracer
-from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.model import Camera, Instance, Material
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 DARKEST, BRIGHTEST = 1e-4, 30.0
@@ -121,6 +121,11 @@ class RenderedFrame(Hints):
     def instances(self) -> dict[int, Instance]:
         """The scene's instances by the numbers in `frame["instance_id"]`."""
         return self._renderer.binder.instances
+
+    @property
+    def materials(self) -> dict[int, Material]:
+        """The scene's materials by the numbers in `frame["material_id"]`."""
+        return self._renderer.binder.materials.by_row
 
     def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
         """Whether pixels show an instance at their center, (height, width). instance: the object or its name."""

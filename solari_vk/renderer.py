@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -13,7 +12,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LOBES
 from solari_vk.bound.lights.index_translation import IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
-from solari_vk.bound.projection import CameraUniforms, Projection, jitters, lens_point
+from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.buffer import Buffer
@@ -25,10 +24,8 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled
-from solari_vk.picture_renderer import METERING_FRAMES, by_pixel, checked_seed
-from solari_vk.rendered import RenderedFrame
+from solari_vk.picture_renderer import by_pixel, checked_seed
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.shutter import Shutter
 from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
@@ -39,7 +36,6 @@ THIS_FRAME = (
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
 _GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
-LENS_STRIDE = 7919  # between the points of the lens, and times of the exposure, of successive seeds
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
@@ -130,27 +126,6 @@ class Renderer(ExposureRenderer):
         """What the stages' shaders are given beside the scene, by name."""
         return self._tables | self._lights.buffers
 
-    def render(
-        self, camera: Camera | None = None, *, shutter: Shutter | None = None,
-        pose: Callable[[float], Any] | None = None,
-    ) -> RenderedFrame:  # fmt: skip
-        """Submit the next frame and return it, without waiting for it; its results are read by name.
-
-        camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
-        24 frames. Call `reset` at a cut. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
-        by default `scene.animate`, poses the scene, and may return the camera; `radiance` is the mean of the successive
-        frames that were given this shutter and this camera, and another one begins a new picture. The scene stays as in
-        the middle of the exposure, which results at pixels' centers show. Raises SolariError for a wrong camera, a
-        shutter without a pose in a scene without animations, or an invalid scene.
-        """
-        camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
-        if shutter is None and pose is None:
-            self._exposure, self._moved = None, False
-            frame = RenderedFrame(self, camera, *self._submit(camera))
-        else:
-            frame = self._expose(camera, shutter, pose, self.frame_count + LENS_STRIDE * self.seed)
-        return self._finish(frame, METERING_FRAMES)
-
     def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._prepare()
@@ -220,7 +195,7 @@ class Renderer(ExposureRenderer):
         if not history:
             self._lights.change = 0.0
             self._changed_lights.clear()
-        on_lens = lens_point(camera, self.frame_count + LENS_STRIDE * self.seed)
+        on_lens = lens_point(camera, self.frame_count + SEED_STRIDE * self.seed)
         projection = self._camera_uniforms.write(
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )

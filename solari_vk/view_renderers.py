@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
+from solari_vk.bound.projection import SEED_STRIDE
 from solari_vk.bound.view_table import ViewTable, Written, write_samples
 from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError
@@ -20,7 +21,7 @@ from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.reference import PathTracer
-from solari_vk.renderer import LENS_STRIDE, Renderer
+from solari_vk.renderer import Renderer
 
 Size = tuple[int, int]
 
@@ -133,7 +134,7 @@ class ViewRenderer(Renderer):
         offsets = np.zeros((1, 2))
         if self.settings.jitter:
             offsets = np.array(self._jitters)[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._jitters)]
-        numbers = self.frame_count + LENS_STRIDE * seeds.astype(np.int64)
+        numbers = self.frame_count + SEED_STRIDE * seeds.astype(np.int64)
         own = write_samples(current, written, self.size, self._built_render_size, offsets, numbers)
         self.views.show(current, cut)
         change = self._change * CHANGE_DECAY

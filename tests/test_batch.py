@@ -411,3 +411,15 @@ def test_bench(device, tmp_path):
     assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
                     "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip
     assert main(["bench", "batch", "--renderers", "labels,none"]) == 2
+
+
+def test_bench_of_outputs(tmp_path, monkeypatch):
+    monkeypatch.setattr("solari_vk.measure.dataset.SCENES", ("cornell_box",))
+    page = tmp_path / "page.md"
+    assert main(["bench", "dataset", "--views", "2", "--size", "16x8", "--markdown", str(page)]) == 0
+    rows = [line.strip("| ").split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")][2:]
+    assert {row[0] for row in rows} > {"depth, instance_id", "all first hits", "silhouettes", "optical flow"}
+    lit = {row[0]: row for row in rows if row[0].startswith("lit")}
+    assert [row[2] for row in rows if row[0].startswith("lit: path tracer")] == ["1"]
+    assert len(lit) == 2
+    assert all(float(cell.replace(",", "")) > 0 for row in rows for cell in row[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -13,6 +14,7 @@ from solari_vk import shapes
 from solari_vk.passes import gbuffer
 from solari_vk.passes.pathtracer import FIRST_HIT_AOVS
 from solari_vk.scene.builtin import place
+from solari_vk.scene.matrices import rotation
 
 KINDS = [sv.Renderer, sv.PathTracer]
 SIZE = (16, 12)
@@ -251,3 +253,31 @@ def test_picking_and_words_for_it_all(renderer):
     assert f"{type(renderer).__name__} 16x12, of <Scene 'cornell_box': 6 instances" in repr(renderer)
     assert "RenderedFrame 16x12 of" in repr(frame)
     assert "ev100=-1" in repr(scene.camera)
+
+
+def test_uvs_materials_and_normals_before_the_camera(device):
+    """Of a quad that fills the picture, with uv (0, 0) at its lower left, before which a ball floats."""
+    quad = sv.Instance(shapes.quad((0, 0, -2), (1, 0, 0), (0, 1, 0)), sv.Material(name="paper"))
+    ball = sv.Instance(shapes.sphere(0.2, 24), quad.material, transform=place(1.0, (0, 0, -1.8)))
+    other = sv.Instance(shapes.sphere(0.2, 24), sv.Material(name="clay"), transform=place(1.0, (0.7, 0, -1.8)))
+    scene = sv.Scene(quad, ball, other)
+    turned = rotation((0.3, 1, 0.2), 0.4)
+    camera = sv.Camera(vertical_fov=2 * math.atan(0.5))
+    for item in (quad, ball, other, camera):
+        matrix = np.eye(4)
+        matrix[:3, :3] = turned
+        item.transform = matrix @ item.transform
+    with sv.PathTracer(device, scene, (32, 32)) as tracer:
+        frame = tracer.render(camera, samples=1)
+        behind = frame.mask(quad)
+        at = (np.arange(32) + 0.5) / 32
+        np.testing.assert_allclose(frame["uv"][behind], np.stack(np.meshgrid(at, 1 - at), -1)[behind], atol=1e-5)
+        np.testing.assert_allclose(frame["camera_normal"][behind], [(0, 0, -1)] * behind.sum(), atol=1e-6)
+        np.testing.assert_allclose(frame["camera_normal"], frame["shading_normal"] @ camera.rotation * (1, -1, -1),
+                                   atol=1e-6)  # fmt: skip
+        left = frame["camera_normal"][15, 14]
+        assert left[0] < 0
+        assert left[2] < 0
+        names = {number: material.name for number, material in frame.materials.items()}
+        assert names[frame["material_id"][0, 0]] == names[frame["material_id"][15, 15]] == "paper"
+        assert names[frame["material_id"][16, 26]] == "clay"

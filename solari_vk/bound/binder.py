@@ -55,12 +55,12 @@ class SceneBinder:
             self._textures = TextureTable(device, layout["textures"], self)
             self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
-            self._materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
+            self.materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
             self.instance_table = Table(device, "instances", layout["instances"], INSTANCE)
             self.instance_rows: Rows[Instance] = Rows()  # of instance_table
             self.traced = TracedInstances(device)  # as rays see them
         self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
-                        self._materials.table, self.instance_table, *self.lights.tables, self.traced.table)  # fmt: skip
+                        self.materials.table, self.instance_table, *self.lights.tables, self.traced.table)  # fmt: skip
         self._unbound = (self.traced.table, *self._geometry.posed.tables)  # no frame's shader has them
         self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self._ids: dict[Instance, int] = {}
@@ -143,7 +143,7 @@ class SceneBinder:
             self._write_rows.update(dict.fromkeys(self._geometry.update(self.revision)))
             posed.show(user)
             self.version += self._textures.update()
-            self._materials.update()
+            self.materials.update()
             self._update_instances()
             self.lights.update(self.traced.lit_area)
             self.version += self.features != features
@@ -176,7 +176,7 @@ class SceneBinder:
         elif isinstance(item, Camera):
             self._features.note(item)
         elif isinstance(item, Material):
-            self._write_rows.update(dict.fromkeys(self._materials.change(item)))
+            self._write_rows.update(dict.fromkeys(self.materials.change(item)))
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
             for instance in users:
@@ -187,7 +187,7 @@ class SceneBinder:
                     self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
-            for users in (self._emissions.change(item), self._materials.users_of_image(item)):
+            for users in (self._emissions.change(item), self.materials.users_of_image(item)):
                 self._write_rows.update(dict.fromkeys(users))
 
     def _take_up_instance(self, instance: Instance) -> None:
@@ -227,13 +227,13 @@ class SceneBinder:
         mesh, ray_mesh, material = uses
         self._geometry.acquire(mesh, instance, traced=False)
         self._geometry.acquire(ray_mesh, instance, traced=True)
-        self._materials.acquire(material, instance)
+        self.materials.acquire(material, instance)
 
     def _release(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
         mesh, ray_mesh, material = uses
         self._geometry.release(mesh, instance, traced=False)
         self._geometry.release(ray_mesh, instance, traced=True)
-        self._materials.release(material, instance)
+        self.materials.release(material, instance)
 
     # ---- from rows to records -----------------------------------------------------------------------
 
@@ -261,7 +261,7 @@ class SceneBinder:
     def _update_instances(self) -> None:
         self.instance_table.reserve(self.instance_rows.limit)
         for instance in list(self._write_rows):
-            emits = instance.visible and instance.material in self._materials.emitting
+            emits = instance.visible and instance.material in self.materials.emitting
             if emits or self.lights.index(instance) is not None:
                 self._set_emissive(instance, self.instance_rows[instance], emits)
         self._emissions.end_update()
@@ -277,7 +277,7 @@ class SceneBinder:
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
         self.instance_table.set(
             row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
-            self._materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
+            self.materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
         )  # fmt: skip
         box = self._geometry.centers[ray_mesh], self._geometry.half_sizes[ray_mesh]
         self.traced.write(
@@ -305,6 +305,6 @@ class SceneBinder:
         self.scene.unwatch(self)
         for item in (*self._uses, *self.scene.lights):
             item.unwatch(self)
-        for owner in (self._geometry, self._materials, self._textures, self._emissions, self.lights,
+        for owner in (self._geometry, self.materials, self._textures, self._emissions, self.lights,
                       self.instance_table, self.traced):  # fmt: skip
             owner.destroy()

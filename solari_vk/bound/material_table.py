@@ -42,6 +42,11 @@ class MaterialTable:
         self._textures_of: dict[Material, dict[str, Texture]] = {}
         self._to_write: dict[Material, None] = {}
 
+    @property
+    def by_row(self) -> dict[int, Material]:
+        """The materials in use, by the shaders' indices."""
+        return {row: material for material, row in self.rows.items()}
+
     def acquire(self, material: Material, user: Instance) -> None:
         """Add a use of a material."""
         if self.rows.acquire(material, user):

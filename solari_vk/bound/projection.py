@@ -54,6 +54,8 @@ def lens_point(camera: Camera, number: int) -> tuple[float, float]:
             radius * root * ((1 - v) * math.sin(first) + v * math.sin(second)))  # fmt: skip
 
 
+SEED_STRIDE = 7919
+"""Between the numbers of the points of the lens, and of times of an exposure, of frames with successive seeds."""
 PLASTIC = 0.7548776662466927  # the inverse of the real root of x^3 = x + 1
 JITTERS = jitters(32)
 """The sample positions of pictures that aren't upscaled. The sequence repeats."""

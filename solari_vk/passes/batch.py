@@ -11,7 +11,9 @@ GEOMETRY = ("depth", "position", "geometric_normal", "instance_id", "primitive")
 are. primitive: the index of the triangle in the ray_mesh or mesh, -1 without a surface."""
 MOTION = ("motion_vectors",)
 """The position in the previous frame minus the position, in shares of the picture, right and down, without jitter."""
-MATERIALS = ("shading_normal", "albedo", "roughness_metallic", "emissive")
+MATERIALS = (
+    "shading_normal", "camera_normal", "uv", "albedo", "roughness_metallic", "emissive", "material_id",
+)  # fmt: skip
 """What needs the material of the surface; as in `pathtracer.AOVS`."""
 OUTPUTS = (*GEOMETRY, *MOTION, *MATERIALS)
 

@@ -23,6 +23,9 @@ void store_empty_aovs(uint index) {
     aov_albedo.at[index] = vec3(0.0);
     aov_roughness_metallic.at[index] = vec2(0.0);
     aov_emissive.at[index] = vec3(0.0);
+    aov_camera_normal.at[index] = vec3(0.0);
+    aov_uv.at[index] = vec2(0.0);
+    aov_material_id.at[index] = NO_INDEX;
 }
 
 // `mesh` is the instance's mesh or its ray mesh, of whichever the ray hit a triangle.
@@ -37,6 +40,9 @@ void store_aovs(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     aov_albedo.at[index] = surface.material.base.color;
     aov_roughness_metallic.at[index] = vec2(surface.material.base.perceptual_roughness, surface.material.base.metallic);
     aov_emissive.at[index] = shown_emission(surface);
+    aov_camera_normal.at[index] = surface.world_normal * mat3(camera.world_from_view) * Y_UP;
+    aov_uv.at[index] = texture_point(mesh, mesh.triangles.at[hit.triangle], hit.barycentrics).uv;
+    aov_material_id.at[index] = instances.at[hit.instance].material;
 }
 
 #endif

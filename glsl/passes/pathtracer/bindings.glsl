@@ -33,6 +33,9 @@ layout(set = 1, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_nor
 layout(set = 1, scalar) buffer AlbedoBlock { vec3 at[]; } aov_albedo;
 layout(set = 1, scalar) buffer RoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
 layout(set = 1, scalar) buffer EmissiveBlock { vec3 at[]; } aov_emissive;
+layout(set = 1, scalar) buffer CameraNormalBlock { vec3 at[]; } aov_camera_normal;
+layout(set = 1, scalar) buffer UvBlock { vec2 at[]; } aov_uv;
 layout(set = 1, scalar) buffer InstanceIdBlock { uint at[]; } aov_instance_id;  // NO_INDEX: nothing
+layout(set = 1, scalar) buffer MaterialIdBlock { uint at[]; } aov_material_id;
 
 #endif
