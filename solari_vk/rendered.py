@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.errors import Hints, SolariError, quoted
+from solari_vk.errors import Hints, SolariError, quoted, unknown_name
 from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
@@ -93,6 +93,19 @@ class RenderedFrame(Hints):
         if name in pathtracer.FIRST_HIT_AOVS:
             return renderer.first_hits.tensor(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.tensor(name)
+
+    def filtered(self, name: str) -> NDArray[Any]:
+        """A result at the centers of pixels as the mean over each pixel's area, of 16 rays that hit rays' meshes.
+
+        name: of `pathtracer.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth is inf, the others are 0.
+        Raises SolariError for another name.
+        """
+        self._renderer.check_latest(self, name)
+        names = [known for known in pathtracer.FIRST_HIT_AOVS if not known.endswith("_id")]
+        if name not in names:
+            raise unknown_name("RenderedFrame.filtered: there is no mean of", name, names)
+        [mean] = self._renderer.first_hits.read_means([name], self._projection, self.size)
+        return mean
 
     def keys(self) -> list[str]:
         """The names of the results."""
@@ -215,10 +228,10 @@ class RenderedFrame(Hints):
         exposure: float | str | None = None,
         tonemap: str | None = None,
     ) -> None:
-        """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr or .npy.
+        """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr, .npz or .npy.
 
-        layers: the name of a further result, or several, which become channels of an .exr, otherwise .npy files beside
-        the picture.
+        layers: the name of a further result, or several, which become channels of an .exr or arrays of an .npz,
+        otherwise .npy files beside the picture.
         exposure and tonemap are those of `image`, for the .png or .jpg. Raises SolariError for an unknown name or
         suffix, and for a file that can't be written.
         """

@@ -153,6 +153,11 @@ def test_frames_are_saved(renderer, tmp_path):
     for name in ("a", "one"):
         np.testing.assert_array_equal(np.load(tmp_path / f"{name}.depth.npy"), frame["depth"])
     frame.save(tmp_path / "a.exr", frame.keys())
+    frame.save(tmp_path / "a.npz", ["depth", "instance_id"])
+    with np.load(tmp_path / "a.npz") as found:
+        assert set(found) == {"radiance", "depth", "instance_id"}
+        for name in found:
+            np.testing.assert_array_equal(found[name], frame[name])
 
     def same(**options):
         frame.save(tmp_path / "a.png", **options)
@@ -281,3 +286,9 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         names = {number: material.name for number, material in frame.materials.items()}
         assert names[frame["material_id"][0, 0]] == names[frame["material_id"][15, 15]] == "paper"
         assert names[frame["material_id"][16, 26]] == "clay"
+        shares = frame.filtered("camera_normal")[..., 2]
+        assert shares[0, 0] == pytest.approx(-1)
+        edge = frame.mask(ball) & ~np.roll(frame.mask(ball), 1, axis=1)
+        assert (frame["camera_normal"][edge, 2] > shares[edge]).mean() > 0.7, "the mean is nearer to that of the quad"
+        with pytest.raises(sv.SolariError, match="there is no mean of 'instance_id'"):
+            frame.filtered("instance_id")

@@ -100,11 +100,12 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         if name not in ANNOTATIONS:
             raise SolariError(f"--annotations {name}: take some of {', '.join(ANNOTATIONS)}")
         needed += ANNOTATIONS[name]
-    if job.format == "exr" and (needed or SILHOUETTES in job.aov):
+    whole = job.format in ("exr", "npz")
+    if whole and (needed or SILHOUETTES in job.aov):
         raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
     if "bop" in job.annotations and job.format != "png":
         raise SolariError("--annotations bop: its pictures are .png files: give --format png")
-    if FLOWS & set(job.aov) and (job.randomize is not None or job.format == "exr"):
+    if FLOWS & set(job.aov) and (job.randomize is not None or whole):
         raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
                           "leave --randomize out, and give --format png or npy")  # fmt: skip
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):

@@ -144,7 +144,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
 
     given: frozenset[str] = frozenset()
     """The fields that the command line names."""
-    output: Path = option("the picture: .png, .jpg, .exr or .npy; an animation: .gif, .mp4, or numbered pictures",
+    output: Path = option("the picture: .png, .jpg, .exr, .npz or .npy; an animation: .gif, .mp4, or numbered pictures",
                           names=("-o", "--output"), type=Path, required=True)
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
@@ -156,7 +156,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "denoised reference, or realtime where OIDN isn't installed (auto)",
         choices=("auto", "realtime", "reference"), default="auto",
     )
-    aov: tuple[str, ...] = option("more outputs: layers of an .exr, otherwise files", "A,B", type=words, default=())
+    aov: tuple[str, ...] = option("more outputs: layers of an .exr or .npz, otherwise files", "A,B", type=words, default=())
     clip: str | None = option("the animation that --animate file and --time take (0)", "N|NAME")
     time: float | None = option("pose the scene as it is S seconds into the clip", "S", type=float)
     time_limit: float | None = option("stop after this many seconds of rendering", "S", type=float)
@@ -234,10 +234,10 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
     mode: str = option("the path tracer, or realtime lighting, which has motion vectors (reference)",
                        choices=("reference", "realtime"), default="reference")
     aov: tuple[str, ...] = option(
-        "more outputs: layers of .exr files, otherwise .npy files; such as depth, shading_normal, instance_id, albedo, "
+        "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, albedo, "
         "variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
     )
-    format: str = option("of the pictures (png)", choices=("png", "exr", "npy"), default="png")
+    format: str = option("of the pictures (png)", choices=("png", "exr", "npz", "npy"), default="png")
     labels: Path | None = option(
         'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
     )

@@ -26,7 +26,7 @@ from solari_vk.cluster.device_session import DeviceSession
 from solari_vk.errors import SolariError
 from solari_vk.files import make_temporary_folder
 from solari_vk.frame_means import FrameMeans
-from solari_vk.output.picture import save_image, write_npy
+from solari_vk.output.picture import WHOLE, save_image, write_npy
 from solari_vk.passes.path_sampling import numbered_seed
 from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.scene.model import Camera, Instance, Scene
@@ -46,7 +46,7 @@ METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples
 class View:
     """A picture to render.
 
-    name: its file in the folder, a .png, .jpg, .exr or .npy. time: seconds since the start of the style's clip.
+    name: its file in the folder, of picture.SUFFIXES. time: seconds since the start of the style's clip.
     closing: the camera when the shutter closes for the last row, None for the same. before, after: the cameras of the
     views around it, for the flow to them.
     """
@@ -100,9 +100,9 @@ class Style:
         return list(scene.instances) if self.randomizer is None else self.randomizer.objects(scene)
 
     def files_of(self, view: View) -> list[str]:
-        """The names of the files of a view: an .exr has the layers inside."""
+        """The names of the files of a view, those of WHOLE with the layers inside."""
         path = Path(view.name)
-        beside = [] if path.suffix.lower() == ".exr" else [f"{path.stem}.{layer}.npy" for layer in self.layers]
+        beside = [] if path.suffix.lower() in WHOLE else [f"{path.stem}.{layer}.npy" for layer in self.layers]
         return [view.name, *beside]
 
 

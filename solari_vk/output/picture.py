@@ -1,4 +1,4 @@
-"""Pictures as files: .png, .jpg, .exr and .npy."""
+"""Pictures as files: .png, .jpg, .exr, .npy and .npz."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from solari_vk.scene.images import exr
 
 JPEG = (".jpg", ".jpeg")
 EIGHT_BIT = (".png", *JPEG)
-SUFFIXES = (*EIGHT_BIT, ".exr", ".npy")
+WHOLE = (".exr", ".npz")  # have layers inside
+SUFFIXES = (*EIGHT_BIT, *WHOLE, ".npy")
 
 
 def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
@@ -45,10 +46,10 @@ def save_image(
 ) -> None:
     """Write radiance (height, width, 3) in cd/m^2, and layers, in the format of the path's suffix.
 
-    .png, .jpg: 8-bit sRGB after exposure and tone mapping. .exr, .npy: radiance unchanged; the header of an .exr holds
-    the exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr
-    ("depth", "normal.X", "albedo.R") or .npy files next to the picture ("picture.depth.npy"). A file that can't be
-    written whole isn't written. Raises SolariError for wrong shapes and for files that can't be written.
+    .png, .jpg: 8-bit sRGB after exposure and tone mapping. .exr, .npy, .npz: radiance unchanged; the header of an .exr
+    holds the exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr
+    ("depth", "normal.X", "albedo.R"), arrays of an .npz beside its "radiance", or .npy files next to the picture
+    ("picture.depth.npy"). A file that can't be written whole isn't written. Raises SolariError for wrong shapes and for files that can't be written.
     """
     target = Path(path)
     _check_suffix(target, SUFFIXES)
@@ -62,6 +63,11 @@ def save_image(
     suffix = target.suffix.lower()
     if suffix == ".exr":
         _write_exr(target, picture, layers, {"exposure": repr(float(exposure)), **(metadata or {})})
+        return
+    if suffix == ".npz":
+        content = io.BytesIO()
+        np.savez_compressed(content, **({"radiance": picture} | layers))
+        write_whole(target, content.getbuffer())
         return
     if suffix == ".npy":
         write_npy(target, picture)
