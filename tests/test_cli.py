@@ -482,7 +482,7 @@ def test_numbers_that_are_no_lens(tmp_path, capsys, lens):
 @pytest.mark.parametrize(("words", "said"), [
     (("render", "nothing.glb", "-o", "x.png"), "nothing.glb: there is no such file: check the path"),
     (("view", "nothing.glb"), "nothing.glb: there is no such file: check the path"),
-    (("render", BOX, "-o", "x.foo"), "x.foo: pictures are written as .png, .jpg, .jpeg, .exr, .npy, not '.foo'"),
+    (("render", BOX, "-o", "x.foo"), "x.foo: pictures are written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.foo'"),
 ])  # fmt: skip
 def test_wrong_paths_are_answered_before_anything_large_is_imported(words, said):
     program = (f"import sys; from solari_vk.cli import main; code = main({list(words)!r}); "

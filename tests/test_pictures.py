@@ -116,8 +116,8 @@ def test_exr_holds_everything_exactly(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("a.gif", "written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.gif'"), ("a", "not ''"), ("no/a.png", "no folder"),
-     ("folder.png", "is a folder")],
+    [("a.gif", "written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.gif'"), ("a", "not ''"),
+     ("no/a.png", "no folder"), ("folder.png", "is a folder")],
 )  # fmt: skip
 def test_paths_that_can_not_be_written(tmp_path, name, message):
     (tmp_path / "folder.png").mkdir()

@@ -156,7 +156,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "denoised reference, or realtime where OIDN isn't installed (auto)",
         choices=("auto", "realtime", "reference"), default="auto",
     )
-    aov: tuple[str, ...] = option("more outputs: layers of an .exr or .npz, otherwise files", "A,B", type=words, default=())
+    aov: tuple[str, ...] = option("layers of an .exr or .npz, otherwise further files", "A,B", type=words, default=())
     clip: str | None = option("the animation that --animate file and --time take (0)", "N|NAME")
     time: float | None = option("pose the scene as it is S seconds into the clip", "S", type=float)
     time_limit: float | None = option("stop after this many seconds of rendering", "S", type=float)
@@ -234,8 +234,8 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
     mode: str = option("the path tracer, or realtime lighting, which has motion vectors (reference)",
                        choices=("reference", "realtime"), default="reference")
     aov: tuple[str, ...] = option(
-        "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, albedo, "
-        "variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
+        "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, "
+        "albedo, variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
     )
     format: str = option("of the pictures (png)", choices=("png", "exr", "npz", "npy"), default="png")
     labels: Path | None = option(

@@ -49,7 +49,8 @@ def save_image(
     .png, .jpg: 8-bit sRGB after exposure and tone mapping. .exr, .npy, .npz: radiance unchanged; the header of an .exr
     holds the exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr
     ("depth", "normal.X", "albedo.R"), arrays of an .npz beside its "radiance", or .npy files next to the picture
-    ("picture.depth.npy"). A file that can't be written whole isn't written. Raises SolariError for wrong shapes and for files that can't be written.
+    ("picture.depth.npy"). A file that can't be written whole isn't written. Raises SolariError for wrong shapes and for
+    files that can't be written.
     """
     target = Path(path)
     _check_suffix(target, SUFFIXES)
