@@ -161,8 +161,10 @@ class ExposureRenderer(PictureRenderer):
         """
         camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
         if shutter is None and pose is None:
+            # After an exposure the picture begins anew.
+            first = None if self._exposure is None else Exposed(False, (0, self.size[1]))
             self._exposure, self._moved = None, False
-            frame = RenderedFrame(self, camera, *self._submit(camera))
+            frame = RenderedFrame(self, camera, *self._submit(camera, first))
         else:
             frame = self._expose(camera, shutter, pose)
         return self._finish(frame, METERING_FRAMES)
