@@ -73,7 +73,7 @@ def moving_box():
     mesh, rest = tube(joints=3)
     skin = scene.add(sv.Instance(mesh, matte((0.7, 0.4, 0.2)), joint_matrices=bent(rest, 0.0)))
     skin.transform = place(0.35, (1.6, 0.05, 0.4))
-    light = scene.add(shapes.sphere(0.12, 16), lamp(6.0))
+    light = scene.add(shapes.sphere(0.12, 16), lamp(40.0))  # above the picture
     block, exposure = scene.instances["short block"], scene.camera.ev100
     start = block.transform
     cameras = [sv.Camera.look_at((x, 1.0, -2.6), (1, 0.9, 1), vertical_fov=0.8, ev100=exposure) for x in (0.95, 1.05)]
@@ -82,7 +82,7 @@ def moving_box():
         ball.position = (0.4 + 0.5 * seconds, 1.2, 0.4)
         block.transform = start @ place(1.0, turn=0.3 * seconds)
         skin.joint_matrices = bent(rest, 0.5 * seconds)
-        light.position = (0.5, 0.4 + 0.3 * seconds, 0.3)
+        light.position = (0.4 + 0.6 * seconds, 2.3, -0.3)
         return between(*cameras, seconds)
 
     return scene, pose
