@@ -89,5 +89,7 @@ void main() {
             specular_noise = sqrt(specular.variance_sum * specular.pixels) / max(specular.luminance_sum, EPSILON);
         }
     }
+    // Within an exposure the mean over its times is what is asked for.
+    if (this_frame.shutter_state == LATER_OF_EXPOSURE) { lobe_confidence = vec2(1.0); }
     denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, luminance_limit, specular_noise);
 }

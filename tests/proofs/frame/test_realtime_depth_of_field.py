@@ -124,6 +124,8 @@ def check_wide_motion(device, kind):
     pixel = np.linalg.norm(camera.rays((size[0] / 2, size[1] / 2), size)[1] - camera.rays(
         (size[0] / 2 + 1, size[1] / 2), size)[1])  # fmt: skip
     seen = np.isfinite(off) & (depth < 100)
+    if kind == "equirectangular":
+        seen[[0, 1, -2, -1]] = False  # above and below the circle of the eye, where a point may be seen from nowhere
     assert seen.mean() > 0.7
     assert np.quantile(np.linalg.norm(motion, axis=-1)[seen], 0.5) > 0.1
     assert np.quantile(off[seen], 0.995) < 0.02 * pixel
@@ -136,14 +138,17 @@ def test_wide_lenses_show_the_points_of_the_lens(device, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fields", [{}, {"projection": "fisheye", "vertical_fov": 1.6, "aperture_blades": 3}])
+@pytest.mark.parametrize("fields", [{}, {
+    "projection": "fisheye", "vertical_fov": 1.6, "aperture_blades": 3, "position": (1, 0.9, -0.9),
+    "focus_distance": 1.8,
+}], ids=["perspective", "fisheye"])  # fmt: skip
 def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
     """The mean of frames within 2 % of the path tracer's, sixteenths nearly as a sharp picture's; the error of frame 32
     at most twice a sharp picture's."""
     errors, worst = {}, {}
     for aperture in (0.0, 0.25):
         scene = balls()
-        scene.camera.update(aperture=aperture, **fields)
+        scene.camera.update(**{"aperture": aperture, **fields})
         truth = trace(device, scene, 1024, SIZE)
         with sv.Renderer(device, scene, SIZE) as renderer:
             frames = [np.asarray(renderer.render()["radiance"], np.float64) for _ in range(64)]
