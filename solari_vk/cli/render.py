@@ -93,10 +93,10 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
                       "leave --workers and --cluster out")  # fmt: skip
         yield viewing, f"--view {view}: debug views are rendered by one device: leave --workers and --cluster out"
     if viewing:
+        yield job.shutter, "--shutter: a debug view shows one moment"
         yield (output.suffix.lower() in (".exr", ".npz", ".npy"),
                f"--view {view}: a debug view is a picture: write a .png, or use --aov for numbers")  # fmt: skip
         yield job.average, "--average: a debug view shows one frame"
-        yield job.shutter, "--shutter: a debug view shows one moment"
         yield job.aov or job.sensor, "--aov, --sensor: a debug view shows one frame"
     yield still and job.shutter and job.average, "--average: a picture with --shutter is the mean of its --frames"
     if job.target_error is not None:
