@@ -289,6 +289,6 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         shares = frame.filtered("camera_normal")[..., 2]
         assert shares[0, 0] == pytest.approx(-1)
         edge = frame.mask(ball) & ~np.roll(frame.mask(ball), 1, axis=1)
-        assert np.abs(frame["camera_normal"][edge, 2] - shares[edge]).min() > 0.005, "a part of the pixel shows the quad"
+        assert np.abs(frame["camera_normal"][edge, 2] - shares[edge]).min() > 0.005  # in part the quad
         with pytest.raises(sv.SolariError, match="there is no mean of 'instance_id'"):
             frame.filtered("instance_id")
