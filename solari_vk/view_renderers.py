@@ -17,7 +17,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.spirv import Binding
-from solari_vk.passes import pathtracer
+from solari_vk.passes import pathtracer, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import LENS_STRIDE, Renderer
@@ -70,7 +70,7 @@ class ViewRenderer(Renderer):
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # IndexTranslation.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
-        self.views = ViewTable(device, layout, count, self._grid[0])
+        self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         try:
             super().__init__(device, binder, size, **options)
         except BaseException:

@@ -77,7 +77,8 @@ class Settings(SeparatePasses):
         "noise, wider caustics.", low=0, high=1)  # fmt: skip
 
     denoise: bool = _denoise(
-        True, "Average light over frames and pixels, as far as differences are noise. Less noise, slower.")
+        True, "Average light over frames and pixels, as far as differences are noise. Less noise, slower."
+    )
     denoise_max_history: int = _denoise(
         128, "Most frames in a pixel's mean. More: less noise, more lag.", low=1, high=4096
     )
