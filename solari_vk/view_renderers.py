@@ -105,6 +105,11 @@ class ViewRenderer(Renderer):
     def _inputs(self) -> dict[str, Any]:
         return super()._inputs() | {"views": self.views.buffer, **self._worlds.resources}
 
+    def _write_settings(self) -> None:
+        super()._write_settings()
+        cap = self.settings.world_cache_update_cap * self._world_count  # each world has cells of its own
+        self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
+
     def render_views(
         self, current: NDArray[Any], written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32],
         keeps_cache: bool,

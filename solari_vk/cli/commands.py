@@ -23,44 +23,27 @@ def _part(name: str, meaning: str, job: type[bench.Measurement]) -> Command:
 
 COMMANDS = (
     Command(
-        "render",
-        "render a glTF file or a built-in scene to a picture or an animation",
-        "render:run",
-        RenderOptions,
+        "render", "render a glTF file or a built-in scene to a picture or an animation", "render:run", RenderOptions,
         "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far.",
     ),
     Command("view", "open a window on a scene: fly around, edit, compare", "view:run", ViewJob),
     Command(
-        "serve",
-        "show a scene in browsers: orbit, zoom, pick, compare",
-        "serve:run",
-        ServeJob,
+        "serve", "show a scene in browsers: orbit, zoom, pick, compare", "serve:run", ServeJob,
         "Show a scene in browsers, on this machine or another one. Nothing is rendered while no page is open. Ctrl-C "
         "ends it.",
     ),
     Command(
-        "dataset",
-        "render many views of a scene, with transforms.json and further outputs",
-        "dataset:run",
-        DatasetJob,
+        "dataset", "render many views of a scene, with transforms.json and further outputs", "dataset:run", DatasetJob,
         "Render many views of a scene into a folder, with transforms.json in the convention of NeRF. All views have "
         "one exposure. The command goes on where it was stopped.",
     ),
-    Command(
-        "settings", "list the settings and qualities, with meaning, range and default", "lists:settings", NoOptions
-    ),
+    Command("settings", "list the settings and qualities, with meaning, range and default", "lists:settings",
+            NoOptions),
     Command("views", "list the debug views, with meaning", "lists:views", NoOptions),
+    Command("info", "what this machine can do, what is missing, and the command that mends it", "info:run", NoOptions,
+            aliases=("doctor",)),
     Command(
-        "info",
-        "what this machine can do, what is missing, and the command that mends it",
-        "info:run",
-        NoOptions,
-        aliases=("doctor",),
-    ),
-    Command(
-        "bench",
-        "measure speed, loading, the realtime frame, or the claims of the posts about Solari",
-        "bench:run",
+        "bench", "measure speed, loading, the realtime frame, or the claims of the posts about Solari", "bench:run",
         bench.Measurement,
         "Measure speed (without a PART), loading, the realtime frame, or the claims of posts about Solari.",
         parts=(
@@ -79,26 +62,18 @@ COMMANDS = (
         ),
     ),
     Command(
-        "trial",
-        "render glTF files by other renderers too, and compare: Cycles, Mitsuba",
-        "trial:run",
-        TrialJob,
+        "trial", "render glTF files by other renderers too, and compare: Cycles, Mitsuba", "trial:run", TrialJob,
         "Render glTF files by the path tracer and by other renderers, with the same camera, environment and lights, "
         "and write a page of pictures, distances and times. Each renderer has a process of its own, so that a crash or "
         "a hang of one is a line of the page. Those that aren't installed are left out.",
     ),
     Command(
-        "fidelity",
-        "render scenarios of Khronos' glTF render fidelity generator",
-        "fidelity:run",
-        FidelityJob,
+        "fidelity", "render scenarios of Khronos' glTF render fidelity generator", "fidelity:run", FidelityJob,
         "Render scenarios of Khronos' glTF render fidelity generator by the path tracer, with their cameras, "
         "environments and tone mapping. Without renderSkybox the background is transparent.",
     ),
     Command(
-        "conformance",
-        "measure whether a device keeps the rules of the specification",
-        "conformance:run",
+        "conformance", "measure whether a device keeps the rules of the specification", "conformance:run",
         ConformanceJob,
         "Measure whether a device keeps the rules of the specification. Checks run in processes of their own, so that "
         f"a driver that crashes or hangs ends one check only. {EXIT_CODES}",

@@ -62,7 +62,9 @@ class _Parser(argparse.ArgumentParser):
 
 def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
     """The parser of all commands. Its result holds only what is given: jobs have the defaults."""
-    parser = _Parser(prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays.")
+    parser = _Parser(
+        prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays."
+    )
     parser.add_argument("--version", action="version", version=f"solari_vk {__version__}")
     _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, "PART")
     return parser
@@ -81,10 +83,7 @@ def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Com
 def _add_commands(place: Any, commands: Sequence[Command], below: str) -> None:
     for command in commands:
         parser = place.add_parser(
-            command.name,
-            help=command.meaning,
-            description=command.description,
-            aliases=command.aliases,
+            command.name, help=command.meaning, description=command.description, aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
         )
         parser.set_defaults(command=command)

@@ -98,10 +98,8 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
         if name not in pathtracer.FIRST_HIT_AOVS and render_size(size, settings) != size:
-            raise SolariError(
-                f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
-                "picture: leave one of the two out"
-            )
+            raise SolariError(f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
+                              "picture: leave one of the two out")
 
 
 def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:

@@ -86,9 +86,8 @@ def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
     if min(len(poses), count or len(poses)) > MAX_CAMERAS:
-        raise SolariError(
-            f"--cameras {path}: it has {len(poses):,} poses, of which at most {MAX_CAMERAS:,} are read: give --views"
-        )
+        raise SolariError(f"--cameras {path}: it has {len(poses):,} poses, of which at most {MAX_CAMERAS:,} are read: "
+                          "give --views")
     if count is not None and count > len(poses):
         raise SolariError(f"--cameras {path}: it has {len(poses)} poses, --views asks for {count}")
     cameras = []

@@ -86,7 +86,9 @@ def _tasks(scene: Scene, folder: str, views: int, size: tuple[int, int], samples
             for number, camera in enumerate(cameras)]  # fmt: skip
 
 
-def _measure(opening: Opening, count: int, views: int, size: tuple[int, int], samples: int) -> tuple[Floats, Floats]:
+def _measure(
+    opening: Opening, count: int, views: int, size: tuple[int, int], samples: int
+) -> tuple[Floats, Floats]:
     """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a pool."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:

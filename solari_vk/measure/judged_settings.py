@@ -102,10 +102,8 @@ def milliseconds(
 def _judge(device: Device, scene: Scene, case: Case, truths: Picture, settings: Settings, seeds: int) -> Errors:
     """Errors (looks, raw and denoised, seeds)."""
     size = truths.shape[2], truths.shape[1]
-    errors = [
-        [(true_relative_mse(look.raw, *truths), true_relative_mse(look.denoised, *truths)) for look in looks]
-        for looks in (measure(device, scene, case, size, case.looks, settings, SEED + i) for i in range(seeds))
-    ]
+    errors = [[(true_relative_mse(look.raw, *truths), true_relative_mse(look.denoised, *truths)) for look in looks]
+              for looks in (measure(device, scene, case, size, case.looks, settings, SEED + i) for i in range(seeds))]
     return np.array(errors).transpose(1, 2, 0)
 
 

@@ -114,8 +114,7 @@ def _interpolate(
     t = (wanted_times - times[first]).reshape(shape) / step
     start, end = values[first], values[first + 1]
     return np.asarray(
-        start
-        + (3 * t**2 - 2 * t**3) * (end - start)
+        start + (3 * t**2 - 2 * t**3) * (end - start)
         + step * (t * (1 - t) ** 2 * slopes[first] + t**2 * (t - 1) * slopes[first + 1])
     )
 

@@ -78,16 +78,14 @@ def glsl_header() -> str:
     """`generated/output/tone_mapping.glsl`: TONEMAP_* and the numbers of the curves."""
     inset = ", ".join(map(repr, AGX_INSET.ravel().tolist()))
     scalars = {name: value for name, value in globals().items() if name.isupper() and isinstance(value, float)}
-    return "\n".join(
-        [
-            headers.enumeration("TONEMAP", TONEMAPS),
-            headers.constants(**scalars),
-            f"const vec2 ACES_NUMERATOR = vec2{ACES_NUMERATOR};",
-            f"const vec3 ACES_DENOMINATOR = vec3{ACES_DENOMINATOR};",
-            f"const mat3 AGX_INSET = mat3({inset});  // by rows",
-            f"const float AGX_CURVE[{len(AGX_CURVE)}] = float[]{AGX_CURVE};",
-        ]
-    )
+    return "\n".join([
+        headers.enumeration("TONEMAP", TONEMAPS),
+        headers.constants(**scalars),
+        f"const vec2 ACES_NUMERATOR = vec2{ACES_NUMERATOR};",
+        f"const vec3 ACES_DENOMINATOR = vec3{ACES_DENOMINATOR};",
+        f"const mat3 AGX_INSET = mat3({inset});  // by rows",
+        f"const float AGX_CURVE[{len(AGX_CURVE)}] = float[]{AGX_CURVE};",
+    ])
 
 
 # ---- from radiance to a picture ---------------------------------------------------------------------

@@ -198,22 +198,20 @@ def glsl_header() -> str:
         "KINDS_AT_INFINITY": sum(1 << i for i, place in enumerate(places) if place in (BEYOND, AT_INFINITY)),
         "KINDS_HIT_BY_RAYS": sum(1 << i for i, place in enumerate(places) if place != NEVER),
     }
-    return "\n".join(
-        [
-            '#include "generated/bound/features.glsl"',
-            headers.enumeration("LIGHT", [kind.name for kind in every]),
-            headers.constants(**masks),  # bit i says whether the kind i is one of them
-            # A copy of a specialization constant would keep its default.
-            f"#define HAS_PASS_THROUGH_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
-            *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
-            _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
-            _choose("float emission_cosine", "float cosine", every, argument="data"),
-            _choose("uint debug_color_id", "", every),
-            _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
-            _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
-            _for_receiver([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
-        ]
-    )
+    return "\n".join([
+        '#include "generated/bound/features.glsl"',
+        headers.enumeration("LIGHT", [kind.name for kind in every]),
+        headers.constants(**masks),  # bit i says whether the kind i is one of them
+        # A copy of a specialization constant would keep its default.
+        f"#define HAS_PASS_THROUGH_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
+        *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
+        _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
+        _choose("float emission_cosine", "float cosine", every, argument="data"),
+        _choose("uint debug_color_id", "", every),
+        _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
+        _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
+        _for_receiver([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
+    ])
 
 
 def _is(kind: LightKind, value: str) -> str:

@@ -137,7 +137,9 @@ class Structure:
         self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))
         self.size = size
 
-    def build_info(self, scratch: int = 0, *, update: bool = False, source: Structure | None = None) -> raw.CData:
+    def build_info(
+        self, scratch: int = 0, *, update: bool = False, source: Structure | None = None
+    ) -> raw.CData:
         """The VkAccelerationStructureBuildGeometryInfoKHR of a build or, with `update`, a refit.
 
         source: the structure of the same kind of geometry that a refit starts from, by default this one.

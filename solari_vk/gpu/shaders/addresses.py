@@ -50,7 +50,7 @@ def access_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tu
     for words in code:
         op = words[0] & 0xFFFF
         if op not in (*_CHAINS, _LOAD, _ARRAY_LENGTH):
-            elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1 :] if word in chains}
+            elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1:] if word in chains}
     roots = sorted({*chains.values()} - elsewhere, key=buffers.__getitem__)[:most]
     places = {variable: at for at, variable in enumerate(roots)}
     chains = {chain: root for chain, root in chains.items() if root in places}

@@ -29,8 +29,7 @@ _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
 _THICKNESS: dict[str, tuple[float, ...]] = {
-    "iridescenceThicknessMinimum": (100.0,),
-    "iridescenceThicknessMaximum": (400.0,),
+    "iridescenceThicknessMinimum": (100.0,), "iridescenceThicknessMaximum": (400.0,),
 }
 _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "anisotropy": {"anisotropyStrength": _ZERO, "anisotropyRotation": _ZERO},

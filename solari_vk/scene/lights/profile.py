@@ -157,7 +157,6 @@ class LightProfile:
 
     def text(self) -> str:
         """The profile as a file after LM-63-2002."""
-
         def listed(values: FloatArray) -> str:
             words = [f"{value:.9g}" for value in values]
             return "\n".join(" ".join(words[at : at + 10]) for at in range(0, len(words), 10))
