@@ -35,7 +35,7 @@ class Push(gym.vector.VectorEnv):
     def step(self, actions):
         new = self.age >= STEPS  # their episodes ended with the step before
         for one, force in zip(self.data, actions, strict=True):
-            one.xfrc_applied[-1, :2] = 100 * np.clip(force, -1, 1)
+            one.xfrc_applied[-1, :2] = 400 * np.clip(force, -1, 1)
             mujoco.mj_step(self.model, one, nstep=10)
         pictures, self.age = self._observe(new), np.where(new, 0, self.age + 1)
         distances = np.array([np.hypot(*one.xpos[-1, :2]) for one in self.data])
