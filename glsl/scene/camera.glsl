@@ -123,7 +123,7 @@ bool is_camera_static() {
         && previous_camera.parallel_range == camera.parallel_range && previous_camera.lens == camera.lens;
 }
 
-const int LENS_STEPS = 10;
+const int LENS_STEPS = 6;
 
 // The position in the picture of a camera with a wide lens of a point in the axes of lens.glsl, which is seen through a
 // point beside the lens's middle: the middle sees another point there, which is found step by step.

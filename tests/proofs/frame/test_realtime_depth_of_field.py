@@ -178,8 +178,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "    line.along.xy -= from.lens_offset / from.focus_distance; return line;")),
     "wide lenses whose aperture faces the view axis": (lambda device: check_wide_motion(device, "fisheye"), Bug(
         "scene/camera.glsl", "on_aperture", "return vec3(offset.x, -offset.y, 0.0);")),
-    "one step to wide positions": (lambda device: check_wide_motion(device, "fisheye"), Bug(
-        "scene/camera.glsl", "LENS_STEPS", "1")),
+    "no steps to wide positions": (lambda device: check_wide_motion(device, "fisheye"), Bug(
+        "scene/camera.glsl", "LENS_STEPS", "0")),
     "motion without the lens": (test_points_are_where_the_lens_shows_them, Bug(
         "scene/camera.glsl", "project_to_uv",
         "Camera still = from; still.lens_offset = vec2(0.0); return correct(world_position, still);")),
