@@ -324,7 +324,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "lamps behind panes": (check_lamps, Bug(
         "scene/walk.glsl", "accumulate_segment",
         "segment.along_ray.radiance = segment.along_ray.radiance_over_probability; "
-        "return correct(walk, segment, radiance);")),
+        "return correct(walk, segment, receiver, radiance);")),
     "masks cover pixels": (check_mask, Bug(
         ALPHA, "accepts_hit(float opacity, uvec2 alpha_seed, uint instance_index, uint", "return true;")),
     "one seed for all rays": (check_random_numbers, Bug(

@@ -126,12 +126,12 @@ def test_closed_surfaces_are_light_tight(device, where, samples):
 test_a_seeded_bug_is_noticed = bug_tests({
     "light samples in a closed room": (lambda device: measure_series(device, 1, "nee"), Bug(
         "scene/sampling.glsl", "resolve_light_sample(LightSample light_sample, float",
-        "ResolvedLightSample found = correct(light_sample, light_probability); found.inverse_area_pdf *= 1.02; "
+        "ResolvedLightSample found = correct(light_sample, leaf_probability); found.inverse_area_pdf *= 1.02; "
         "return found;")),
     "weights of hits": (lambda device: measure_series(device, 5, "mis"), Bug(
         "scene/walk.glsl", "emitted_light", "return correct(walk, surface, 0.0);")),
     "white walls": (lambda device: measure_white_box(device, 0.5, 0.0), Bug(
-        "scene/lobes/specular.glsl", "dielectric_albedo", "return 0.5 * correct(specular, ab);")),
+        "scene/lobes/specular.glsl", "dielectric_albedo", "return 0.5 * correct(specular, ab, cosine);")),
     "white metal": (lambda device: measure_white_box(device, 1.0, 1.0), Bug(
         "scene/brdf_table.glsl", "lookup_brdf_table", "return vec2(1.0, 0.0);")),
     "light-tight": (lambda device: measure_light_tight(device, "far"), Bug(
