@@ -136,6 +136,7 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
             given = real(value, np.float32)
         if given.shape not in ((), (1,), (3,)):
             why = "; an image belongs in a field for textures, such as base_color_texture" if given.ndim > 1 else ""
+            why = "; alpha is a field of its own" if given.shape == (4,) else why
             raise ValueError(f"must be three numbers, or one for gray, not of the shape {given.shape}{why}")
         array = np.array(np.broadcast_to(given, (3,)))
         refuse_not_finite(array)
