@@ -29,7 +29,7 @@ _RESULTS = {
     **dict.fromkeys(("normal", "normals"), 'there are "shading_normal" and "geometric_normal"'),
     **dict.fromkeys(("picture", "rgb", "color", "image", "combined", "beauty"), _PICTURE),
     **dict.fromkeys(("points", "point_cloud", "xyz", "positions"), '"position" is (height, width, 3) in the world'),
-    **dict.fromkeys(("flow", "motion", "optical_flow"), '"guides_motion" is that of a realtime frame; see optical_flow'),
+    **dict.fromkeys(("flow", "motion", "optical_flow"), '"guides_motion" is of realtime frames; see optical_flow'),
 }  # fmt: skip
 _SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color",
             "metalness": "metallic"}  # fmt: skip
@@ -45,13 +45,13 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
                         "a mesh that emits is an area light: scene.add(shapes.quad(...), Material(emissive=...))"),
         **dict.fromkeys(("light", "pointlights"), "use PointLight, SpotLight, DirectionalLight, Environment, Sky"),
         **dict.fromkeys(("perspectivecamera", "orthographiccamera", "sensor_perspective", "pinholecamera"),
-                        "Camera(fov=50) is one, Camera(orthographic_height=2) a parallel projection"),
+                        "Camera(fov=50) is one, Camera(orthographic_height=2) is parallel"),
         **dict.fromkeys(("offscreenrenderer", "webglrenderer", "rasterizer", "integrator", "film"),
                         f"Renderer and PathTracer make pictures, without a window; {_SIZE}"),
         **dict.fromkeys(("ambientlight", "hemispherelight"), _AMBIENT),
         **dict.fromkeys(("color", "vec3", "vector3", "vector", "transform", "matrix4", "transform4f"),
                         "colors, points and matrices are numpy arrays or tuples; '#ff8000' is a color too"),
-        **dict.fromkeys(("boxgeometry", "spheregeometry", "planegeometry", "cylindergeometry", "torusgeometry"), _SHAPE),
+        **dict.fromkeys(("boxgeometry", "spheregeometry", "planegeometry", "torusgeometry"), _SHAPE),
         **dict.fromkeys(("meshstandardmaterial", "meshphysicalmaterial", "meshbasicmaterial", "principled", "bsdf",
                          "metallicroughnessmaterial", "principledbsdf"), "Material is the one surface there is"),
         **dict.fromkeys(("fog", "volume", "medium", "hair", "subsurface"), _NOT_HERE),
@@ -133,7 +133,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     },
     "RenderedFrame": {
         **dict.fromkeys(("point_cloud", "points", "xyz"), 'frame["position"] is (height, width, 3) in the world'),
-        **dict.fromkeys(("alpha", "shape"), 'image() has three channels, np.isfinite(frame["depth"]) is where something is'),
+        **dict.fromkeys(("alpha", "shape"), 'image() has no alpha: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("to_srgb8", "to_uint8", "to_pil", "show", "rgb", "pixels"),
                         "image() is the picture in 8 bits, save(path) writes it"),
         **dict.fromkeys(("numpy", "array", "to_numpy", "data", "radiance"), _ARRAY),
@@ -156,7 +156,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     "PathTracer.render": {
         **dict.fromkeys(("spp", "num_samples", "sample_count"), "it is called samples here"),
         **dict.fromkeys(("denoiser", "denoised"), "denoise=True denoises by OIDN"),
-        **dict.fromkeys(("filepath", "path", "output", "filename", "write_still"), "save(path) of its result writes it"),
+        **dict.fromkeys(("filepath", "path", "output", "write_still"), "save(path) of the result writes it"),
     },
     "Renderer": {
         **_RESULTS,

@@ -21,7 +21,9 @@ from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
 PLACE = re.compile(r"(<!-- made from the code: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
-NAMED = re.compile(r"^::: ([\w.]+)\n(?:    options:\n(?:      (?!members).*\n)*(?:      members: \[(.*)\]\n)?)?", re.MULTILINE)
+NAMED = re.compile(
+    r"^::: ([\w.]+)\n(?:    options:\n(?:      (?!members).*\n)*(?:      members: \[(.*)\]\n)?)?", re.MULTILINE
+)
 COMMON = {"describe", "update", "watch", "unwatch"}  # of every object of a scene
 
 

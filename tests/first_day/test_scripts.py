@@ -93,7 +93,7 @@ def test_words_of_other_programs_are_not_ours():
     """Or the hint would never be seen; and what it names must be there."""
     for owner, words in OTHER_WORDS.items():
         names = owner.split(".")
-        holder = sv if owner == "solari_vk" else getattr(sv, names[0], None)
+        holder = sv if names[0] == "solari_vk" else getattr(sv, names[0], None)
         for name in names[1:]:
             holder = getattr(holder, name)
         assert all(word == word.lower() for word in words), owner

@@ -8,8 +8,8 @@ used; `assets` is a folder of glTF files that aren't part of this project. A fil
 
 - SAMPLES: of the path tracer, by pixel;
 - exposure(scene): further arguments of the path tracer;
-- panels(assets), of a feature: two scenes by their labels, both shown by the path tracer and as noisy as it leaves them.
-  Without it the picture on the left is the path tracer's, denoised, and that on the right a realtime frame.
+- panels(assets), of a feature: two scenes by their labels, shown by the path tracer without a denoiser. Without it the
+  left picture is the path tracer's, denoised, and the right one a realtime frame.
 
 Without names all are rendered.
 """
@@ -60,7 +60,8 @@ def beside(pictures: dict[str, Image.Image]) -> Image.Image:
         whole.paste(picture, (number * (width + GAP), 0))
         place = (number * (width + GAP) + width // 60, height - width // 60)
         draw = ImageDraw.Draw(whole, "RGBA")
-        draw.rectangle([a + b for a, b in zip(draw.textbbox(place, label, font, "lb"), (-6, -4, 6, 4))], (0, 0, 0, 150))
+        left, top, right, bottom = draw.textbbox(place, label, font, "lb")
+        draw.rectangle((left - 6, top - 4, right + 6, bottom + 4), (0, 0, 0, 150))
         draw.text(place, label, "white", font, "lb")
     return whole
 
@@ -86,8 +87,8 @@ def page() -> str:
     lines = [
         "# Gallery\n",
         "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n",
-        "Click on a picture to enlarge it. This one is made by `tools/helmets.py`, all others by `python tools/gallery`;",
-        "each has a file of its own there, with the scene. The large ones are by the path tracer, denoised.\n",
+        "Click on a picture to enlarge it. `tools/helmets.py` makes this one, `python tools/gallery` all others; each",
+        "has a file with its scene there. The large ones are by the path tracer, denoised.\n",
     ]
     for name in (*STILLS, *FEATURES):
         if name == FEATURES[0]:

@@ -18,7 +18,9 @@ TURNS, AROUND, ALONG = 4.2, 96, 1200
 
 def ammonite() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (N, 3) in millimeters, triangles (M, 3) and sRGB codes (N, 3): a tube with ribs along a spiral."""
-    turn, across = np.meshgrid(np.linspace(0, 2 * np.pi * TURNS, ALONG), np.arange(AROUND) * 2 * np.pi / AROUND, indexing="ij")
+    turn, across = np.meshgrid(
+        np.linspace(0, 2 * np.pi * TURNS, ALONG), np.arange(AROUND) * 2 * np.pi / AROUND, indexing="ij"
+    )
     grown = 1.9 ** ((turn - turn.max()) / (2 * np.pi))  # of each turn to the next
     rib = np.maximum(0, np.sin(turn * 17)) ** 2
     tube = 20 * grown * (1 + 0.10 * rib * (1 - 0.4 * np.cos(across)))

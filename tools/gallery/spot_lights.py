@@ -11,7 +11,9 @@ def scene(assets: Path) -> sv.Scene:
     """Three works on plinths before a wall, each in a cone."""
     made = sv.Scene(sv.Camera.look_at((0, 1.75, 5.2), (0, 1.15, -0.6), fov=34, ev100=0.6))
     wall = sv.Material(base_color=(0.5, 0.48, 0.46), roughness=0.9)
-    made.add(sv.shapes.quad((0, 0, 0), (0, 0, 6), (8, 0, 0)), sv.Material(base_color=0.25, roughness=0.25), name="floor")
+    made.add(
+        sv.shapes.quad((0, 0, 0), (0, 0, 6), (8, 0, 0)), sv.Material(base_color=0.25, roughness=0.25), name="floor"
+    )
     made.add(sv.shapes.quad((0, 3, -1.4), (8, 0, 0), (0, 3, 0)), wall, name="wall")
     bronze = sv.Material(base_color=(0.85, 0.5, 0.25), metallic=1, roughness=0.3)
     marble, glazed = sv.Material(base_color=0.8, roughness=0.3), sv.Material(base_color=(0.05, 0.25, 0.4), clearcoat=1)

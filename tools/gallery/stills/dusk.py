@@ -32,7 +32,7 @@ def planks() -> np.ndarray:
 def scene(assets: Path) -> sv.Scene:
     """A hall with a window over the whole far wall, and lanterns that hang from its ceiling."""
     made = sv.Scene(name="dusk")
-    plaster = sv.Material(base_color=(0.62, 0.58, 0.54))
+    plaster = sv.Material(base_color=(0.5, 0.5, 0.5))
     frame = sv.Material(base_color=(0.04, 0.035, 0.03), roughness=0.4)
     floor = sv.Material(base_color_texture=planks(), roughness=0.14)
     made.add(sv.shapes.plane(12, 16), floor, name="floor")
@@ -46,9 +46,10 @@ def scene(assets: Path) -> sv.Scene:
     made.add(sv.Portal((0, 2.5, -8), (6, 0, 0), (0, 2.5, 0)))
 
     random = np.random.default_rng(11)
-    paper = sv.Material(base_color=0.8, emissive=55 * sv.kelvin(2400))
+    paper = sv.Material(base_color=0.8, emissive=50 * sv.kelvin(2700))
     for number in range(LAMPS):
-        x, z = -4.9 + 1.4 * (number % 8) + random.uniform(-0.35, 0.35), -6.4 + 2.3 * (number // 8) + random.uniform(-0.6, 0.6)
+        x = -4.9 + 1.4 * (number % 8) + random.uniform(-0.35, 0.35)
+        z = -6.4 + 2.3 * (number // 8) + random.uniform(-0.6, 0.6)
         y = 3.1 + 0.55 * math.sin(0.9 * x) * math.cos(0.7 * z) + random.uniform(-0.3, 0.3)
         radius = random.uniform(0.10, 0.21)
         made.add(sv.shapes.sphere(radius, 24), paper, (x, y, z), name=f"lantern {number}")
@@ -71,6 +72,6 @@ def scene(assets: Path) -> sv.Scene:
         [[1, 0, 0, 3.6], [0, 0, -1, 1.12], [0, 1, 0, -3.2], [0, 0, 0, 1]], float), name="sculpture")  # fmt: skip
     made.add(sv.shapes.box((3.2, 0, -3.6), (4, 0.28, -2.8)), plaster)
 
-    made.environment = sv.Sky((-0.25, -0.035, -1.0), intensity=0.012)
-    made.camera = sv.Camera.look_at((0.4, 1.45, 5.4), (0.05, 1.85, -3), fov=50, auto_exposure=True)
+    made.environment = sv.Sky((-0.25, -0.035, -1.0), intensity=0.03)
+    made.camera = sv.Camera.look_at((0.4, 1.45, 5.4), (0.05, 1.85, -3), fov=50, ev100=2.6)
     return made

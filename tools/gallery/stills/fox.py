@@ -27,7 +27,9 @@ def cones(places: np.ndarray, radii: np.ndarray, heights: np.ndarray, colors: np
     ring = np.stack([np.cos(turn), np.zeros(sides), -np.sin(turn)], axis=1)
     base = places[:, None] + radii[:, None, None] * ring
     tip = places + heights[:, None] * (0, 1, 0)
-    points = np.stack([base, np.roll(base, -1, axis=1), np.broadcast_to(tip[:, None], base.shape)], axis=2).reshape(-1, 3)
+    points = np.stack([base, np.roll(base, -1, axis=1), np.broadcast_to(tip[:, None], base.shape)], axis=2).reshape(
+        -1, 3
+    )
     return sv.Mesh(points, np.arange(len(points)).reshape(-1, 3), colors=np.repeat(colors, 3 * sides, axis=0))
 
 
@@ -52,8 +54,8 @@ def scene(assets: Path) -> sv.Scene:
         made.add(leaves, sv.Material(double_sided=True), name="meadow: leaves")
         bark = sv.Material(base_color=(0.1, 0.06, 0.03))
         made.add(sv.shapes.cylinder(16 * size, 80 * size, 9), bark, (x, 40 * size, z), name="meadow: trunk")
-    made.environment = sv.Sky((0.75, 0.33, 0.55), turbidity=3)
-    made.camera = sv.Camera.look_at((215, 38, 150), (-5, 44, 2), fov=29, auto_exposure=True)
+    made.environment = sv.Sky((0.8, 0.4, 0.7), turbidity=3)
+    made.camera = sv.Camera.look_at((215, 38, 150), (-5, 44, 2), fov=29, ev100=13.4)
     made.camera.focus_on((0, 45, 20), 4.0)
     return made
 

@@ -38,8 +38,10 @@ def window(seed: int) -> sv.Material:
     inside &= (x > 0.03) & (x < 0.97) & (y < HIGH / WIDE - 0.03)
     glass = inside & ~lead
     color = np.where(glass[..., None], colors[nearest[..., 0]], np.where(inside[..., None], 0.02, 0.5))
-    return sv.Material(base_color_texture=np.uint8(255 * color ** (1 / 2.2)), transmission=1, roughness=0,
-                       transmission_texture=np.uint8(255 * glass)[..., None].repeat(3, axis=-1), double_sided=True)  # fmt: skip
+    picture = np.uint8(255 * color ** (1 / 2.2))
+    clear = np.uint8(255 * glass)[..., None].repeat(3, axis=-1)
+    return sv.Material(base_color_texture=picture, transmission=1, transmission_texture=clear, roughness=0,
+                       double_sided=True)  # fmt: skip
 
 
 def scene(assets: Path) -> sv.Scene:
@@ -68,5 +70,5 @@ def scene(assets: Path) -> sv.Scene:
             made.add(sv.shapes.cylinder(0.56, 0.5, 48), stone, (x, 0.25, z))
     made.add(sv.shapes.box((-0.9, 0, -12.6), (0.9, 1.0, -11.8)), stone, name="altar")
     made.environment = sv.Sky((-1.0, 0.62, 0.22))
-    made.camera = sv.Camera.look_at((2.5, 1.6, 1.3), (-1.5, 2.7, -7), fov=52, auto_exposure=True)
+    made.camera = sv.Camera.look_at((2.5, 1.6, 1.3), (-1.5, 2.7, -7), fov=52, ev100=10.5)
     return made

@@ -1,7 +1,7 @@
 """A watch in a studio.
 
-Steel, a dial brushed in circles, a bezel with a clear coat, a strap with sheen and a crystal of solid glass; two soft
-boxes and a strip give the light.
+Polished and brushed steel, a lacquered dial, gold hands below a crystal of thin glass, and a strap with sheen, between
+four soft boxes. The lens is focused on the dial.
 """
 
 from __future__ import annotations
@@ -27,17 +27,19 @@ def placed(at: tuple[float, float, float], turn: float = 0.0, tilt: float = 0.0)
 
 
 def scene(assets: Path) -> sv.Scene:
-    """The watch lies on its side of a slope; lengths are centimeters."""
+    """The watch stands on its strap; lengths are centimeters."""
     made = sv.Scene(name="watch")
     steel = sv.Material(base_color=(0.77, 0.78, 0.8), metallic=1, roughness=0.12)
     brushed = sv.Material(base_color=(0.7, 0.71, 0.74), metallic=1, roughness=0.38, anisotropy=0.7)
     gold = sv.Material(base_color=(1.0, 0.76, 0.4), metallic=1, roughness=0.15)
-    blue = sv.Material(base_color=(0.02, 0.07, 0.2), metallic=1, roughness=0.35, clearcoat=1, clearcoat_roughness=0.05)
+    blue = sv.Material(base_color=(0.03, 0.12, 0.42), metallic=1, roughness=0.35, clearcoat=1, clearcoat_roughness=0.05)
     black = sv.Material(base_color=(0.008, 0.008, 0.01), roughness=0.3, clearcoat=1)
     white = sv.Material(base_color=0.85, roughness=0.4)
-    crystal = sv.Material(transmission=1, roughness=0, ior=1.5, solid=True)
+    crystal = sv.Material(transmission=1, roughness=0, double_sided=True)
     leather = sv.Material(base_color=(0.16, 0.06, 0.025), roughness=0.55, sheen_color=(0.3, 0.2, 0.15))
     torus, cylinder, box = sv.shapes.torus, sv.shapes.cylinder, sv.shapes.box
+    turn = np.arange(96) * math.pi / 48
+    rim = 1.66 * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=1)
     parts = []
 
     def add(mesh: sv.Mesh, material: sv.Material, at: tuple[float, float, float], turn=0.0, tilt=0.0) -> None:
@@ -66,7 +68,7 @@ def scene(assets: Path) -> sv.Scene:
         add(box(low, high), gold, (0, height, 0), turn)
     add(box((-0.012, 0, -1.35), (0.012, 0.015, 0.4)), white, (0, 0.66, 0), 2.5)
     add(cylinder(0.09, 0.2, 48), gold, (0, 0.62, 0))
-    add(cylinder(1.62, 0.12, 192), crystal, (0, 0.78, 0))
+    add(sv.shapes.polygons(rim), crystal, (0, 0.72, 0))
     sideways = np.array([[0, 1, 0, 2.18], [-1, 0, 0, 0.27], [0, 0, 1, 0], [0, 0, 0, 1]], float)
     for z, radius in ((0.0, 0.24), (-0.75, 0.15), (0.75, 0.15)):
         at = sideways.copy()
@@ -85,11 +87,15 @@ def scene(assets: Path) -> sv.Scene:
     watch.transform = placed((0, 3.05, 0), 0.5, 0.62)
     floor = sv.Material(base_color=0.015, roughness=0.16)
     made.add(sv.shapes.plane(400), floor, name="floor")
-    soft = sv.Material(emissive=14)
-    for center, half, radiance in (((-7, 8, 2), 3.2, 14), ((8, 6, 3), 2.4, 5), ((1, 9, -9), 3.0, 9)):
+    for center, half, radiance in (
+        ((-7, 8, 2), 3.2, 14),
+        ((8, 6, 3), 2.4, 5),
+        ((1, 9, -9), 3.0, 9),
+        ((4.5, 11, -3.2), 3.2, 3.5),
+    ):
         soft = sv.Material(emissive=radiance)
         made.add(sv.shapes.facing_quad(center, half, (0, 2, 0)), soft)
-    made.environment = sv.Environment(0.06)
-    made.camera = sv.Camera.look_at((0.6, 5.6, 10.5), (0.1, 2.35, 0), fov=30, auto_exposure=True)
+    made.environment = sv.Environment(0.08)
+    made.camera = sv.Camera.look_at((0.6, 5.6, 10.5), (0.1, 2.35, 0), fov=30, ev100=0.9)
     made.camera.focus_on((0, 3.4, 0.8), 2.0)
     return made
