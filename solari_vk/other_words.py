@@ -22,7 +22,7 @@ _SHADOWS = "everything casts shadows and receives them; visible=False hides an o
 _AMBIENT = "light comes from lights alone: scene.environment = Environment(0.3) is even light from all around"
 _ORBIT = "Camera.look_at(position, target) for each picture, or solari-vk render --animate orbit"
 _NOT_HERE = "there are no volumes, curves and node graphs: see docs/explained/limits.md"
-_FOCAL = "fov is in degrees: 2 atan(12 mm / focal length), 27 of a lens of 50 mm; Camera.from_opencv takes a matrix"
+_FOCAL = "fov is in degrees: 2 atan(12 mm / focal length), 27 of a lens of 50 mm"
 _RESULTS = {
     **dict.fromkeys(("segmentation", "instance", "instances", "mask", "id", "ids", "seg"),
                     'frame["instance_id"] numbers what pixels show, frame.mask(name) is where an object is seen'),
@@ -106,7 +106,9 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("eye", "origin", "target", "up", "lookat", "location", "to_world"), _EYE),
         **dict.fromkeys(("translate", "moved", "move", "move_to", "set_position"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("yfov", "fovy", "angle", "field_of_view", "perspective"), _LENS),
-        **dict.fromkeys(("lens", "focal_length", "focal", "fx", "fy", "from_intrinsics", "k"), _FOCAL),
+        **dict.fromkeys(("lens", "focal_length", "focal"), _FOCAL),
+        **dict.fromkeys(("fx", "fy", "cx", "k", "from_intrinsics", "intrinsic_matrix"),
+                        "Camera.from_opencv(K, R, t, size) takes a matrix of OpenCV: fx, fy, cx, cy"),
         **dict.fromkeys(("panorama", "equirectangular", "spherical"), 'projection="equirectangular" is a panorama'),
         **dict.fromkeys(("orbit", "rotate", "set_pose", "lookat_from"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("width", "height", "resolution", "aspect", "aspect_ratio", "size"),
@@ -139,6 +141,10 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("numpy", "array", "to_numpy", "data", "radiance"), _ARRAY),
         **dict.fromkeys(("depth", "normal", "normals", "albedo"), 'frame["depth"] is one of its results: see keys()'),
     },
+    "RenderedFrame.save": {
+        **dict.fromkeys(("transparent", "alpha"), 'none is written: np.isfinite(frame["depth"]) is where surfaces are'),
+        **dict.fromkeys(("quality", "compression"), "a .jpg has 95; save frame.image() by Pillow for another"),
+    },
     "hits": {
         **dict.fromkeys(("distance", "distances", "depth"), "it is called t here, in lengths of the direction"),
         **dict.fromkeys(("point", "points", "location", "hit_position"), "it is called position here"),
@@ -150,6 +156,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("spp", "samples", "num_samples", "max_samples"), _SAMPLES),
         **dict.fromkeys(("width", "height", "resolution"), _SIZE),
         **dict.fromkeys(("denoise", "denoiser"), "tracer.render(samples=64, denoise=True) denoises by OIDN"),
+        **dict.fromkeys(("save", "write", "screenshot"), "tracer.render(samples=256).save(path) writes a picture"),
         **dict.fromkeys(("max_depth", "bounces"), "max_bounces is how often light is reflected"),
         **dict.fromkeys(("irradiance", "illuminance"), "solari_vk.illuminance(device, scene, points) measures lux"),
     },
@@ -158,7 +165,13 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("denoiser", "denoised"), "denoise=True denoises by OIDN"),
         **dict.fromkeys(("filepath", "path", "output", "write_still"), "save(path) of the result writes it"),
     },
+    "Renderer.render": {
+        **dict.fromkeys(("samples", "spp", "frames"), "call render() for each frame: light gathers over frames"),
+        "denoise": "frames are denoised already: see renderer.settings.denoise",
+    },
     "Renderer": {
+        **dict.fromkeys(("save", "screenshot"), "renderer.render().save(path) writes a frame"),
+        **dict.fromkeys(("delete", "destroy", "dispose", "release"), "close() frees it"),
         **_RESULTS,
         **dict.fromkeys(("samples", "spp"), "call render() for each frame: light gathers over frames"),
         **dict.fromkeys(("width", "height", "resolution", "setsize"), f"{_SIZE}; resize(size) changes it"),

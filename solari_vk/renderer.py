@@ -126,6 +126,7 @@ class Renderer(PictureRenderer):
         """What the stages' shaders are given beside the scene, by name."""
         return self._tables | self._lights.buffers
 
+    @checked_keywords()
     def render(self, camera: Camera | None = None) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
@@ -257,7 +258,7 @@ class Renderer(PictureRenderer):
         self._tonemap = TONEMAPS.index(name)
 
     def resize(self, size: tuple[int, int]) -> None:
-        self.size = self._checked_size(size)
+        self._size = self._checked_size(size)
         self.reset()
 
     def reset(self) -> None:
