@@ -65,9 +65,8 @@ class PathTracer(ShutterRenderer):
         lambert: bool = False,
         first_sample: int = 0,
     ) -> None:
-        self.settings = pathtracer.Settings(
-            max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
-        )
+        options = max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
+        self.settings = pathtracer.Settings(*options)
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture

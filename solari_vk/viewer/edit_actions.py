@@ -148,12 +148,14 @@ class EditActions:
 
     def put_texture(self, path: Path | str) -> None:
         """Put the picture of a file on the field `session.texture_field` of the materials of what is picked."""
-        field, image = self._session.texture_field, TextureImage(pixels=path, name=Path(path).stem)
+        field, file = self._session.texture_field, Path(path)
+        pixels: Any = file  # which becomes those of the file
+        image = TextureImage(pixels=pixels, name=file.stem)
         materials = {id(item.material): item.material for item in self._picked() if isinstance(item, Instance)}
         for material in materials.values():
             self._session.edit(material, **{field: Texture(image)})
         if materials:
-            self._session.say(f"{Path(path).name} is the {field.replace('_', ' ')} of what is picked")
+            self._session.say(f"{file.name} is the {field.replace('_', ' ')} of what is picked")
         elif self._session.picked:
             self._session.say("textures belong on instances: pick one")
 

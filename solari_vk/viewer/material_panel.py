@@ -70,7 +70,7 @@ class MaterialPanel:
         """A field for a file, whose picture becomes the texture of a field of the material."""
         session = self._session
         imgui.separator_text("texture from a file")
-        session.texture_field = choose("##field", session.texture_field, TEXTURES)
+        session.texture_field = choose("##field", session.texture_field, tuple(TEXTURES))
         _, self._path = imgui.input_text_with_hint("##file", "a path; or drop a .png, .jpg, .ktx2", self._path)
         imgui.same_line()
         if imgui.button("put on") and self._path.strip():
