@@ -26,6 +26,22 @@ def placed(at: tuple[float, float, float], turn: float = 0.0, tilt: float = 0.0)
     return found
 
 
+def strap(side: int) -> sv.Mesh:
+    """A band that leaves the case along +z or -z (side) and bends down: four strips of quads around its outline."""
+    angle = np.minimum(0.25 + 0.02 * np.arange(96), 1.4)
+    z = 1.95 + np.concatenate([[0], np.cumsum(0.065 * np.cos(angle))])
+    y = 0.22 - np.concatenate([[0], np.cumsum(0.065 * np.sin(angle))])
+    along = np.append(angle, angle[-1])
+    width = 0.86 - 0.0016 * np.arange(97)
+    up = 0.11 * np.stack([0 * along, np.cos(along), np.sin(along)], axis=1)
+    middle, across = np.stack([0 * z, y, z], axis=1), width[:, None] * (1, 0, 0)
+    corners = [middle - across - up, middle + across - up, middle + across + up, middle - across + up]
+    quads = [np.stack([a[:-1], b[:-1], b[1:], a[1:]], axis=1)
+             for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]  # fmt: skip
+    turned = np.concatenate(quads) * (1, 1, side)
+    return sv.shapes.polygons(*(turned if side > 0 else turned[:, ::-1]))
+
+
 def scene(assets: Path) -> sv.Scene:
     """The watch stands on its strap; lengths are centimeters."""
     made = sv.Scene(name="watch")
@@ -76,16 +92,11 @@ def scene(assets: Path) -> sv.Scene:
         parts.append(made.add(cylinder(radius, 0.42, 24), steel, at))
     for side in (-1, 1):  # two lugs, and a strap that bends to the ground
         for x in (-1.0, 1.0):
-            add(box((-0.14, -0.16, -0.42), (0.14, 0.2, 0.42)), brushed, (x, 0.2, side * 2.0), 0, side * 0.35)
-        at, height, angle = 2.3, 0.12, 0.3
-        for link in range(16):
-            width = 0.84 - 0.012 * link
-            add(box((-width, -0.09, -0.22), (width, 0.09, 0.22)), leather, (0, height, side * at), 0, side * angle)
-            at, height = at + 0.36 * math.cos(angle), height - 0.36 * math.sin(angle)
-            angle = min(angle + 0.12, 1.35)
+            add(sv.shapes.capsule(0.16, 0.7), brushed, (x, 0.2, side * 2.0), 0, side * (0.35 + math.pi / 2))
+        add(strap(side), leather, (0, 0, 0))
     watch = made.group(*parts, name="watch")
     watch.transform = placed((0, 3.05, 0), 0.5, 0.62)
-    floor = sv.Material(base_color=0.015, roughness=0.16)
+    floor = sv.Material(base_color=0.015, roughness=0.42)
     made.add(sv.shapes.plane(400), floor, name="floor")
     for center, half, radiance in (
         ((-7, 8, 2), 3.2, 14),
