@@ -94,7 +94,7 @@ def test_handles_turn_all_about_the_last(session, blocks):
     from solari_vk.viewer.gizmo import Gizmo
 
     short, tall = blocks
-    short.position = tall.position + (0.5, 0, 0.2)
+    short.position = np.add(tall.position, (0.5, 0, 0.2))
     apart = short.transform[:3, 3] - tall.transform[:3, 3]
     turn = np.eye(4)
     turn[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
