@@ -26,7 +26,9 @@ Pose = Callable[[float], Any]
 def checked_pose(scene: Scene, shutter: Any, pose: Any) -> Pose:
     """What poses the scene during an exposure. Raises SolariError if nothing does, and for what is no shutter."""
     if not isinstance(shutter, Shutter):
-        raise SolariError(f"PathTracer.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}")
+        raise SolariError(
+            f"PathTracer.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}: Shutter(close=1/48) is one"
+        )
     if pose is None and not len(scene.animations):
         raise SolariError(f"PathTracer.render: {scene.describe()} has no animations: give pose, a function that poses "
                           "the scene at a time, and may return the camera")  # fmt: skip
