@@ -15,10 +15,10 @@ def scene(assets: Path) -> sv.Scene:
         sv.shapes.quad((0, 0, 0), (0, 0, 6), (8, 0, 0)), sv.Material(base_color=0.25, roughness=0.25), name="floor"
     )
     made.add(sv.shapes.quad((0, 3, -1.4), (8, 0, 0), (0, 3, 0)), wall, name="wall")
-    bronze = sv.Material(base_color=(0.85, 0.5, 0.25), metallic=1, roughness=0.3)
+    clay = sv.Material(base_color=(0.55, 0.16, 0.07), roughness=0.35)
     marble, glazed = sv.Material(base_color=0.8, roughness=0.3), sv.Material(base_color=(0.05, 0.25, 0.4), clearcoat=1)
     upright = [[1, 0, 0, 0], [0, 0, -1, 1.36], [0, 1, 0, 0], [0, 0, 0, 1]]
-    works = (sv.shapes.sphere(0.32, 64), marble, (-1.9, 1.22, 0)), (sv.shapes.torus(0.32, 0.12, 96), bronze, upright), (
+    works = (sv.shapes.sphere(0.32, 64), marble, (-1.9, 1.22, 0)), (sv.shapes.torus(0.32, 0.12, 96), clay, upright), (
         sv.shapes.cone(0.3, 0.75, 6), glazed, (1.9, 1.275, 0))  # fmt: skip
     lamps = ((-1.9, 0.3, 0.0, 2700), (0.0, 0.1, 0.0, 4000), (1.9, 0.1, 0.08, 7000))
     for (mesh, material, place), (x, inner, radius, kelvin) in zip(works, lamps, strict=True):
