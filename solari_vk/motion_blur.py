@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.projection import JITTERS, SEED_STRIDE, CameraUniforms, Projection
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, checked_keywords, quoted
 from solari_vk.passes import pathtracer
 from solari_vk.picture_renderer import METERING_FRAMES, PictureRenderer
 from solari_vk.rendered import RenderedFrame
@@ -35,7 +35,9 @@ class Exposed(NamedTuple):
 def checked_pose(scene: Scene, shutter: Any, pose: Any, who: str) -> Pose:
     """What poses the scene during an exposure. Raises SolariError if nothing does, and for what is no shutter."""
     if not isinstance(shutter, Shutter):
-        raise SolariError(f"{who}.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}")
+        raise SolariError(
+            f"{who}.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}: Shutter(close=1/48) is one"
+        )
     if pose is None and not len(scene.animations):
         raise SolariError(f"{who}.render: {scene.describe()} has no animations: give pose, a function that poses "
                           "the scene at a time, and may return the camera")  # fmt: skip
@@ -146,6 +148,7 @@ class ExposureRenderer(PictureRenderer):
     def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
         """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
 
+    @checked_keywords()
     def render(
         self, camera: Camera | None = None, *, shutter: Shutter | None = None,
         pose: Callable[[float], Any] | None = None,

@@ -16,6 +16,21 @@ _LENS = "fov is in degrees, vertical_fov in radians, both from the bottom to the
 _LOAD = "solari_vk.open(path) is a file framed and lit, solari_vk.load(path) the file as it is"
 _SHAPE = "solari_vk.shapes has box, sphere, plane, cylinder, cone, capsule and torus"
 _SAMPLES = "samples are given to render: tracer.render(samples=256)"
+_SIZE = "the size is one pair: (device, scene, (width, height))"
+_PICTURE = "tracer.render(samples=256).save(path) makes a picture and writes it; frame.image() is an array in 8 bits"
+_SHADOWS = "everything casts shadows and receives them; visible=False hides an object"
+_AMBIENT = "light comes from lights alone: scene.environment = Environment(0.3) is even light from all around"
+_ORBIT = "Camera.look_at(position, target) for each picture, or solari-vk render --animate orbit"
+_NOT_HERE = "there are no volumes, curves and node graphs: see docs/explained/limits.md"
+_FOCAL = "fov is in degrees: 2 atan(12 mm / focal length), 27 of a lens of 50 mm"
+_RESULTS = {
+    **dict.fromkeys(("segmentation", "instance", "instances", "mask", "id", "ids", "seg"),
+                    'frame["instance_id"] numbers what pixels show, frame.mask(name) is where an object is seen'),
+    **dict.fromkeys(("normal", "normals"), 'there are "shading_normal" and "geometric_normal"'),
+    **dict.fromkeys(("picture", "rgb", "color", "image", "combined", "beauty"), _PICTURE),
+    **dict.fromkeys(("points", "point_cloud", "xyz", "positions"), '"position" is (height, width, 3) in the world'),
+    **dict.fromkeys(("flow", "motion", "optical_flow"), '"guides_motion" is of realtime frames; see optical_flow'),
+}  # fmt: skip
 _SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color",
             "metalness": "metallic"}  # fmt: skip
 
@@ -29,6 +44,20 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("arealight", "rectlight", "quadlight", "rectarealight"),
                         "a mesh that emits is an area light: scene.add(shapes.quad(...), Material(emissive=...))"),
         **dict.fromkeys(("light", "pointlights"), "use PointLight, SpotLight, DirectionalLight, Environment, Sky"),
+        **dict.fromkeys(("perspectivecamera", "orthographiccamera", "sensor_perspective", "pinholecamera"),
+                        "Camera(fov=50) is one, Camera(orthographic_height=2) is parallel"),
+        **dict.fromkeys(("offscreenrenderer", "webglrenderer", "rasterizer", "integrator", "film"),
+                        f"Renderer and PathTracer make pictures, without a window; {_SIZE}"),
+        **dict.fromkeys(("ambientlight", "hemispherelight"), _AMBIENT),
+        **dict.fromkeys(("color", "vec3", "vector3", "vector", "transform", "matrix4", "transform4f"),
+                        "colors, points and matrices are numpy arrays or tuples; '#ff8000' is a color too"),
+        **dict.fromkeys(("boxgeometry", "spheregeometry", "planegeometry", "torusgeometry"), _SHAPE),
+        **dict.fromkeys(("meshstandardmaterial", "meshphysicalmaterial", "meshbasicmaterial", "principled", "bsdf",
+                         "metallicroughnessmaterial", "principledbsdf"), "Material is the one surface there is"),
+        **dict.fromkeys(("fog", "volume", "medium", "hair", "subsurface"), _NOT_HERE),
+        **dict.fromkeys(("bitmap", "util", "write_bitmap", "imwrite"), _PICTURE),
+        **dict.fromkeys(("turntable", "orbit"), _ORBIT),
+        **dict.fromkeys(("load_dict", "load_string"), "Scene() is empty: scene.add(mesh, material, position) fills it"),
         **dict.fromkeys(("render", "trace", "raytrace"),
                         "Renderer(device, scene, size).render() is realtime, PathTracer(...) the reference"),
         **dict.fromkeys(("object", "node", "model", "shape", "entity", "actor"), _MAKE),
@@ -40,7 +69,16 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     },
     "shapes.box": dict.fromkeys(("size", "extents", "width"), "low and high are opposite corners, (3,) each"),
     "shapes.plane": dict.fromkeys(("size", "length"), "width is along x and depth along z"),
+    "solari_vk.load": dict.fromkeys(("hdri", "environment", "envmap", "lights", "sky"),
+                                    "open(path, environment=...) lights a file; load gives it as it is"),
     "Scene": {
+        **dict.fromkeys(("ambient_light", "ambient", "world", "bg_color"), _AMBIENT),
+        **dict.fromkeys(("add_node", "add_mesh", "add_object", "add_geometry"), _MAKE),
+        **dict.fromkeys(("remove_node", "clear", "delete", "remove_mesh"), "remove(object or name) takes one out"),
+        **dict.fromkeys(("get_nodes", "get", "find", "get_object_by_name", "getobjectbyname"),
+                        "scene.instances[name] is an object, scene.lights[name] a light"),
+        **dict.fromkeys(("rotate", "rotation", "translate", "position", "scale", "set_pose"),
+                        "scene.group(*scene.instances) has a position, rotation and scale; so have instances"),
         **dict.fromkeys(("load", "open", "from_file", "from_gltf"), _LOAD),
         **dict.fromkeys(("render", "show", "view"), "Renderer(device, scene, size).render() makes pictures of it"),
         **dict.fromkeys(("objects", "children", "nodes", "entities"), "instances are its objects, by number or name"),
@@ -58,12 +96,21 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     "Instance": {
         **dict.fromkeys(("translation", "translate", "location", "rotate", "matrix", "pose", "rotation_euler"), _PARTS),
         **dict.fromkeys(("color", "base_color", "texture"), _OWN_MATERIAL),
+        **dict.fromkeys(("castshadow", "receiveshadow", "cast_shadow", "hide_render", "hide", "hidden"), _SHADOWS),
+        **dict.fromkeys(("rotate_y", "rotate_x", "set_position", "set_pose", "move", "lookat", "look_at"), _PARTS),
+        **dict.fromkeys(("remove", "delete"), "scene.remove(object) takes one out"),
+        "active_material": "it is called material here",
     },
     "Mesh": dict.fromkeys(("translate", "position", "rotate", "rotation", "scale", "transform"), _MOVED),
     "Camera": {
         **dict.fromkeys(("eye", "origin", "target", "up", "lookat", "location", "to_world"), _EYE),
         **dict.fromkeys(("translate", "moved", "move", "move_to", "set_position"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("yfov", "fovy", "angle", "field_of_view", "perspective"), _LENS),
+        **dict.fromkeys(("lens", "focal_length", "focal"), _FOCAL),
+        **dict.fromkeys(("fx", "fy", "cx", "k", "from_intrinsics", "intrinsic_matrix"),
+                        "Camera.from_opencv(K, R, t, size) takes a matrix of OpenCV: fx, fy, cx, cy"),
+        **dict.fromkeys(("panorama", "equirectangular", "spherical"), 'projection="equirectangular" is a panorama'),
+        **dict.fromkeys(("orbit", "rotate", "set_pose", "lookat_from"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("width", "height", "resolution", "aspect", "aspect_ratio", "size"),
                         "the size is the renderer's: Renderer(device, scene, (width, height))"),
         **dict.fromkeys(("orthographic", "ortho", "ortho_scale"), "orthographic_height is in meters"),
@@ -76,16 +123,27 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("angle", "spot_size", "cone_angle"), "outer_cone_angle is from the axis, in radians"),
         **dict.fromkeys(("target", "look_at"), "direction is the way it shines: target - position"),
     },
-    "DirectionalLight": dict.fromkeys(("intensity", "strength", "energy", "irradiance"), "it is illuminance, in lux"),
+    "DirectionalLight": {
+        **dict.fromkeys(("intensity", "strength", "energy", "irradiance"), "it is illuminance, in lux"),
+        **dict.fromkeys(("position", "location", "target"), "direction is the way it shines; a sun has no place"),
+    },
+    "Sky": dict.fromkeys(("elevation", "sun_elevation", "azimuth", "sun_position", "rotation"),
+                         "sun_direction is towards the sun: (0, 1, 0) at the zenith, (1, 0.2, 0) low in the east"),
     "Environment": {
         **dict.fromkeys(("path", "file", "filename", "url"), "image takes the path: Environment(path)"),
         **dict.fromkeys(("strength", "scale"), "it is called intensity here"),
     },
     "RenderedFrame": {
+        **dict.fromkeys(("point_cloud", "points", "xyz"), 'frame["position"] is (height, width, 3) in the world'),
+        **dict.fromkeys(("alpha", "shape"), 'image() has no alpha: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("to_srgb8", "to_uint8", "to_pil", "show", "rgb", "pixels"),
                         "image() is the picture in 8 bits, save(path) writes it"),
         **dict.fromkeys(("numpy", "array", "to_numpy", "data", "radiance"), _ARRAY),
         **dict.fromkeys(("depth", "normal", "normals", "albedo"), 'frame["depth"] is one of its results: see keys()'),
+    },
+    "RenderedFrame.save": {
+        **dict.fromkeys(("transparent", "alpha"), 'none is written: np.isfinite(frame["depth"]) is where surfaces are'),
+        **dict.fromkeys(("quality", "compression"), "a .jpg has 95; save frame.image() by Pillow for another"),
     },
     "hits": {
         **dict.fromkeys(("distance", "distances", "depth"), "it is called t here, in lengths of the direction"),
@@ -93,9 +151,31 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("hit", "valid", "mask"), "np.isfinite(hits.t) is where rays hit"),
         **dict.fromkeys(("triangle", "face", "primitive_id"), "it is called primitive here"),
     },
-    "PathTracer": dict.fromkeys(("spp", "samples", "num_samples", "max_samples"), _SAMPLES),
-    "PathTracer.render": dict.fromkeys(("spp", "num_samples", "sample_count"), "it is called samples here"),
-    "Renderer": dict.fromkeys(("samples", "spp"), "call render() for each frame: light gathers over frames"),
+    "PathTracer": {
+        **_RESULTS,
+        **dict.fromkeys(("spp", "samples", "num_samples", "max_samples"), _SAMPLES),
+        **dict.fromkeys(("width", "height", "resolution"), _SIZE),
+        **dict.fromkeys(("denoise", "denoiser"), "tracer.render(samples=64, denoise=True) denoises by OIDN"),
+        **dict.fromkeys(("save", "write", "screenshot"), "tracer.render(samples=256).save(path) writes a picture"),
+        **dict.fromkeys(("max_depth", "bounces"), "max_bounces is how often light is reflected"),
+        **dict.fromkeys(("irradiance", "illuminance"), "solari_vk.illuminance(device, scene, points) measures lux"),
+    },
+    "PathTracer.render": {
+        **dict.fromkeys(("spp", "num_samples", "sample_count"), "it is called samples here"),
+        **dict.fromkeys(("denoiser", "denoised"), "denoise=True denoises by OIDN"),
+        **dict.fromkeys(("filepath", "path", "output", "write_still"), "save(path) of the result writes it"),
+    },
+    "Renderer.render": {
+        **dict.fromkeys(("samples", "spp", "frames"), "call render() for each frame: light gathers over frames"),
+        "denoise": "frames are denoised already: see renderer.settings.denoise",
+    },
+    "Renderer": {
+        **dict.fromkeys(("save", "screenshot"), "renderer.render().save(path) writes a frame"),
+        **dict.fromkeys(("delete", "destroy", "dispose", "release"), "close() frees it"),
+        **_RESULTS,
+        **dict.fromkeys(("samples", "spp"), "call render() for each frame: light gathers over frames"),
+        **dict.fromkeys(("width", "height", "resolution", "setsize"), f"{_SIZE}; resize(size) changes it"),
+    },
 }  # fmt: skip
 
 

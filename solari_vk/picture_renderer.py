@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, quoted, unknown_attribute
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
@@ -60,7 +60,7 @@ class PictureRenderer(SceneUser, ABC):
 
     def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
         self.device = checked_device(device, type(self).__name__)
-        self.size = self._checked_size(size)
+        self._size = self._checked_size(size)
         super().__init__(device, scene)
         try:
             self.binder.update()
@@ -71,6 +71,13 @@ class PictureRenderer(SceneUser, ABC):
         except BaseException:
             self._owned.close()
             raise
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse names that nothing reads, or a misspelled one would go unnoticed."""
+        made = "_frame" in self.__dict__ and not name.startswith("_")
+        if made and name not in self.__dict__ and not hasattr(type(self), name):
+            raise unknown_attribute(f"{type(self).__name__} has no attribute", name, lambda: dir(self))
+        super().__setattr__(name, value)
 
     @abstractmethod
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
@@ -85,6 +92,15 @@ class PictureRenderer(SceneUser, ABC):
     def outputs(self) -> tuple[str, ...]:
         """The names of the results that the frame has."""
         return self.OUTPUTS
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture in pixels. Assigning others is `resize`."""
+        return self._size
+
+    @size.setter
+    def size(self, size: tuple[int, int]) -> None:
+        self.resize(size)
 
     @abstractmethod
     def resize(self, size: tuple[int, int]) -> None:
@@ -201,7 +217,9 @@ class PictureRenderer(SceneUser, ABC):
         if camera is None:
             return self.binder.scene.camera_for(self.size[0] / self.size[1])
         if not isinstance(camera, Camera):
-            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}")
+            why = "; the number of samples is given by its name, samples=" if isinstance(camera, int) else ""
+            why = "; the scene was given when the renderer was made" if isinstance(camera, Scene) else why
+            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}{why}")
         return camera
 
     def _note_camera(self, camera: Camera, rasters: bool = False) -> None:

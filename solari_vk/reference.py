@@ -46,6 +46,7 @@ class PathTracer(ShutterRenderer):
     """
 
     OUTPUTS = ("radiance", "raw_radiance", *pathtracer.AOVS)
+    begun = 0, 0  # samples that `advance` is tracing by bands, and the row that comes next
     LARGEST_PIXEL_BYTES = pathtracer.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
 
@@ -64,9 +65,8 @@ class PathTracer(ShutterRenderer):
         lambert: bool = False,
         first_sample: int = 0,
     ) -> None:
-        self.settings = pathtracer.Settings(
-            max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
-        )
+        options = max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
+        self.settings = pathtracer.Settings(*options)
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
@@ -91,7 +91,7 @@ class PathTracer(ShutterRenderer):
         size = self._checked_size(size)
         rows = pathtracer.max_rows(size, self._pixel_ms)
         self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
-        self.size = size
+        self._size = size
         self._control = SampleControl(self._frame, size, self.read)
         self._begin_adapting(rows, self._frame.frame_count)
         self.reset()
@@ -134,7 +134,7 @@ class PathTracer(ShutterRenderer):
 
     def _begin_picture(self) -> None:
         self._control.begin()
-        self.begun = 0, 0  # samples that `advance` is tracing by bands, and the row that comes next
+        self.begun = 0, 0
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides = None
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.errors import Hints, SolariError, quoted, unknown_name
+from solari_vk.errors import Hints, SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
@@ -220,6 +220,7 @@ class RenderedFrame(Hints):
         width, height = self.size
         return f"<RenderedFrame {width}x{height} of {type(self._renderer).__name__}: {', '.join(self.keys())}>"
 
+    @checked_keywords()
     def save(
         self,
         path: str | os.PathLike[str],

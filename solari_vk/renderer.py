@@ -82,8 +82,7 @@ class Renderer(ExposureRenderer):
         try:
             self.view, self.tonemap = PICTURE, "agx"
             self.frame_count = 0
-            self._has_history = False
-            self._blended_changes = 0
+            self._has_history, self._blended_changes = False, 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
@@ -249,7 +248,7 @@ class Renderer(ExposureRenderer):
         self._tonemap = TONEMAPS.index(name)
 
     def resize(self, size: tuple[int, int]) -> None:
-        self.size = self._checked_size(size)
+        self._size = self._checked_size(size)
         self.reset()
 
     def reset(self) -> None:

@@ -53,6 +53,27 @@ def test_addresses_can_be_filled_in():
     assert len(tomllib.loads(filled)["project"]["urls"]) == 5
 
 
+@pytest.mark.parametrize(("file", "text", "message"), [
+    ("CHANGELOG.md", "## 1.2.0, not released yet", "give 1.2.0 its date"),
+    ("CITATION.cff", "version: 1.1.0", "version must be 1.2.0"),
+    ("solari_vk/__init__.py", "", "there is no __version__"),
+    ("new.py", "", "not committed"),
+])  # fmt: skip
+def test_a_version_that_is_not_ready_is_not_built(tmp_path, file, text, message):
+    texts = {"CHANGELOG.md": "## 1.2.0, 2027-01-31", "CITATION.cff": "version: 1.2.0", "new.py": None,
+             "solari_vk/__init__.py": '__version__ = "1.2.0"', "tools/release": None}  # fmt: skip
+    for name, content in texts.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        if content is not None:
+            (tmp_path / name).write_text(content + "\n")
+    shutil.copy(ROOT / "tools/release", tmp_path / "tools")
+    subprocess.run("git init -q && git add . && git -c user.name=a -c user.email=a@b.c commit -qm a", shell=True,
+                   cwd=tmp_path, check=True)  # fmt: skip
+    (tmp_path / file).write_text(text + "\n")
+    done = subprocess.run(["tools/release"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, message in done.stderr) == (1, True), done.stderr
+
+
 def entry_points(tree: Path) -> list[str]:
     glsl = tree / "glsl"
     return sorted(path.relative_to(glsl).as_posix() for path in glsl.rglob("*") if path.suffix in STAGES)

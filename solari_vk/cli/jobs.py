@@ -35,7 +35,7 @@ ANIMATION_AVERAGE, EXPOSED_AVERAGE = 4, 16  # the latter with a shutter
 class DeviceOptions:
     """Which device, and how it traces."""
 
-    device: str | None = option("part of a device's name, its index or its UUID")
+    device: str | None = option("part of a device's name, its index, its UUID, gpu or cpu")
     rays: str | None = option("trace by ray queries or by ray tracing pipelines (auto: queries where there are any)",
                               choices=("auto", "query", "pipeline"))
 

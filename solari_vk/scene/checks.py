@@ -127,7 +127,8 @@ def refuse_not_finite(array: NDArray[Any]) -> None:
 
 
 def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArray]:
-    """A color: three values within a range, one number for gray, or a web color such as "#ff8000", which is sRGB."""
+    """A color: three values within a range, one number for gray, or a web color such as "#ff8000" or "orange", which is
+    sRGB."""
 
     def convert(value: ArrayLike) -> FloatArray:
         if isinstance(value, str):
@@ -136,6 +137,7 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
             given = real(value, np.float32)
         if given.shape not in ((), (1,), (3,)):
             why = "; an image belongs in a field for textures, such as base_color_texture" if given.ndim > 1 else ""
+            why = "; alpha is a field of its own" if given.shape == (4,) else why
             raise ValueError(f"must be three numbers, or one for gray, not of the shape {given.shape}{why}")
         array = np.array(np.broadcast_to(given, (3,)))
         refuse_not_finite(array)
@@ -148,10 +150,14 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
 
 
 def _web_color(text: str) -> list[float]:
-    """The linear color of "#rrggbb" or "#rgb"."""
+    """The linear color of "#rrggbb", "#rgb" or a name of CSS."""
+    from PIL import ImageColor  # rarely needed
+
+    if text.lower() in ImageColor.colormap:
+        return [float(LINEAR_OF_SRGB[code]) for code in ImageColor.getrgb(text)[:3]]
     digits = text.removeprefix("#")
     if text[:1] != "#" or len(digits) not in (3, 6) or not set(digits) <= set("0123456789abcdefABCDEF"):
-        raise ValueError(f"must be three numbers, one for gray, or '#rrggbb', not {quoted(text)}")
+        raise ValueError(f"must be three numbers, one for gray, or '#rrggbb' or 'orange', not {quoted(text)}")
     pairs = [2 * digit for digit in digits] if len(digits) == 3 else [digits[i : i + 2] for i in (0, 2, 4)]
     return [float(LINEAR_OF_SRGB[int(pair, 16)]) for pair in pairs]
 

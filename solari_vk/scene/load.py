@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from solari_vk.budget import load_budget
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, checked_keywords, quoted
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.meshes.mesh_files import UP_AXES, load_mesh_file
 from solari_vk.scene.model import Scene
@@ -14,6 +14,7 @@ from solari_vk.scene.model import Scene
 FORMATS = (".gltf", ".glb", *UP_AXES)
 
 
+@checked_keywords(who="solari_vk")
 def load(
     path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None,
     up: str | None = None, unit: float | None = None, strict: bool = False, memory: int | None = None,

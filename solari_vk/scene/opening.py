@@ -12,7 +12,7 @@ from solari_vk.scene.surroundings import surround
 
 
 def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: Any) -> Scene:
-    """Load a file and make it ready for pictures, as `solari-vk render FILE` does: framed, lit and exposed.
+    """Load a file and make it ready for pictures, as `solari-vk render` does: framed, lit and exposed.
 
     `load` gives the file as it is, which without lights is black; its options are taken here too. environment: "auto"
     keeps the file's own light, and gives a file without any a studio with a floor, or a lamp if it is a closed room;

@@ -32,14 +32,17 @@ class Actions(EditActions):
 
     def focus(self) -> None:
         """Frame what is picked, or all."""
-        session = self._session
-        item: Any = session.selected
-        if isinstance(item, Instance):
-            points = transform_points(item.transform, item.posed_mesh().positions)
+        reach = 0.1 * extent_of(self._session.scene)
+        item: Any
+        found = []
+        for item in self._session.picked:
+            if isinstance(item, Instance):
+                found.append(transform_points(item.transform, item.posed_mesh().positions))
+            elif hasattr(item, "position"):
+                found.append(np.stack([item.position - reach, item.position + reach]))
+        if found:
+            points = np.concatenate(found)
             self._frame(points.min(axis=0), points.max(axis=0))
-        elif hasattr(item, "position"):
-            reach = 0.1 * extent_of(session.scene)
-            self._frame(item.position - reach, item.position + reach)
         else:
             self.focus_all()
 
@@ -144,12 +147,24 @@ class Actions(EditActions):
 
     def pick(self, cursor: Cursor) -> None:
         """Pick what is at the cursor: a mark of a light or a camera, or else an instance."""
+        self._pick(cursor, also=False)
+
+    def pick_also(self, cursor: Cursor) -> None:
+        """Add what is at the cursor to what is picked, or take it out."""
+        self._pick(cursor, also=True)
+
+    def _pick(self, cursor: Cursor, also: bool) -> None:
         session = self._session
         marked = marks.at(session, cursor)
         pick = None if marked else self._pick_at(cursor)
         item: Any = marked or (pick and pick.instance)
         if item is not None and item in session.locked:
             session.say(f"{item.describe()} is locked")
+            return
+        if also:
+            if item is not None:
+                session.pick_also(item)
+                session.say(f"{len(session.picked)} picked")
             return
         session.pick, session.selected = pick, item
         if pick is not None:

@@ -70,7 +70,7 @@ REPEATING = {
 }  # fmt: skip
 KEYS_HELP = (
     ("wheel", "zoom to what is under the cursor"),
-    ("left button", "drag: orbit around what is under the cursor; click: pick"),
+    ("left button", "drag: orbit around what is under the cursor; click: pick, with Shift several"),
     ("middle button", "drag: pan"),
     ("right button", "drag: look around; wheel meanwhile: speed"),
     ("Shift", "fly: the wheel flies past what is seen, dragging with the left button looks around"),
@@ -100,9 +100,10 @@ KEYS_HELP = (
 class Controls:
     """Turns events into movements of `camera` and into calls of `act(name, argument)`.
 
-    Names and arguments: those of ACTIONS with None; "camera" with the camera's index; "pick" with the cursor's (x, y)
-    at a click; "grab" with (x, y) when a drag or a zoom begins; "drop" with the event. "grab" returns the point in
-    world space that is there, or None for the background. area: returns where the picture is in the window.
+    Names and arguments: those of ACTIONS with None; "camera" with the camera's index; "pick" or, with
+    Shift, "pick_also" with the cursor's (x, y) at a click; "grab" with (x, y) when a drag or a zoom begins; "drop" with
+    the event. "grab" returns the point in world space that is there, or None for the background. area: returns where
+    the picture is in the window.
     """
 
     def __init__(self, camera: CameraControl, act: Callable[[str, Any], Any], area: Callable[[], Area]) -> None:
@@ -183,7 +184,7 @@ class Controls:
         elif not event.pressed and event.code == self._button:
             self._button = None
             if not self._dragging and event.code == glfw.MOUSE_BUTTON_LEFT:
-                self.act("pick", self.cursor)
+                self.act("pick_also" if self.camera.fast else "pick", self.cursor)
 
     def _move(self, to: tuple[float, float]) -> None:
         right, down = to[0] - self.cursor[0], to[1] - self.cursor[1]

@@ -52,13 +52,14 @@ class Decorations:
 
     def _draw_outline(self, lines: Any) -> None:
         """The outline in the picture once it rests; until then the box around the object."""
-        session, item = self._session, self._session.selected
-        instance = item if isinstance(item, Instance) and item.visible else None
-        if instance is not None and session.refining.moves:
-            self._draw_box(lines, instance)
+        session = self._session
+        instances = [item for item in session.picked if isinstance(item, Instance) and item.visible]
+        if instances and session.refining.moves:
+            for instance in instances:
+                self._draw_box(lines, instance)
             return
         with session.showing_mistakes():
-            self._changed |= self._outline.update(session.pictures, instance)
+            self._changed |= self._outline.update(session.pictures, instances)
             image = self._outline.image
             if image is None:
                 self._renderer.forget(OUTLINE)
@@ -93,7 +94,7 @@ class Decorations:
         item: Any
         for item, (x, y) in marks.marked(session):
             center = imgui.ImVec2(x, y)
-            picked = item is session.selected
+            picked = any(item is other for other in session.picked)
             color = PICKED if picked else CAMERA if isinstance(item, Camera) else LIGHT
             if isinstance(item, Camera):
                 half = 0.8 * radius

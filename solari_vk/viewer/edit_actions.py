@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.material import Texture, TextureImage
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import Placed
-from solari_vk.viewer.history import Assignment, Several
 from solari_vk.viewer.light_making import LIGHTS, new_light
 from solari_vk.viewer.opening import add_file, is_map, open_file, surround
 from solari_vk.viewer.saving import files_of, free_path, save_scene
 from solari_vk.viewer.session import GIZMOS, Question, Session
 from solari_vk.viewer.window import Event
 
+TEXTURE_FILES = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".dds")
 NUDGE = 0.02  # share of the picture's height
 AXES = {"right": 0, "left": 0, "up": 1, "down": 1, "nearer": 2, "away": 2}
 
@@ -44,15 +46,15 @@ class EditActions:
 
     # ---- what is picked -----------------------------------------------------------------------------
 
-    def _picked(self) -> Checked | None:
-        """What is picked and may be edited; otherwise the user is told."""
-        item = self._session.selected
-        if item is None:
+    def _picked(self) -> list[Any]:
+        """What is picked and may be edited; if that is nothing, the user is told."""
+        picked = self._session.picked
+        free = [item for item in picked if item not in self._session.locked]
+        if not picked:
             self._session.say("pick something first: click on it, or on its name in the panels")
-        elif item in self._session.locked:
-            self._session.say(f"{item.describe()} is locked")
-            return None
-        return item
+        elif not free:
+            self._session.say(f"{picked[-1].describe()} is locked")
+        return free
 
     def next_gizmo(self) -> None:
         session = self._session
@@ -67,11 +69,11 @@ class EditActions:
 
     def _nudge(self, way: str) -> None:
         """Move what is picked by a small step, along the world's axis that looks most like `way` on the screen."""
-        item, control = self._picked(), self._session.camera_control
-        if item is None:
-            return
-        if not hasattr(item, "position"):
-            self._session.say(f"{item.describe()} has no place")
+        picked, control = self._picked(), self._session.camera_control
+        placed = [item for item in picked if hasattr(item, "position")]
+        if not placed:
+            if picked:
+                self._session.say(f"{picked[-1].describe()} has no place")
             return
         turn = control.camera.transform[:3, :3]
         if AXES[way] == 1:
@@ -81,7 +83,14 @@ class EditActions:
             axis = np.zeros(3)
             axis[np.argmax(np.abs(level))] = np.sign(level[np.argmax(np.abs(level))]) or 1.0
         sign = -1 if way in ("left", "down", "away") else 1
-        self._session.edit(item, position=item.position + sign * NUDGE * control.seen_height * axis)
+        step = sign * NUDGE * control.seen_height * axis
+        self._edit_all("position", [(item, {"position": item.position + step}) for item in placed])
+
+    def _edit_all(self, what: str, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
+        if len(values) == 1:
+            self._session.edit(values[0][0], **values[0][1])
+        else:
+            self._session.edit_all(f"{what} of {len(values)} objects", values)
 
     def nudge_left(self) -> None:
         self._nudge("left")
@@ -102,34 +111,53 @@ class EditActions:
         self._nudge("nearer")
 
     def hide(self) -> None:
-        item = self._picked()
-        if isinstance(item, Instance):
-            self._session.edit(item, visible=not item.visible)
-        elif item is not None:
-            self._session.say(f"{item.describe()} can't be hidden, but removed")
+        picked = self._picked()
+        instances = [item for item in picked if isinstance(item, Instance)]
+        if instances:
+            visible = not instances[-1].visible
+            self._edit_all("visible", [(item, {"visible": visible}) for item in instances])
+        elif picked:
+            self._session.say(f"{picked[-1].describe()} can't be hidden, but removed")
 
     def show_all(self) -> None:
         hidden = [instance for instance in self._session.scene.instances if not instance.visible]
-        self._assign_all(f"showing {len(hidden)} objects", hidden, visible=True)
-
-    def _assign_all(self, text: str, items: Iterable[Checked], **fields: Any) -> None:
-        edits = [Assignment(item, fields, {name: getattr(item, name) for name in fields}) for item in items]
-        Several(text, edits).redo()
-        if edits:
-            self._session.history.note(text, edits)
+        self._session.history.assign_all(
+            f"showing {len(hidden)} objects", [(item, {"visible": True}) for item in hidden]
+        )
+        self._session.history.end_gesture()
 
     def remove(self) -> None:
-        item, scene, history = self._picked(), self._session.scene, self._session.history
-        if isinstance(item, EnvironmentLight) or (scene.environment and item in scene.environment.lights):
-            history.remove(scene.lights, *(scene.environment.lights if scene.environment else ()))
-        elif isinstance(item, Instance):
-            history.remove(scene.instances, item)
-        elif isinstance(item, Light):
-            history.remove(scene.lights, item)
-        elif isinstance(item, Camera):
-            history.remove(scene.cameras, item)
-        if item is not None:
-            self._session.say(f"removed {item.describe()}; Ctrl+Z brings it back")
+        picked, scene, history = self._picked(), self._session.scene, self._session.history
+        surrounding = scene.environment.lights if scene.environment else ()
+        lights = [item for item in picked if isinstance(item, Light)]
+        if any(isinstance(item, EnvironmentLight) or item in surrounding for item in lights):
+            lights += [light for light in surrounding if light not in lights]
+        kinds: tuple[tuple[Items[Any], list[Any]], ...] = (
+            (scene.instances, [item for item in picked if isinstance(item, Instance)]),
+            (scene.lights, lights),
+            (scene.cameras, [item for item in picked if isinstance(item, Camera)]),
+        )
+        for items, removed in kinds:
+            if removed:
+                history.remove(items, *removed)
+        if picked:
+            what = picked[0].describe() if len(picked) == 1 else f"{len(picked)} objects"
+            self._session.say(f"removed {what}; Ctrl+Z brings back what was removed")
+
+    # ---- textures -----------------------------------------------------------------------------------
+
+    def put_texture(self, path: Path | str) -> None:
+        """Put the picture of a file on the field `session.texture_field` of the materials of what is picked."""
+        field, file = self._session.texture_field, Path(path)
+        pixels: Any = file  # which becomes those of the file
+        image = TextureImage(pixels=pixels, name=file.stem)
+        materials = {id(item.material): item.material for item in self._picked() if isinstance(item, Instance)}
+        for material in materials.values():
+            self._session.edit(material, **{field: Texture(image)})
+        if materials:
+            self._session.say(f"{file.name} is the {field.replace('_', ' ')} of what is picked")
+        elif self._session.picked:
+            self._session.say("textures belong on instances: pick one")
 
     # ---- lights -------------------------------------------------------------------------------------
 
@@ -182,9 +210,13 @@ class EditActions:
         session.say(f"wrote {target} and {script.name}" + "".join(f"\nnot in the file: {what}" for what in lost))
 
     def drop(self, event: Event) -> None:
-        """Open a model that was dropped into the window, with Shift add it; or surround the scene by a picture."""
+        """Open a model that was dropped into the window, with Shift add it; surround the scene by a picture; or put an
+        8-bit picture on the material of an instance that is picked."""
         for path in map(Path, event.paths):
-            if is_map(path):
+            on_material = path.suffix.lower() in TEXTURE_FILES and isinstance(self._session.selected, Instance)
+            if on_material or (path.suffix.lower() in TEXTURE_FILES and not is_map(path)):
+                self.put_texture(path)
+            elif is_map(path):
                 self.surround(str(path))
             elif event.code:
                 add_file(self._session, path)

@@ -56,7 +56,20 @@ class Gizmo:
             moved[3] = 0, 0, 0, 1
             moved = moved @ np.linalg.inv(pivot)
             if np.isfinite(moved).all():
-                session.edit(item, **move_to(item, moved))
+                self._move(item, transform, moved)
+
+    def _move(self, item: Any, before: NDArray[np.float64], after: NDArray[np.float64]) -> None:
+        """Move an object, and in the same way all others that are picked."""
+        session = self._session
+        if len(session.picked) == 1:
+            session.edit(item, **move_to(item, after))
+            return
+        change, values = after @ np.linalg.inv(before), []
+        for other in session.picked:
+            place = transform_of(other, session.camera_control.center)
+            if place is not None:
+                values.append((other, move_to(other, after if other is item else change @ place)))
+        session.edit_all(f"moving {len(values)} objects", values)
 
     @property
     def drags(self) -> bool:

@@ -92,6 +92,13 @@ class Several:
     def undo(self) -> None:
         _all_or_none(self.edits[::-1], "undo", "redo")
 
+    def continues(self, other: Several) -> bool:
+        """Whether these are assignments to the same fields of the same objects, as while handles are dragged."""
+        pairs = zip(self.edits, other.edits, strict=False)
+        return len(self.edits) == len(other.edits) and all(
+            isinstance(new, Assignment) and new.continues(old) for new, old in pairs
+        )
+
 
 class History:
     """The edits of a session, in order. Every change of the scene and the settings by the user goes through it.
@@ -125,6 +132,20 @@ class History:
             last.after = edit.after
             self.undone.clear()
         else:
+            self._note(edit)
+            self._open = True
+
+    def assign_all(self, text: str, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
+        """Assign fields of several objects, as one edit that has its own text."""
+        edits = [Assignment(item, fields, {name: _kept(getattr(item, name)) for name in fields})
+                 for item, fields in values]  # fmt: skip
+        edit, last = Several(text, edits), self.done[-1] if self.done else None
+        edit.redo()
+        if self._open and isinstance(last, Several) and last is not self._saved and edit.continues(last):
+            for old, new in zip(last.edits, edits, strict=True):
+                old.after = new.after  # type: ignore[attr-defined]
+            self.undone.clear()
+        elif edits:
             self._note(edit)
             self._open = True
 

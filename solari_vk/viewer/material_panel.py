@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from solari_vk.scene.checks import ALPHA_MODES
 from solari_vk.scene.material import RANGES, TEXTURES, Material, Texture
+from solari_vk.viewer.actions import act
 from solari_vk.viewer.session import Session
 from solari_vk.viewer.widgets import choose, color, drag, hint, share
 
@@ -49,6 +50,7 @@ class MaterialPanel:
 
     def __init__(self, session: Session, show: Show) -> None:
         self._session, self._show = session, show
+        self._path = ""  # of the file that the user types
         self._shown: dict[str, Texture] = {}  # the texture whose picture each name of `show` has
 
     def lay_out(self, material: Material) -> None:
@@ -62,6 +64,17 @@ class MaterialPanel:
                 for field in names:
                     self._field(material, field)
                 imgui.tree_pop()
+        self._from_file()
+
+    def _from_file(self) -> None:
+        """A field for a file, whose picture becomes the texture of a field of the material."""
+        session = self._session
+        imgui.separator_text("texture from a file")
+        session.texture_field = choose("##field", session.texture_field, tuple(TEXTURES))
+        _, self._path = imgui.input_text_with_hint("##file", "a path; or drop a .png, .jpg, .ktx2", self._path)
+        imgui.same_line()
+        if imgui.button("put on") and self._path.strip():
+            act(session, "put_texture", self._path.strip())
 
     def _field(self, material: Material, field: str) -> None:
         value = getattr(material, field)

@@ -42,6 +42,8 @@ class ObjectPanel:
         changed, name = imgui.input_text("name", item.name)
         if changed:
             self._session.edit(item, name=name)
+        if others := len(self._session.picked) - 1:
+            imgui.text_wrapped(f"{others} more picked: handles, arrows, H, F and Delete are for all of them.")
         if isinstance(item, Instance):
             self._instance(item)
         elif isinstance(item, Light):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from solari_vk.viewer.pictures import Pictures
 COLOR = (255, 160, 40, 255)
 
 
-def covered(pictures: Pictures, instance: Instance) -> NDArray[np.bool_] | None:
-    """The pixels (height, width) of the latest picture that show an instance; None before there is a picture."""
+def covered(pictures: Pictures, instances: Sequence[Instance]) -> NDArray[np.bool_] | None:
+    """The pixels (height, width) of the latest picture that show these instances; None before there is a picture."""
     if not pictures.ready or pictures.camera is None:
         return None
     if pictures.mode == "reference":
@@ -24,7 +25,7 @@ def covered(pictures: Pictures, instance: Instance) -> NDArray[np.bool_] | None:
         assert pictures.realtime is not None
         numbers = pictures.realtime["gbuffer_surface"][..., 1]
         numbers = np.where(pictures.realtime["gbuffer_depth"][..., 0] > 0, numbers, np.uint32(0xFFFFFFFF))
-    rows = [row for row, other in pictures.binder.instances.items() if other is instance]
+    rows = [row for row, other in pictures.binder.instances.items() if any(other is instance for instance in instances)]
     found: NDArray[np.bool_] = np.isin(numbers, np.array(rows, numbers.dtype))
     return found
 
@@ -43,21 +44,21 @@ def outline(inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 class Outline:
-    """The outline of an instance in the latest picture, which is looked for again when the picture has changed."""
+    """The outline of instances in the latest picture, which is looked for again when the picture has changed."""
 
     def __init__(self) -> None:
         self._key: Any = None
         self.image: NDArray[np.uint8] | None = None
         """(height, width, 4), None while nothing is picked."""
 
-    def update(self, pictures: Pictures, instance: Instance | None) -> bool:
+    def update(self, pictures: Pictures, instances: Sequence[Instance]) -> bool:
         """Look for the outline if what is shown or picked has changed; returns whether `image` did."""
-        if instance is None or pictures.camera is None:
+        if not instances or pictures.camera is None:
             changed, self.image, self._key = self.image is not None, None, None
             return changed
-        key = instance, pictures.rendered_size, pictures.view_key(pictures.camera)
+        key = tuple(map(id, instances)), pictures.rendered_size, pictures.view_key(pictures.camera)
         if key == self._key:
             return False
-        inside = covered(pictures, instance)
+        inside = covered(pictures, instances)
         self._key, self.image = key, None if inside is None else outline(inside)
         return True

@@ -80,10 +80,12 @@ class Outliner:
         dim = isinstance(item, Instance) and not item.visible
         if dim:
             imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
-        clicked, _ = imgui.selectable(f"{name}##name", item is session.selected)
+        clicked, _ = imgui.selectable(f"{name}##name", any(item is picked for picked in session.picked))
         if dim:
             imgui.pop_style_color()
-        if clicked:
+        if clicked and (imgui.get_io().key_shift or imgui.get_io().key_ctrl):
+            session.pick_also(item)
+        elif clicked:
             session.selected = item
         if isinstance(item, Camera) and imgui.is_item_hovered() and imgui.is_mouse_double_clicked(0):
             session.camera_control.take(item)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,7 @@ class Session(Messages):
         self.pick: Pick | None = None
         """The instance and the point that the user clicked on last."""
         self._selected: Checked | None = None
+        self._others: list[Checked] = []
         self.locked = WeakSet[Checked]()
         """Objects that clicks don't pick and that nothing edits."""
         self.history = History()
@@ -72,6 +73,8 @@ class Session(Messages):
         """What the user is asked before something else happens."""
         self.gizmo, self.gizmo_is_local = GIZMOS[0], False
         """What dragging the picked object does, and whether along its own axes."""
+        self.texture_field = "base_color_texture"
+        """The field of a material on which a picture from a file is put."""
         self.cursor = (0.0, 0.0)
         """Where the mouse is, in window coordinates."""
         self.beside: Beside | None = None
@@ -94,14 +97,29 @@ class Session(Messages):
     @property
     def selected(self) -> Checked | None:
         """The instance, light or camera that is picked, None without one. May be assigned."""
-        item, scene = self._selected, self.scene
-        return item if item in scene.instances or item in scene.lights or item in scene.cameras else None
+        return self._selected if self._is_there(self._selected) else None
 
     @selected.setter
     def selected(self, item: Checked | None) -> None:
-        self._selected = item
+        self._selected, self._others = item, []
         if not isinstance(item, Instance) or (self.pick is not None and self.pick.instance is not item):
             self.pick = None
+
+    @property
+    def picked(self) -> list[Checked]:
+        """All that is picked: `selected` is the last, whose fields the panels show."""
+        held = [item for item in self._others if self._is_there(item)]
+        return [*held, *([] if self.selected is None else [self.selected])]
+
+    def _is_there(self, item: Checked | None) -> bool:
+        return item in self.scene.instances or item in self.scene.lights or item in self.scene.cameras
+
+    def pick_also(self, item: Checked) -> None:
+        """Add an object to what is picked, or take it out if it is picked."""
+        picked = [other for other in self.picked if other is not item]
+        picked += [item] if len(picked) == len(self.picked) else []
+        self.selected = picked[-1] if picked else None
+        self._others = picked[:-1]
 
     @property
     def layout(self) -> Layout:
@@ -133,6 +151,11 @@ class Session(Messages):
             return
         with self.showing_mistakes():
             self.history.assign(item, **fields)
+
+    def edit_all(self, text: str, values: Iterable[tuple[Checked, dict[str, Any]]]) -> None:
+        """Assign fields of several objects, but for locked ones, as one edit that has this text."""
+        with self.showing_mistakes():
+            self.history.assign_all(text, [(item, fields) for item, fields in values if item not in self.locked])
 
     @property
     def camera(self) -> Camera:

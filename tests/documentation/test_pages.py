@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
 import shlex
 import tomllib
 from pathlib import Path
@@ -106,7 +107,7 @@ WITH_PYTHON = [page for page in PAGES if blocks(page, "python") and page not in 
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=name_of)
 def test_python_runs(any_device, page, folder, capsys):
     names = run_page(page, folder)
-    if page == ROOT / "README.md":
+    if page == DOCS / "index.md":
         assert names["radiance"].shape == (9, 16, 3)
         assert names["depth"].shape == names["ball"].shape == (9, 16)
         assert names["ball"].any()
@@ -210,6 +211,15 @@ def links(page):
         if "://" not in target:
             path, _, anchor = target.partition("#")
             yield (page.parent / path).resolve() if path else page, anchor
+
+
+def test_what_is_made_from_the_code_is_that_of_today():
+    """Or run `python tools/reference.py`."""
+    filled = runpy.run_path(str(ROOT / "tools" / "reference.py"))["filled"]
+    pages = [page for page in (DOCS / "reference").glob("*.md") if "<!-- end -->" in text_of(page)]
+    assert len(pages) == 7
+    for page in pages:
+        assert filled(text_of(page)) == text_of(page), page
 
 
 def test_links_lead_somewhere():

@@ -52,9 +52,9 @@ MACHINE = [
 @pytest.mark.parametrize(
     ("select", "index"),
     [(None, 3), (0, 0), ("1", 1), ("LLVM", 0), ("card", 3), ("00000004-0000-0000-0000-000000000004", 4),
-     ("00000001000000000000000000000001", 1)],
+     ("00000001000000000000000000000001", 1), ("cpu", 0), ("gpu", 3)],
 )  # fmt: skip
-def test_choice_by_nothing_index_name_and_uuid(select: str | int | None, index: int) -> None:
+def test_choice_by_nothing_index_name_kind_and_uuid(select: str | int | None, index: int) -> None:
     assert physical.choose(MACHINE, select).index == index
 
 

@@ -30,6 +30,6 @@ def scene(assets: Path | None) -> sv.Scene:
         made.add(sv.Instance(moving.mesh, moving.material, place, joint_matrices=moving.joint_matrices))
     made.remove(moving)
     if clip == "Run":
-        made.add(sv.Camera.framing(made.bounds, (-0.75, -0.35, -1.0), aspect=4 / 3))
+        made.add(sv.Camera.framing(made.bounds, (-0.75, -0.35, -1.0), aspect=16 / 9))
         sv.studio_lights(made, camera=made.camera)
     return made

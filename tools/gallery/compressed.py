@@ -185,5 +185,5 @@ def scene(assets: Path | None) -> sv.Scene:
     for number, load in enumerate((plain_file, quantized_file, meshopt_file, draco_file)):
         (instance,) = load(mesh, texture)
         made.add(instance.mesh, instance.material, [0.62 * (number - 1.5), 0, 0], name=load.__name__)
-    made.camera = sv.Camera.framing(made.bounds, (-0.1, -0.2, -1.0), aspect=4 / 3)
+    made.camera = sv.Camera.framing(made.bounds, (-0.1, -0.2, -1.0), aspect=16 / 9)
     return sv.studio_lights(made, camera=made.camera)

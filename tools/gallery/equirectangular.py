@@ -10,7 +10,7 @@ from pathlib import Path
 
 import solari_vk as sv
 
-SIZE = (480, 240)
+ASPECT = 2
 
 
 def scene(assets: Path | None) -> sv.Scene:

@@ -18,7 +18,7 @@ def scene(assets: Path | None) -> sv.Scene:
         made.add(sv.shapes.sphere(0.5, 48), sv.Material(base_color=0.7, metallic=1, roughness=0.3), name="ball")
     else:
         made = sv.load(assets / "AnisotropyBarnLamp" / "AnisotropyBarnLamp.gltf")
-    camera = made.camera_for(4 / 3)
+    camera = made.camera_for(16 / 9)
     sv.studio_lights(made, camera=camera)
     made.camera = camera
     return made

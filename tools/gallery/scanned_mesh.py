@@ -1,6 +1,7 @@
 """A scanned mesh: `sv.open("scan.ply")`.
 
-The file has triangles alone. Normals are smooth, but for edges sharper than 40 degrees.
+The file of an ammonite has triangles with colors of vertices, millimeters, and z up. Normals are smooth, but for edges
+sharper than 40 degrees.
 """
 
 from __future__ import annotations
@@ -12,32 +13,44 @@ import numpy as np
 
 import solari_vk as sv
 
+TURNS, AROUND, ALONG = 4.2, 96, 1200
 
-def scene(assets: Path | None) -> sv.Scene:
-    """A rough pebble as a scanner gives it, through a PLY file; millimeters, z up."""
-    ball = sv.shapes.sphere(1.0, 160)
-    direction = ball.positions.astype(np.float64)
-    generator = np.random.default_rng(9)
-    radius = np.ones(len(direction))
-    for octave in range(1, 6):
-        waves = generator.normal(size=(6, 3)) * 1.8**octave
-        phases = generator.uniform(0, 2 * np.pi, 6)
-        radius += 0.22 / 1.8**octave * np.sin(direction @ waves.T + phases).mean(axis=1)
-    # A saw has cut the stone in half, which leaves a sharp edge.
-    points = direction * radius[:, None] * (60, 45, 40)
-    points[:, 2] = np.minimum(points[:, 2], 18 - 0.4 * points[:, 0] + 0.5 * points[:, 1])
+
+def ammonite() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (N, 3) in millimeters, triangles (M, 3) and sRGB codes (N, 3): a tube with ribs along a spiral."""
+    turn, across = np.meshgrid(
+        np.linspace(0, 2 * np.pi * TURNS, ALONG), np.arange(AROUND) * 2 * np.pi / AROUND, indexing="ij"
+    )
+    grown = 1.9 ** ((turn - turn.max()) / (2 * np.pi))  # of each turn to the next
+    rib = np.maximum(0, np.sin(turn * 17)) ** 2
+    tube = 20 * grown * (1 + 0.10 * rib * (1 - 0.4 * np.cos(across)))
+    away = 44 * grown + tube * np.cos(across) * 0.85
+    points = np.stack([away * np.cos(turn), away * np.sin(turn), tube * np.sin(across) * 1.05], axis=-1)
+    points += 0.15 * np.random.default_rng(3).normal(size=points.shape)  # a scanner's noise
+    band = 0.5 + 0.5 * np.sin(turn * 3.1 + 1.5 * np.sin(across * 2))
+    shade = (0.72 + 0.28 * rib)[..., None]
+    colors = shade * (np.array((168, 120, 78)) + band[..., None] * (55, 70, 70))
+    first = np.arange((ALONG - 1) * AROUND).reshape(ALONG - 1, AROUND)
+    beside = np.roll(first, -1, axis=1)
+    corners = [first, first + AROUND, beside, beside, first + AROUND, beside + AROUND]
+    return points.reshape(-1, 3), np.stack(corners, axis=-1).reshape(-1, 3), colors.reshape(-1, 3)
+
+
+def scene(assets: Path) -> sv.Scene:
+    """The ammonite through a PLY file, standing on its rim."""
+    points, triangles, colors = ammonite()
+    vertices = np.zeros(len(points), np.dtype([("place", "<f4", 3), ("color", "u1", 3)]))
+    vertices["place"] = points[:, [0, 2, 1]]
+    vertices["color"] = np.clip(colors, 0, 255)
+    faces = np.zeros(len(triangles), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
+    faces["count"], faces["corners"] = 3, triangles[:, ::-1]
+    numbers = "".join(f"property float {axis}\n" for axis in "xyz")
+    numbers += "".join(f"property uchar {channel}\n" for channel in ("red", "green", "blue"))
+    header = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{numbers}"
+              f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "pebble.ply"
-        header = (
-            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\n"
-            f"property float z\nelement face {len(ball.triangles)}\n"
-            "property list uchar int vertex_indices\nend_header\n"
-        )
-        faces = np.zeros(len(ball.triangles), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
-        faces["count"], faces["corners"] = 3, ball.triangles
-        path.write_bytes(header.encode() + points.astype("<f4").tobytes() + faces.tobytes())
+        path = Path(folder) / "ammonite.ply"
+        path.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
         made = sv.load(path, up="z", unit=0.001)
-    camera = made.camera_for(4 / 3)
-    sv.studio_lights(made, camera=camera)
-    made.camera = camera
-    return made
+    made.camera = sv.Camera.framing(made.bounds, (-0.45, -0.25, -1.0), aspect=16 / 9)
+    return sv.studio_lights(made, camera=made.camera)

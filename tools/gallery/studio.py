@@ -17,4 +17,4 @@ def scene(assets: Path | None) -> sv.Scene:
         for x, metallic in ((-0.6, 1.0), (0.6, 0.0)):
             paint = sv.Material(base_color=(0.8, 0.3, 0.2), metallic=metallic, roughness=0.3)
             made.add(sv.shapes.sphere(0.5, 48), paint, (x, 0.5, 0))
-    return sv.studio_lights(made, camera=made.camera_for(4 / 3))
+    return sv.studio_lights(made, camera=made.camera_for(16 / 9))

@@ -104,5 +104,5 @@ def scene(assets: Path | None) -> sv.Scene:
                 place = np.eye(4)
                 place[0, 3] = 1.3 * (number - 1)
                 made.add(instance.mesh, instance.material, place, name=f"{name} {instance.name}")
-    made.camera = sv.Camera.framing(made.bounds, (0.12, -0.35, -1.0), aspect=4 / 3)
+    made.camera = sv.Camera.framing(made.bounds, (0.12, -0.35, -1.0), aspect=16 / 9)
     return sv.studio_lights(made, camera=made.camera)

@@ -29,7 +29,7 @@ class Device(WorkQueue):
 
     Submitting, waiting and deferred destruction are those of `WorkQueue`.
 
-    select: part of a device's name, its index or its UUID; by default SOLARI_VK_DEVICE, else the best device.
+    select: part of a device's name, its index, its UUID, "gpu" or "cpu"; by default SOLARI_VK_DEVICE, else the best.
     validation: core and synchronization validation; by default on when SOLARI_VK_VALIDATION=1. Extensions
     newer than the installed layer, such as position fetch, are off while validation is on.
     staging: treat device memory as not mappable, as on a discrete GPU; by default SOLARI_VK_STAGING=1.

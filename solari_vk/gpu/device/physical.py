@@ -245,7 +245,7 @@ def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict
 
 
 def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = AUTO) -> PhysicalDevice:
-    """The device that `select` names (part of its name, its index or its UUID), or else the best suitable one.
+    """The device that `select` names (part of its name, index, UUID, "gpu" or "cpu"), or else the best suitable one.
 
     rays: the way to trace that the device must have. If there is none, raises DeviceError listing every device and
     what it lacks.
@@ -272,7 +272,9 @@ def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice
     if by_uuid or not select:
         return by_uuid
     by_index = [device for device in devices if select == str(device.index)]
-    return by_index or [d for d in devices if wanted in d.properties.name.lower()]
+    by_name = [d for d in devices if wanted in d.properties.name.lower()]
+    by_kind = [d for d in devices if wanted in ("cpu", "gpu") and d.properties.kind.endswith(wanted)]
+    return by_index or by_name or by_kind
 
 
 def _describe(devices: list[PhysicalDevice], rays: str) -> str:

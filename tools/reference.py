@@ -1,0 +1,135 @@
+"""Writes into docs/reference/*.md what is made from the code, so that the pages can be read without building the site.
+
+    python tools/reference.py
+
+Each page keeps its own text. Between `<!-- made from the code: WHAT -->` and `<!-- end -->` stands what a function of
+MADE gives: lists of the names that the site shows in full, all settings, all debug views.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from enum import Enum
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
+
+PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
+PLACE = re.compile(r"(<!-- made from the code: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+NAMED = re.compile(
+    r"^::: ([\w.]+)\n(?:    options:\n(?:      (?!members).*\n)*(?:      members: \[(.*)\]\n)?)?", re.MULTILINE
+)
+COMMON = {"describe", "update", "watch", "unwatch"}  # of every object of a scene
+
+
+def text_in_table(text: str) -> str:
+    """Words of the code in a table: only what stands between backquotes is code."""
+    parts = re.split(r"(`[^`]*`)", text.replace("%%", "%"))
+    return "".join(part if part.startswith("`") else re.sub(r"[|<>*_{}]", _entity, part) for part in parts)
+
+
+def _entity(character: re.Match[str]) -> str:
+    return f"&#{ord(character[0])};"
+
+
+def names(page: str) -> str:
+    """What the page's lines `::: NAME` stand for: the names with their arguments, first sentences, and methods."""
+    lines = []
+    for name, members in NAMED.findall(page):
+        found = _object(name)
+        if inspect.ismodule(found):
+            lines += [_line(getattr(found, each), each, "") for each in members.split(", ") if members] or [
+                _line(getattr(found, each), each, "") for each in _public(found)]  # fmt: skip
+        else:
+            lines.append(_line(found, name.rpartition(".")[2], members))
+    return "\n".join(lines) + "\n"
+
+
+def _line(found: Any, name: str, members: str) -> str:
+    sentence = re.split(r"(?<=\.)\s", inspect.cleandoc(found.__doc__ or ""), maxsplit=1)[0].partition("\n\n")[0]
+    line = f"- **`{name}({', '.join(_arguments(found))})`** {' '.join(sentence.split())}"
+    if inspect.isclass(found) and (own := members.split(", ") if members else _methods(found)):
+        line += f" Has {', '.join(f'`{each}`' for each in own)}."
+    return line
+
+
+def _arguments(found: Any) -> list[str]:
+    """The names of the arguments of a function or class, and those of which it makes others; none of enumerations."""
+    if inspect.isclass(found) and issubclass(found, Exception | Enum):
+        return []
+    given = [str(each).partition(":")[0].partition("=")[0] for each in inspect.signature(found).parameters.values()]
+    return [*given, *(name for name in getattr(found, "_derived", ()) if name not in given)]
+
+
+def _object(name: str) -> Any:
+    """What a dotted name means."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[count:]:
+            found = getattr(found, part)
+        return found
+    raise ValueError(name)
+
+
+def _public(module: Any) -> list[str]:
+    """The functions and classes that a module defines, or those that it says it offers, in their order."""
+    if offered := getattr(module, "__all__", None):
+        return [name for name in offered if callable(getattr(module, name))]
+    return [name for name, value in vars(module).items()
+            if not name.startswith("_") and getattr(value, "__module__", "") == module.__name__]  # fmt: skip
+
+
+def _methods(found: type) -> list[str]:
+    """The public methods and properties of a class of the package, those of its bases first."""
+    own = {name: None for base in reversed(found.__mro__) if base.__module__.startswith("solari_vk")
+           for name, value in vars(base).items() if not name.startswith("_") and _is_method(value)}  # fmt: skip
+    return [name for name in own if name not in COMMON]
+
+
+def _is_method(value: Any) -> bool:
+    return not inspect.isclass(value) and (hasattr(value, "__get__") and not inspect.ismemberdescriptor(value))
+
+
+def settings(page: str) -> str:
+    """All settings by section, and the presets."""
+    parts = []
+    for section, fields in groupby(FIELDS, key=lambda name: FIELDS[name].section):
+        parts += [f"## {section}\n", "| setting | default | allowed | meaning |", "| --- | --- | --- | --- |"]
+        for name in fields:
+            meaning = text_in_table(FIELDS[name].meaning)
+            parts.append(f"| `{name}` | {DEFAULTS[name]} | {text_in_table(allowed(name))} | {meaning} |")
+        parts.append("")
+    parts += ["## Presets\n", "`sv.Settings.preset(name)` and `--quality name`.\n", "| name | what it changes |",
+              "| --- | --- |"]  # fmt: skip
+    for name, values in QUALITIES.items():
+        changes = ", ".join(f"`{key}={value}`" for key, value in values.items())
+        parts.append(f"| `{name}` | {changes or 'nothing: the defaults'} |")
+    return "\n".join(parts) + "\n"
+
+
+def views(page: str) -> str:
+    """All debug views."""
+    rows = [f"| `{name}` | {text_in_table(meaning)} |" for name, meaning in DEBUG_VIEWS.items()]
+    return "\n".join(["| name | what it shows |", "| --- | --- |", *rows]) + "\n"
+
+
+MADE = {"names": names, "settings": settings, "views": views}
+
+
+def filled(page: str) -> str:
+    """A page's text with what is made from the code of today."""
+    return PLACE.sub(lambda place: f"{place[1]}\n{MADE[place[2]](page)}\n{place[4]}", page)
+
+
+if __name__ == "__main__":
+    for path in sorted(PAGES.glob("*.md")):
+        path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
