@@ -430,7 +430,7 @@ def test_cycles_has_what_gltf_says(judge):
     outer, inner = math.cos(0.6), math.cos(0.1)
     expected = 0.5 / np.pi * 5 * math.cos(angle) ** 3 * ((math.cos(angle) - outer) / (inner - outer)) ** 2
     at = np.array((2 * math.tan(angle), 0, 0))
-    seen = judge(scene, sv.Camera.look_at(at + (0, 1, 1), at, vertical_fov=0.02), 16)
+    seen = judge(scene, sv.Camera.look_at(at + np.array((0, 1, 1)), at, vertical_fov=0.02), 16)
     assert seen.mean() == pytest.approx(expected, rel=0.01)
 
     pixels = np.zeros((2, 2, 3), np.uint8)

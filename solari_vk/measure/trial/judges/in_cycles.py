@@ -35,6 +35,7 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         _shine_unlit(material, job["unlit_radiance"])
         _absorb(material)
         _decode(material)
+        _hide_backs(material)
     _add_camera(scene, job["camera"])
     for light in job["lights"]:
         _add_light(scene, light)
@@ -133,6 +134,25 @@ def _decode(material: Any) -> None:
             made.colorspace_settings.name, made.alpha_mode = "Linear Rec.709", "CHANNEL_PACKED"
             made.pixels.foreach_set(np.concatenate([pixels, np.ones((len(pixels), 4), np.float32)], 1)[:, :4].ravel())
         node.image = bpy.data.images[name]
+
+
+def _hide_backs(material: Any) -> None:
+    """Cameras don't see the backs of single-sided surfaces, as in glTF: of those that light passes, where it matters
+    most."""
+    nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
+    passes = any(node.type == "BSDF_TRANSPARENT" or node.type == "BSDF_PRINCIPLED" and (
+        node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1) for node in nodes)  # fmt: skip
+    for output in [node for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]:
+        links, shown = material.node_tree.links, output.inputs["Surface"].links[0].from_socket
+        geometry, rays = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeLightPath")
+        both, mix = nodes.new("ShaderNodeMath"), nodes.new("ShaderNodeMixShader")
+        both.operation = "MULTIPLY"
+        links.new(geometry.outputs["Backfacing"], both.inputs[0])
+        links.new(rays.outputs["Is Camera Ray"], both.inputs[1])
+        links.new(both.outputs[0], mix.inputs[0])
+        links.new(shown, mix.inputs[1])
+        links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[2])
+        links.new(mix.outputs[0], output.inputs["Surface"])
 
 
 def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:
