@@ -20,7 +20,7 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
-from solari_vk.bound.lights import light_list
+from solari_vk.bound.lights import choice_weights
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.portals import window_room
 from solari_vk.scene import shapes
@@ -253,7 +253,7 @@ def test_edits_of_portals_and_environments_leave_the_picture(device):
 
 
 def test_outside_notices_a_larger_share(device, monkeypatch):
-    monkeypatch.setattr(light_list, "PORTAL_SHARE", 0.9)
+    monkeypatch.setattr(choice_weights, "PORTAL_SHARE", 0.9)
     with pytest.raises(AssertionError):
         hold(measure_outside(device))
 

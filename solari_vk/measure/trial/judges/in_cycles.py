@@ -140,8 +140,8 @@ def _hide_backs(material: Any) -> None:
     """Cameras don't see the backs of single-sided surfaces, as in glTF: of those that light passes, where it matters
     most."""
     nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
-    passes = any(node.type == "BSDF_TRANSPARENT" or node.type == "BSDF_PRINCIPLED" and (
-        node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1) for node in nodes)  # fmt: skip
+    passes = any(node.type == "BSDF_TRANSPARENT" or (node.type == "BSDF_PRINCIPLED" and (
+        node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1)) for node in nodes)  # fmt: skip
     for output in [node for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]:
         links, shown = material.node_tree.links, output.inputs["Surface"].links[0].from_socket
         geometry, rays = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeLightPath")
