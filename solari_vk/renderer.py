@@ -113,7 +113,7 @@ class Renderer(PictureRenderer):
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
-            *lighting.stages(size, settings, grid),
+            *lighting.stages(size, settings, grid, self._world_count),
             taa.stage(picture),
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),

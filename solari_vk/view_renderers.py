@@ -17,7 +17,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.spirv import Binding
-from solari_vk.passes import pathtracer
+from solari_vk.passes import pathtracer, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import LENS_STRIDE, Renderer
@@ -70,7 +70,7 @@ class ViewRenderer(Renderer):
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # IndexTranslation.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
-        self.views = ViewTable(device, layout, count, self._grid[0])
+        self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         try:
             super().__init__(device, binder, size, **options)
         except BaseException:
@@ -104,6 +104,11 @@ class ViewRenderer(Renderer):
 
     def _inputs(self) -> dict[str, Any]:
         return super()._inputs() | {"views": self.views.buffer, **self._worlds.resources}
+
+    def _write_settings(self) -> None:
+        super()._write_settings()
+        cap = self.settings.world_cache_update_cap * self._world_count  # each world has cells of its own
+        self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
 
     def render_views(
         self, current: NDArray[Any], written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32],

@@ -81,6 +81,10 @@ def test_the_world_cache_has_cells_for_each_world(device):
             radiance = batch.render([pose, pose], fov=60)["radiance"]
         assert radiance[0].mean() > 0.1
         assert radiance[1].max() == 0
+        checksums, worlds = (batch._realtime.frame[f"world_cache_{name}"] for name in ("checksums", "worlds"))
+        cells = np.flatnonzero(checksums)
+        np.testing.assert_array_equal(worlds[cells], cells // (len(checksums) // 2))  # each in its part of the map
+        assert set(worlds[cells]) == {0, 1}
         hidden[0], hidden[1, 1, 3] = hidden[1].copy(), 5
         batch.transforms["wall"] = hidden
         radiance = batch.render([pose, pose], fov=60, reset=True, reset_cache=True)["radiance"]

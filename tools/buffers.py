@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = 64, 64
-NOT_NAMED = {"ray_counts", "raster_depth"}  # counters in all passes that trace rays; an attachment
+# Counters in all passes that trace rays; an attachment; a list that the further dispatches of a pass read.
+NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories"}
 HEAD = """\
 # Buffers and images
 

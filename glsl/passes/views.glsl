@@ -10,16 +10,19 @@
 
 #ifdef MANY_VIEWS
 
+uvec2 view_tile = uvec2(0u);  // of the invocation's view: its place in the grid
+
 // The element of a place within the view, in buffers that have `size` elements for each view.
 uint element_index(uvec2 place, uvec2 size) { return pixel_index(place, size) + view_index * (size.x * size.y); }
 
 // Where a pixel of the view is in images.
-ivec2 texel_of(uvec2 pixel) {
-    return ivec2(pixel + uvec2(view_index % views.columns, view_index / views.columns) * camera.size);
-}
+ivec2 texel_of(uvec2 pixel) { return ivec2(pixel + view_tile * camera.size); }
+
+uint view_count() { return uint(views.at.length()); }
 
 void choose_view(uint index) {
     view_index = index;
+    view_tile = uvec2(index % views.columns, index / views.columns);
     world_index = views.at[index].world;
 }
 
@@ -28,7 +31,7 @@ void choose_view(uint index) {
 bool find_element(inout uvec2 place, uvec2 size, out uint index) {
     uvec2 tile = place / size;
     uint view = tile.y * views.columns + tile.x;
-    if (tile.x >= views.columns || view >= uint(views.at.length())) { return false; }
+    if (tile.x >= views.columns || view >= view_count()) { return false; }
     choose_view(view);
     place -= tile * size;
     index = element_index(place, size);
@@ -44,6 +47,10 @@ uvec2 find_pixel_of(uint index) {
 }
 
 #else
+
+uint view_count() { return 1u; }
+
+void choose_view(uint index) {}
 
 #define element_index pixel_index
 #define texel_of ivec2

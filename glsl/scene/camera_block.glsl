@@ -60,8 +60,9 @@ struct View {
     uint first_instance;  // of the world, into instances
 };
 
-layout(set = 0, scalar) readonly buffer ViewsBlock {
-    uint columns;  // of the grid of all views; 1: a strip
+layout(set = 0, scalar) restrict readonly buffer ViewsBlock {
+    uint columns;      // of the grid of all views; 1: a strip
+    uint world_parts;  // of the world cache: a power of two, at least the number of worlds
     View at[];
 } views;
 uint view_index = 0u;   // of the invocation's view
@@ -71,6 +72,7 @@ uint world_index = 0u;  // of the world that it shows
 
 #else
 
+const uint view_index = 0u;
 layout(set = 0, scalar) uniform CameraBlock { Camera camera; };
 layout(set = 0, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
 

@@ -9,9 +9,11 @@
 #ifdef RAY_PIPELINES
 #extension GL_EXT_ray_tracing : require
 #define INVOCATION_INDEX (gl_LaunchIDEXT.xy)
+#define INVOCATION_LAYER gl_LaunchIDEXT.z
 #else
 #extension GL_EXT_ray_query : require
 #define INVOCATION_INDEX (gl_GlobalInvocationID.xy)
+#define INVOCATION_LAYER gl_GlobalInvocationID.z
 #endif
 
 #include "common/math.glsl"

@@ -45,14 +45,15 @@ class Written(NamedTuple):
 
 
 class ViewTable:
-    """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures."""
+    """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures.
+    world_parts: of the world cache."""
 
-    def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1) -> None:
+    def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 1) -> None:
         assert layout.element is not None
         self.records = np.zeros(count, layout.element)
         self._begin = layout.element_offset
         self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
-        self.buffer.upload(np.array([columns], np.uint32))
+        self.buffer.upload(np.array([columns, world_parts], np.uint32))
         self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
         self._shown = False
 

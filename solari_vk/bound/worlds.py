@@ -99,6 +99,7 @@ class Worlds:
         self._seen: tuple[int, ...] = ()
         self._addresses: list[int] = []
         self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
+        self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what was written, and what it is good for
         self._records: Buffer | None = None
         self._structures: list[Tlas] = []
         self._builds: TlasBuilds | None = None
@@ -133,10 +134,14 @@ class Worlds:
 
     def _write(self, moved: Mapping[int, NDArray[np.float64]]) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
-        self._check_room()
-        records = np.tile(binder.instance_table.records, (worlds, 1))
-        instances = np.tile(traced.table.records[: traced.count], (worlds, 1))
-        instances["custom_index_and_mask"] += (np.arange(worlds, dtype=np.uint32) * self.rows)[:, None]
+        kept = (binder.revision, tuple(moved))
+        if self._kept is None or self._kept[0] != kept:
+            self._check_room()
+            records = np.tile(binder.instance_table.records, (worlds, 1))
+            instances = np.tile(traced.table.records[: traced.count], (worlds, 1))
+            instances["custom_index_and_mask"] += (np.arange(worlds, dtype=np.uint32) * self.rows)[:, None]
+            self._kept = kept, records, instances
+        _, records, instances = self._kept
         for row, transforms in moved.items():
             records["world_from_object"][:, row] = transforms[:, :3].transpose(0, 2, 1)
             instances["transform"][:, traced.place(row)] = transforms[:, :3]

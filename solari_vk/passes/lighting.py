@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 from solari_vk.gpu.frame.stages import Stage
 from solari_vk.passes import denoise, display, paths, solari019, world_cache
 from solari_vk.settings import FIELDS, Settings
 
 
-def stages(size: tuple[int, int], settings: Settings, grid: tuple[int, int] = (1, 1)) -> list[Stage]:
+def stages(size: tuple[int, int], settings: Settings, grid: tuple[int, int] = (1, 1), worlds: int = 1) -> list[Stage]:
     """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
-    rows of views."""
+    rows of views, which show so many worlds."""
     if settings.lighting == "split":
         light, scratch = solari019.stages(size, settings), {}
     else:
-        light, scratch = [world_cache.paths_stage(size, settings), paths.stage(size, settings)], paths.SCRATCH
+        cache = world_cache.paths_stage(size, settings, worlds)
+        light, scratch = [cache, paths.stage(size, settings, math.prod(grid))], paths.SCRATCH
     return [
         denoise.history_stage(size),
         *light,

@@ -6,6 +6,7 @@ import itertools
 
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
+from solari_vk.passes.rows import GROUP_SIZE
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
@@ -15,7 +16,7 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 WAVES = 3  # dispatches that go on with the paths that are left after their first rays
 
 
-def stage(size: tuple[int, int], settings: Settings) -> Stage:
+def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
 
     Inputs: `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
@@ -26,13 +27,14 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     samples = 1 if settings.restir else settings.paths_short_history_samples
     traced = brdf | {"paths_reuse": settings.restir, "short_history_samples": samples}
     first = Pass("paths/first_ray", threads=size, constants=traced)
+    further = Pass("paths/first_ray", indirect="paths_wave", constants=traced)  # where there is little history
     later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
     passes = [
         part
         for sample, index in itertools.product(range(samples), range(WAVES + 1))
         for part in (
-            Pass("paths/next_wave", threads=1, constants={"sample_index": sample, "wave_index": index}),
-            later if index else first,
+            Pass("paths/next_wave", threads=GROUP_SIZE, constants={"sample_index": sample, "wave_index": index}),
+            later if index else further if sample else first,
         )
     ]
     reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
@@ -41,7 +43,9 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
         buffers={
             **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
             "paths_ray_queues": 2 * pixels,
+            "paths_queues": views,
             "paths_wave": 1,
+            "paths_short_histories": pixels if samples > 1 else 1,
             "paths_reservoir_candidates": pixels if settings.restir else 1,
             **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },

@@ -12,7 +12,7 @@ from solari_vk.settings.layering import brdf_constants
 
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
-FEWEST_CELLS = 1 << 16
+FEWEST_CELLS, FEWEST_CELLS_OF_WORLD = 1 << 16, 1 << 12
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
 CELL_BUFFERS = (
@@ -29,11 +29,16 @@ CELL_BUFFERS = (
 )
 
 
-def paths_stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The cache with cells that are sampled by paths; fewer cells for small pictures."""
+def parts(worlds: int) -> int:
+    """The number of parts of the map, of which each world of a batch has one."""
+    return 1 << (worlds - 1).bit_length()
+
+
+def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1) -> Stage:
+    """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds."""
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
     sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings))
-    return stage(min(settings.world_cache_cells, cells), [sample])
+    return stage(max(min(settings.world_cache_cells, cells), FEWEST_CELLS_OF_WORLD * parts(worlds)), [sample])
 
 
 def stage(cells: int, samples: Sequence[Pass]) -> Stage:

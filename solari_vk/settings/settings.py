@@ -141,8 +141,8 @@ class Settings(SeparatePasses):
         50.0, "Length of a cell's rays in meters, with lighting=split. Less: faster, darker.", low=1e-3, high=1e9
     )
     world_cache_update_cap: int = _cache(
-        40_000, "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
-        low=1, high=1 << 26)  # fmt: skip
+        40_000, "Cells that are updated in a frame, at random and on average; in a batch for each world. Less: "
+        "faster, more lag.", low=1, high=1 << 26)  # fmt: skip
     world_cache_updates_per_pixel: float = _cache(
         0.25, "Cells that are updated for each pixel of the picture while lights don't change, at most as many as "
         "world_cache_update_cap (Solari: no such bound). Less: faster, more noise.", low=1e-6, high=1e9)  # fmt: skip

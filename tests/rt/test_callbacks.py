@@ -13,6 +13,7 @@ from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device import uploads
+from solari_vk.gpu.device.allocator import BLOCK_SIZE
 
 
 def out_of_memory_once(device, monkeypatch):
@@ -27,7 +28,7 @@ def out_of_memory_once(device, monkeypatch):
 
     with monkeypatch.context() as full:
         full.setattr(device.vk, "vkAllocateMemory", allocate)
-        device.buffer(1 << 25, "late").destroy()
+        device.buffer(2 * BLOCK_SIZE, "late").destroy()  # more than memory that is kept for later
     assert len(tries) == 2
 
 

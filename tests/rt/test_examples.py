@@ -34,14 +34,15 @@ def code_of(page):
 def test_all_are_there_and_short():
     assert len(EXAMPLES) >= 10
     for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
-        assert len(path.read_text(encoding="utf-8").splitlines()) < 40, path
+        longest = {"gymnasium_worlds": 70, "mujoco_scene": 50}.get(path.stem, 40)
+        assert len(path.read_text(encoding="utf-8").splitlines()) < longest, path
 
 
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in MANY_SAMPLES else name for name in EXAMPLES]
 )
 def test_runs_as_a_program(any_device, name, tmp_path, monkeypatch):
-    needed = "torch" if name == "learn" else "mujoco" if name.startswith("mujoco") else "numpy"
+    needed = {"learn": "torch", "gymnasium_worlds": "gymnasium"}.get(name, "mujoco" if "mujoco" in name else "numpy")
     pytest.importorskip(needed)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [name])
@@ -202,3 +203,44 @@ def test_worlds_of_mujoco(device):
     assert len({picture.tobytes() for picture in last}) == 6
     changed = np.abs(last - first).mean(axis=-1)[:, 0] > 0.2 * first.mean()
     assert changed[:, 4:20].any(axis=(1, 2)).all()
+
+
+def test_an_environment_of_gymnasium(device):
+    """Observations are seen, rewards are of where the ball is, and episodes that end begin anew a step later."""
+    mujoco, gym = pytest.importorskip("mujoco"), pytest.importorskip("gymnasium")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        worlds = load("gymnasium_worlds")
+    envs = worlds.Push(device, mujoco.MjModel.from_xml_path(worlds.MODEL), 4, (24, 24))
+    pictures, _ = envs.reset(seed=3)
+    assert gym.spaces.Box(0, 255, (4, 24, 24, 3), np.uint8).contains(pictures)
+    assert len({picture.tobytes() for picture in pictures}) == 4
+    first, earned = pictures, []
+    for step in range(worlds.STEPS):
+        places = np.array([one.xpos[-1, :2] for one in envs.data])
+        pictures, rewards, ended, truncated, _ = envs.step(-places)
+        np.testing.assert_allclose(rewards, [-np.hypot(*one.xpos[-1, :2]) for one in envs.data])
+        earned.append(rewards.mean())
+        assert not ended.any()
+        assert truncated.all() == (step == worlds.STEPS - 1)
+    assert earned[-1] > 0.5 * earned[0]
+    assert (np.abs(pictures.astype(int) - first).max(axis=(1, 2, 3)) > 50).all()
+    _, rewards, _, truncated, _ = envs.step(np.zeros((4, 2)))
+    assert not rewards.any()
+    assert not truncated.any()
+    envs.close()
+
+
+def test_a_robot_in_urdf(tmp_path):
+    """MuJoCo reads it, with its meshes: a tetrahedron stands on a box, in meters, z up there and y up here."""
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "tip.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    (tmp_path / "robot.urdf").write_text("""<robot name="r"><link name="a"><visual><geometry><box size="2 4 1"/>
+        </geometry></visual></link><link name="b"><visual><geometry><mesh filename="tip.obj"/></geometry></visual>
+        <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="j" type="fixed"><parent link="a"/><child link="b"/><origin xyz="0 0 .5"/></joint>
+        <mujoco><compiler discardvisual="false" fusestatic="false"/></mujoco></robot>""")
+    scene = load("mujoco_scene").make_scene(mujoco.MjModel.from_xml_path(str(tmp_path / "robot.urdf")))
+    box, tip = (one.mesh.positions @ one.transform[:3, :3].T + one.transform[:3, 3] for one in scene.instances)
+    np.testing.assert_allclose((box.min(axis=0), box.max(axis=0)), ((-1, -0.5, -2), (1, 0.5, 2)), atol=1e-5)
+    np.testing.assert_allclose((tip.min(axis=0), tip.max(axis=0)), ((0, 0.5, -1), (1, 3.5, 0)), atol=1e-5)

@@ -33,13 +33,19 @@ struct PathState {
     uint medium;
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
-// The indices of the pixels whose paths wait: for waves with even index, then for those with odd index.
+// The indices of the pixels whose paths wait: for waves with even index, then for those with odd index. Each view has a
+// queue of its own, so that threads which run together trace rays in one world.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
-layout(set = 1, scalar) buffer PathsWaveBlock {
-    IndirectDispatch dispatch;
-    uint index;
-    uint count;    // of paths that go on in this wave
+layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;  // indices of such pixels
+struct PathQueue {
+    uint count;   // of paths that go on in this wave
     uint queued;  // of paths that wait for the next wave, so far
+    uint short_history_count;
+};
+layout(set = 1, scalar) buffer PathsQueuesBlock { PathQueue at[]; } paths_queues;  // by view
+layout(set = 1, scalar) buffer PathsWaveBlock {
+    IndirectDispatch dispatch;  // with a layer for each view
+    uint index;
     uint sample_index;  // which path of each pixel is traced now, from 0
 } paths_wave;
 

@@ -10,8 +10,9 @@
 layout(local_size_x = GROUP_SIZE) in;
 
 void main() {
+    choose_view(INVOCATION_LAYER);
     uint queue_index = thread_index(INVOCATION_INDEX);
-    if (queue_index >= paths_wave.count) { return; }
+    if (queue_index >= paths_queues.at[view_index].count) { return; }
     uint index = paths_ray_queues.at[queue_begin(paths_wave.index) + queue_index];
     uvec2 pixel = find_pixel_of(index);
     Path path = load_path_state(index);

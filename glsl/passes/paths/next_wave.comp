@@ -1,16 +1,31 @@
-// Begins a wave: as many threads as paths wait. Wave 0 is that of the first rays.
+// Begins a wave: in each layer as many threads as paths wait in the view with the most. Wave 0 is that of the first
+// rays: of the first paths in all pixels, then of further paths where there is little history.
 #version 460
+#include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"
 
-layout(local_size_x = 1) in;
+layout(local_size_x = GROUP_SIZE) in;
 
 layout(constant_id = wave_index_id) const uint wave_index = 0u;
 layout(constant_id = sample_index_id) const uint sample_index = 0u;
 
+shared uint most;
+
 void main() {
+    if (gl_LocalInvocationIndex == 0u) { most = 0u; }
+    barrier();
+    for (uint view = gl_LocalInvocationIndex; view < view_count(); view += GROUP_SIZE) {
+        PathQueue queue = paths_queues.at[view];
+        queue.count = queue.queued;
+        queue.queued = 0u;
+        if (wave_index == 0u && sample_index == 0u) { queue.short_history_count = 0u; }
+        paths_queues.at[view] = queue;
+        atomicMax(most, wave_index == 0u ? queue.short_history_count : queue.count);
+    }
+    barrier();
+    if (gl_LocalInvocationIndex != 0u) { return; }
     paths_wave.sample_index = sample_index;
     paths_wave.index = wave_index;
-    paths_wave.count = paths_wave.queued;
-    paths_wave.dispatch = make_indirect_dispatch(paths_wave.queued);
-    paths_wave.queued = 0u;
+    paths_wave.dispatch = wave_index == 0u
+        ? make_indirect_squares(most, view_count()) : make_indirect_dispatch(most, view_count());
 }

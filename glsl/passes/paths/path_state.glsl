@@ -11,14 +11,16 @@ const uint SPECULAR_ONLY = 0x80000000u;
 const uint DIFFUSE_AT_X2 = 0x40000000u;
 const float MAX_WAVELENGTH = 1024.0;
 
-// The first entry of a wave's queue.
-uint queue_begin(uint wave_index) { return wave_index % 2u * (paths_ray_queues.at.length() / 2u); }
+// The first entry of a wave's queue, of the view.
+uint queue_begin(uint wave_index) {
+    return wave_index % 2u * (paths_ray_queues.at.length() / 2u) + element_index(uvec2(0u), camera.size);
+}
 
 void store_path_state(Path path, uint pixel_index, uint wave_index) {
     uint flags = path.bounce | path.delta_bounces << 8u | (path.specular_only ? SPECULAR_ONLY : 0u)
         | (path.diffuse_at_x2 ? DIFFUSE_AT_X2 : 0u);
     if (SCENE_DISPERSION) { flags |= pack_unorm(path.walk.wavelength / MAX_WAVELENGTH, 14u) << 16u; }
-    uint queue_index = atomicAdd(paths_wave.queued, 1u);
+    uint queue_index = atomicAdd(paths_queues.at[view_index].queued, 1u);
     paths_ray_queues.at[queue_begin(wave_index) + queue_index] = pixel_index;
     paths_states.at[pixel_index] = PathState(
         path.rng, flags, apply_first_weight(path, vec3(1.0)), path.walk.throughput, path.walk.direction,

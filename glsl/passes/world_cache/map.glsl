@@ -53,8 +53,15 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
 
 // ---- the map ----------------------------------------------------------------------------------------
 
+// Each world of a batch has a part of the map, so that threads which run together trace rays in one world.
 uint world_cache_entry(WorldCacheKey key, uint search_step) {
-    return (key.first + search_step) & uint(world_cache_checksums.at.length() - 1);
+    uint entries = uint(world_cache_checksums.at.length());
+#ifdef MANY_VIEWS
+    entries /= views.world_parts;
+    return world_index * entries + ((key.first + search_step) & entries - 1u);
+#else
+    return (key.first + search_step) & entries - 1u;
+#endif
 }
 
 // The index of a key's cell, or NO_INDEX when the map doesn't have it. `empty_step` is the first step of the search

@@ -1,7 +1,5 @@
 // World cache, step 2: where each block's active cells begin in the list of active cells, and their number, by a prefix
-// sum in one workgroup: Hillis and Steele, "Data Parallel Algorithms" (1986). Each thread sums every SCAN_SIZE-th
-// block, so that neighboring threads read neighboring memory. The list is therefore in the order of threads, not of
-// blocks.
+// sum in one workgroup: Hillis and Steele, "Data Parallel Algorithms" (1986). Each thread sums consecutive blocks.
 #version 460
 #include "generated/passes/world_cache.glsl"
 #include "passes/world_cache/map.glsl"
@@ -12,21 +10,19 @@ layout(local_size_x = SCAN_SIZE) in;
 
 shared uint sums[SCAN_SIZE];
 
-uint[BATCH] read_counts(uint first, uint block_count) {
+uint[BATCH] read_counts(uint first, uint end) {
     uint counts[BATCH];
-    for (uint i = 0u; i < BATCH; i++) {
-        uint block = first + i * SCAN_SIZE;
-        counts[i] = block < block_count ? world_cache_blocks.at[block] : 0u;
-    }
+    for (uint i = 0u; i < BATCH; i++) { counts[i] = first + i < end ? world_cache_blocks.at[first + i] : 0u; }
     return counts;
 }
 
 void main() {
     uint thread = gl_LocalInvocationIndex;
     uint block_count = world_cache_checksums.at.length() / BLOCK_SIZE;
+    uint begin = thread * block_count / SCAN_SIZE, end = (thread + 1u) * block_count / SCAN_SIZE;
     uint sum = 0u;
-    for (uint first = thread; first < block_count; first += BATCH * SCAN_SIZE) {
-        uint counts[BATCH] = read_counts(first, block_count);
+    for (uint first = begin; first < end; first += BATCH) {
+        uint counts[BATCH] = read_counts(first, end);
         for (uint i = 0u; i < BATCH; i++) { sum += counts[i]; }
     }
     sums[thread] = sum;
@@ -37,10 +33,10 @@ void main() {
         sums[thread] += before;
     }
     uint before = sums[thread] - sum;
-    for (uint first = thread; first < block_count; first += BATCH * SCAN_SIZE) {
-        uint counts[BATCH] = read_counts(first, block_count);
-        for (uint i = 0u; i < BATCH && first + i * SCAN_SIZE < block_count; i++) {
-            world_cache_blocks.at[first + i * SCAN_SIZE] = before;
+    for (uint first = begin; first < end; first += BATCH) {
+        uint counts[BATCH] = read_counts(first, end);
+        for (uint i = 0u; i < BATCH && first + i < end; i++) {
+            world_cache_blocks.at[first + i] = before;
             before += counts[i];
         }
     }
@@ -48,6 +44,6 @@ void main() {
     if (thread == SCAN_SIZE - 1u) {
         uint total = sums[thread];
         world_cache_counters.active_cells = total;
-        world_cache_dispatch.size = make_indirect_dispatch(total);
+        world_cache_dispatch.size = make_indirect_dispatch(total, 1u);
     }
 }

@@ -13,11 +13,7 @@ uint seed_cell_rng(uint cell, uint salt) {
 
 // Of all views.
 float pixel_count() {
-    float pixels = float(camera.size.x) * float(camera.size.y);
-#ifdef MANY_VIEWS
-    pixels *= float(views.at.length());
-#endif
-    return pixels;
+    return float(camera.size.x) * float(camera.size.y) * float(view_count());
 }
 
 // The cell that a thread updates, or NO_INDEX. Above the cap a random subset is updated, the same one in all passes.

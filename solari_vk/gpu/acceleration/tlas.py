@@ -189,7 +189,8 @@ class TlasBuilds:
         self._commands.submit_with_next()
         at = clock.tick()
         for tlas in self._structures:
-            tlas._note(self._count, at)
+            if not tlas.built:  # later builds are like the first
+                tlas._note(self._count, at)
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""

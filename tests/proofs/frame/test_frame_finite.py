@@ -31,6 +31,9 @@ def run(device, numbers, **built_in):
     """Check one random combination of scene and settings per number, all in one renderer. Two of three combinations
     start with a reset, the others keep the history."""
     scene = sv.Scene()
+    for number in numbers:  # all at once first, so that shaders with their features are compiled once
+        for item in random_items(np.random.default_rng(number))[:-1]:
+            scene.add(item)
     with make_renderer(device, scene, (8, 8), **FEW, **built_in) as renderer:
         for number in numbers:
             random = np.random.default_rng(number)

@@ -77,7 +77,8 @@ def live_settings(lighting):
             yield name
 
 
-@pytest.mark.parametrize("lighting", ["paths", pytest.param("split", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("lighting", ["paths", "split"])
 def test_every_live_setting_matters(device, lighting):
     scene, idle, used = scene_of_everything(), [], {"denoise": True, "restir": lighting == "paths"}
     with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **used) as renderer:

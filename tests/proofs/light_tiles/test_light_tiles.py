@@ -224,6 +224,22 @@ def test_no_lights(device):
 # ---- each rule holds, and can fail ------------------------------------------------------------------
 
 
+@pytest.mark.slow
+def test_pixels_of_a_group_share_a_tile(device):
+    """All 8x8 pixels choose from one tile, and groups from tiles of their own."""
+    with make_renderer(device, lamps_above(EXPOSED[8:]), (64, 64), **ALONE) as renderer:
+        frame = renderer.render()
+        tiles, chosen = frame["light_tile_samples"], frame["di_temporal_reservoirs"]["light_sample"].reshape(64, 64)
+        each = renderer.settings.light_tile_samples
+    tile_of = {sample.tobytes(): index // each for index, sample in enumerate(tiles)}
+    found = [{tile_of[sample.tobytes()] for sample in group.ravel() if sample["light_index"] != NO_INDEX}
+             for row in chosen.reshape(8, 8, 8, 8).swapaxes(1, 2) for group in row]  # fmt: skip
+    lit = [group for group in found if group]
+    assert len(lit) > 32
+    assert all(len(group) == 1 for group in lit)
+    assert len(set.union(*lit)) > 8  # of 16
+
+
 @pytest.mark.parametrize("measure", [
     measure_tiles, *(pytest.param(m, marks=pytest.mark.slow) for m in (measure_contribution, measure_noise)),
 ])  # fmt: skip
@@ -253,6 +269,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "common/packing.glsl", "pack_radiance_log2_rgb9e5", "return correct(2.0 * radiance, exposure);")),
     NOISE: (measure_noise, Bug(
         "common/packing.glsl", "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;")),
+    "groups: a tile for each pixel": (test_pixels_of_a_group_share_a_tile, Bug(
+        FILE, "choose_light_tile", "rng += gl_GlobalInvocationID.x; return correct(rng);")),
     "packed as they resolve: double-sided lights": (
         lambda device: test_samples_are_packed_as_they_resolve(device, 16, 512), packing("packed.data = 0u;")),
 })  # fmt: skip

@@ -91,9 +91,8 @@ def check_removal(device, make=lit_by_a_wall, name="wall"):
     assert not after.any()
 
 
-@pytest.mark.parametrize(
-    ("make", "name"), [pytest.param(cornell_box, "lamp", marks=pytest.mark.slow), (lit_by_a_wall, "wall")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("make", "name"), [(cornell_box, "lamp"), (lit_by_a_wall, "wall")])
 def test_what_was_removed_lends_no_light(device, make, name):
     check_removal(device, make, name)
 

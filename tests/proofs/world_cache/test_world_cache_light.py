@@ -17,6 +17,7 @@ from support.statistics import relative_interval
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.settings.layering import LAYERINGS
 
@@ -252,11 +253,36 @@ def test_cells_under_a_lamp(device, lamp):
     check_lamp(device, lamp)
 
 
+# ---- short rays -------------------------------------------------------------------------------------
+
+
+def check_sizes(device):
+    """Rays that are shorter than the cells where they end use the finest ones; longer rays don't."""
+    camera, walls = sv.Camera.look_at((0, 0, 0), (0, 0, -1)), shapes.box((-1, -1, -1), (1, 1, 1), inward=True)
+    scene = sv.Scene()
+    scene.add(walls, sv.Material(base_color=rgb(0.5)))
+    sizes = {}
+    for finest in 0.1, 1e-3:  # cells are 64 to 256 times as large where the walls are
+        settings = sv.Settings(lighting="paths", world_cache_cell_size=finest, world_cache_lod_distance=0.01)
+        with CacheFrame(device, scene, settings, first_ray=1) as frame:
+            sizes[finest] = frame.run(camera=camera).cells()["bounds"][:, 3]
+    assert len(sizes[0.1]) > 10
+    np.testing.assert_allclose(sizes[0.1], 0.1, rtol=1e-6)
+    assert np.median(sizes[1e-3]) > 0.06
+
+
+def test_short_rays_use_the_finest_cells(device):
+    check_sizes(device)
+
+
 # ---- each check can fail ----------------------------------------------------------------------------
 
 QUERY, MAP = "passes/world_cache/query.glsl", "passes/world_cache/map.glsl"
 brief_fixed_point = functools.partial(check_fixed_point, **BRIEF)
 test_a_seeded_bug_is_noticed = bug_tests({
+    "short rays: cells as for all rays": (check_sizes, Bug(
+        QUERY, "query_world_cache",
+        "return correct(world_position, geometric_world_normal, INFINITY, lifetime, rng);")),
     "fixed point: 1 / M dropped": (brief_fixed_point, Bug(
         "passes/solari019/world_cache/sample_direct.comp", "sample_direct_irradiance",
         "return float(world_cache_settings.candidates) * correct(surface, rng);")),
