@@ -406,7 +406,7 @@ def test_wrong_options_are_named(device, binder, three):
 
 def test_bench(device, tmp_path):
     page = tmp_path / "page.md"
-    assert main(["bench", "batch", "--views", "2", "--size", "8x8", "--worlds", "--markdown", str(page)]) == 0
+    assert main(["bench", "batch", "--views", "2", "--size", "8x8", "--worlds", "--tensors", "--markdown", str(page)]) == 0
     rows = [line.split("|")[1].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
     assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
                     "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip

@@ -112,6 +112,7 @@ class Batch(Measurement):
     size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
     renderers: tuple[str, ...] = option("labels, reference, realtime (all)", "A,B", type=words, default=())
     worlds: bool = flag("batches with a world for each view too")
+    tensors: bool = flag("until results are tensors on the device, not numpy arrays")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,15 +19,18 @@ from solari_vk.measure.timing import seconds, warm
 from solari_vk.output.animation import orbit
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin
-from solari_vk.scene.model import Camera
+from solari_vk.scene.material import Material
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.tracer import RayTracer
 
-SCENE, SAMPLES, ROUNDS = "cornell_box", 4, 5
+SAMPLES, ROUNDS, OBJECTS = 4, 5, 30
 MOVED = ("short block", "tall block")  # in worlds
 NAMES = ("depth", "instance_id")
 INTRO = (
-    f"Views a second of `{SCENE}`, in turns and each the median of {ROUNDS} rounds, until results are numpy arrays. "
+    f"Views a second of `cornell_box` with {OBJECTS} balls, in turns and each the median of {ROUNDS} rounds, until "
+    "results are numpy arrays or, with `--tensors`, tensors on the device. "
     "Labels are depth and instance ids; one by one they are those of `RayTracer`, whose rays Python makes. "
     f"Reference is the radiance of {SAMPLES} samples a pixel; one by one it is that of one `PathTracer`. "
     "Realtime is the denoised radiance: of cameras that move a little, which one by one are one camera of one "
@@ -43,25 +46,41 @@ Works = Iterator[tuple[str, Work, Work, Work | None]]
 
 def run(
     select: str | None, views: Sequence[int], size: tuple[int, int], markdown: Path | None, *, rays: str | None = None,
-    renderers: Sequence[str] = (), worlds: bool = False,
+    renderers: Sequence[str] = (), worlds: bool = False, tensors: bool = False,
 ) -> None:  # fmt: skip
     """Measure and report. views: of each batch. size: of a view. renderers: all, if there are none. worlds: batches
-    with a world for each view too. Raises SolariError for an unknown renderer."""
+    with a world for each view too. tensors: results of batches stay on the device. Raises SolariError for an unknown
+    renderer."""
     for name in renderers:
         if name not in OPTIONS:
             raise SolariError(f"bench batch: there is no renderer '{name}': give some of {', '.join(OPTIONS)}")
     with measuring(select, rays, markdown, "Batches", *INTRO) as (device, report):
-        binder = SceneBinder(device, builtin(SCENE))
+        binder = SceneBinder(device, _scene())
         rows = []
         for count in views:
             for renderer in renderers or OPTIONS:
-                works = [_works(device, binder, count, size, renderer)]
-                works += [_works_in_worlds(device, binder, count, size, renderer)] * worlds
+                works = [_works(device, binder, count, size, renderer, tensors)]
+                works += [_works_in_worlds(device, binder, count, size, renderer, tensors)] * worlds
                 for name, begin, together, alone in (row for found in works for row in found):
                     report.progress(f"{name}, {count} views")
                     rows.append((f"{name}, {count}", *_measured(device, count, begin, together, alone)))
         binder.destroy()
         report.table(f"Views of {size[0]}x{size[1]}", HEAD, rows)
+
+
+def _scene() -> Scene:
+    scene, rng = builtin("cornell_box"), np.random.default_rng(1)
+    for _ in range(OBJECTS):
+        material = Material(base_color=rng.random(3, np.float32), perceptual_roughness=float(rng.uniform(0.2, 1)))
+        scene.add(shapes.sphere(0.08, 12), material, position=rng.uniform((0.2, 0.1, 0.2), (1.8, 1.5, 1.8)))
+    return scene
+
+
+def _take(device: Device, batch: Batch, names: Sequence[str], tensors: bool) -> None:
+    for name in names:
+        _ = batch.tensor(name) if tensors else batch[name]
+    if tensors:
+        device.wait_idle()
 
 
 def _measured(device: Device, count: int, begin: Work, together: Work, alone: Work | None) -> tuple[str, ...]:
@@ -85,7 +104,9 @@ def _cameras(binder: SceneBinder, count: int) -> tuple[list[Camera], NDArray[np.
     return cameras, np.stack([camera.transform for camera in cameras]), cameras[0].vertical_fov
 
 
-def _works(device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str) -> Works:
+def _works(
+    device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str, tensors: bool
+) -> Works:
     cameras, poses, fov = _cameras(binder, count)
     options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
     with Batch(device, binder, size, count, renderer=renderer, **options) as batch:
@@ -96,8 +117,7 @@ def _works(device: Device, binder: SceneBinder, count: int, size: tuple[int, int
 
         def read(cut: bool = False) -> None:
             render(cut)
-            for name in NAMES if renderer == "labels" else ("radiance",):
-                batch[name]
+            _take(device, batch, NAMES if renderer == "labels" else ("radiance",), tensors)
 
         if renderer == "labels":
             with RayTracer(device, binder) as tracer:
@@ -130,7 +150,9 @@ def _works(device: Device, binder: SceneBinder, count: int, size: tuple[int, int
                 yield "realtime, cut", lambda: render(True), lambda: read(True), lambda: follow(True)
 
 
-def _works_in_worlds(device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str) -> Works:
+def _works_in_worlds(
+    device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str, tensors: bool
+) -> Works:
     _, poses, fov = _cameras(binder, count)
     options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
     with Batch(device, binder, size, count, renderer=renderer, worlds=count, **options) as batch:
@@ -146,8 +168,7 @@ def _works_in_worlds(device: Device, binder: SceneBinder, count: int, size: tupl
 
         def read() -> None:
             render()
-            for name in NAMES if renderer == "labels" else ("radiance",):
-                batch[name]
+            _take(device, batch, NAMES if renderer == "labels" else ("radiance",), tensors)
 
         yield f"{renderer}, worlds", render, read, None
 
