@@ -150,9 +150,9 @@ class Renderer(ExposureRenderer):
             self._settings_seen = seen
         lights = self.binder.lights
         cell_size = self.settings.world_cache_cell_size
-        if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size):
+        if self._lights.update(lights.ids, lights.emitted, lights.positions, cell_size):
             self._frame.bind(self._lights.buffers)
-        self._changed_lights.update(lights.ids, lights.powers, lights.places, lights.positions, cell_size)
+        self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""

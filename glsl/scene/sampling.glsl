@@ -84,26 +84,26 @@ vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float mi
     return light_hit.radiance * power_heuristic(mis_pdf, light_pdf);
 }
 
-// What light samples of portals, or of an environment itself, stand for in the light along a ray, as a share of all of
-// it; `weighted`: by MIS against light samples.
-struct EnvironmentShare {
-    float share;
-    float weighted;
-};
-
-// `density`: with which all light samples have the direction, those of the environment with `own`.
-EnvironmentShare share_of_environment(float own, float density, float mis_pdf) {
-    float share = density > 0.0 ? own / density : 1.0;  // 0 of lights without power
-    return EnvironmentShare(share, share * power_heuristic(mis_pdf, own));
+// A sample for its shadow ray, which needs no more of one at infinity than its direction towards the light, `wi`.
+ResolvedLightSample for_shadow_ray(ResolvedLightSample light_sample, vec3 wi) {
+    if (is_at_infinity(light_sample.kind)) {
+        light_sample.kind = LIGHT_DIRECTIONAL;
+        light_sample.world_position = wi;
+    }
+    return light_sample;
 }
 
-// The same for a portal that the ray passes. `receiver`: where light samples choose it.
-EnvironmentShare share_of_portal(uint index, Opening opening, float density, float mis_pdf, Receiver receiver) {
-    if (opening.density == 0.0) { return EnvironmentShare(0.0, 0.0); }
+// How often a receiver chooses a portal, over how often it is chosen by power.
+float portal_choice_ratio(uint index, Receiver receiver) {
     LightSource light = light_sources.at[scene_info.first_portal + index];
-    float chosen = leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
-    float share = opening.density / density;
-    return EnvironmentShare(share, share * power_heuristic(mis_pdf, chosen * opening.density));
+    return leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
+}
+
+// How much of an environment's light along a ray each strategy of light samples stands for, by MIS against them: one
+// that has the direction with the density `own`, which receivers choose `ratio` times as often, of all, `density`.
+float weighted_share(float own, float ratio, float density, float mis_pdf) {
+    float share = density > 0.0 ? own / density : 1.0;  // 0 of lights without power
+    return share * power_heuristic(mis_pdf, ratio * own);
 }
 
 // The radiance of an environment along a ray, by MIS against samples of itself and of portals.
@@ -112,12 +112,15 @@ vec3 mis_weighted_environment(
 ) {
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
     float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
-    float density = own + density_of_openings(origin, direction, NO_INDEX);
-    float weight = share_of_environment(own, density, mis_pdf).weighted;
+    float density = own, through_portals = 0.0;
     for (uint i = 0u; i < portal_count(); i++) {
-        weight += share_of_portal(i, find_opening(i, origin, direction), density, mis_pdf, receiver).weighted;
+        float of_portal = density_of_opening(i, origin, direction);
+        if (!(of_portal > 0.0)) { continue; }
+        density += of_portal;
+        through_portals += weighted_share(of_portal, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
     }
-    return light_hit.radiance * weight;
+    float weight = weighted_share(own, 1.0, density, mis_pdf);
+    return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / density : weight);
 }
 
 // The radiance of all lights at infinity along a ray that hit no surface. `receiver`: where the light samples were

@@ -282,8 +282,9 @@ NextEvent sample_light(
     if (scene_info.light_count == 0u) { return event; }
     ChosenLeaf chosen = choose_leaf(receiver, rng);
     LightSample light_sample = sample_leaf(chosen.leaf, rng);
-    event.light_sample = resolve_light_sample(light_sample, chosen.probability);
-    LightContribution light = calculate_resolved_light_contribution(event.light_sample, surface.world_position);
+    ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
+    LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
+    event.light_sample = for_shadow_ray(resolved, light.wi);
     vec3 wi = light.wi * frame;
     if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
     event.origin = ray_origin(surface, light.wi);

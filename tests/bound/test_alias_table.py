@@ -7,7 +7,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from solari_vk.bound.lights.alias_table import alias_table, alias_tables
-from solari_vk.bound.lights.light_list import EQUAL_SHARE, choice_weights
+from solari_vk.bound.lights.choice_weights import EQUAL_SHARE, PORTAL_SHARE, choice_weights, choice_weights_by_kind
+from solari_vk.bound.lights.light_kinds import KIND_INDEX
 
 CHOICE = np.dtype([("threshold", "<u4"), ("alias", "<u4"), ("probability", "<f4")])
 WEIGHTS = st.just(0.0) | st.floats(1e-30, 1e30) | st.floats(0.5, 1)
@@ -60,3 +61,15 @@ def test_lights_are_weighted_by_power_with_a_share_for_all():
     huge = choice_weights(np.array([1e30, 1e-10, 1e308, 1e308]))
     assert np.isfinite(huge).all()
     assert huge.min() > 0.9 * EQUAL_SHARE / 4
+
+
+def test_portals_take_half_of_what_environments_have():
+    """All other lights are taken as often as without portals."""
+    names = ("emissive_mesh", "portal", "portal", "directional", "environment")
+    kinds = np.array([KIND_INDEX[name] for name in names], np.uint32)
+    powers = np.array([1.0, 2.0, 6.0, 1e5, 1e4])
+    found, plain = choice_weights_by_kind(powers, kinds), choice_weights(powers[[0, 3, 4]])
+    np.testing.assert_allclose(found[[0, 3, 4]], plain * (1, 1, 1 - PORTAL_SHARE))
+    np.testing.assert_allclose(found[1:3], PORTAL_SHARE * plain[2] * np.array([0.25, 0.75]))
+    dark = choice_weights_by_kind(np.array([1.0, 0.0]), kinds[:2])
+    np.testing.assert_allclose(dark, [1, 0])

@@ -95,7 +95,7 @@ def assert_mirrors(binder, scene):
               "environment": len(skies)}  # fmt: skip
     kinds = np.repeat([KIND_INDEX[name] for name in counts], list(counts.values()))
     np.testing.assert_array_equal(sources["kind"][: info["light_count"]], kinds)
-    flux = sum(sky.even_flux for sky in skies)
+    flux = sum(sky.flux for sky in skies)
     of_portals = slice(len(emissive), len(emissive) + len(portals))
     np.testing.assert_allclose(binder.lights.powers[of_portals], [p.area / 2 * flux for p in portals], rtol=1e-4)
     records = {"corner": lambda p: p.center - p.half_u - p.half_v, "side_v": lambda p: 2 * p.half_v}

@@ -44,11 +44,8 @@ const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightes
 // ---- variance and fireflies -------------------------------------------------------------------------
 
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
-// The noise left in the specular lobe, over its mean, below which such a history is enough. Where chance seldom
-// reflects a path, as at thin films on clear glass, more is left for hundreds of frames.
-const float LONG_HISTORY_NOISE = 0.15;
 const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood: the kernel (1 2 1)^2
-const float TEMPORAL_VARIANCE_FRAMES = 40.0;  // frames from which a pixel's temporal variance suffices
+const float FIREFLY_FRAMES = 40.0;  // frames up to which fireflies are limited
 // How many times as bright a pixel may be as its neighbors' mean; and as the mean of the 3 x 3 cells around it times
 // the pixel's number of frames, so that light that more frames confirm is not limited.
 const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_BLOCK = 4.0;
@@ -63,8 +60,8 @@ const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
 const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, over alpha
 // The least alpha (squared perceptual roughness) that counts, for certain light and for uncertain light: it is better
-// to blur reflections of smooth surfaces than to show their noise, but little in pixels with a short history or a
-// very long one, in which the edges of bright reflections aren't looked for (REFLECTION_EDGES_UNKNOWN).
+// to blur reflections of smooth surfaces than to show their noise, but little in pixels with so short a history that
+// the edges of bright reflections aren't known (REFLECTION_EDGES_UNKNOWN).
 const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_UNKNOWN_EDGES = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 

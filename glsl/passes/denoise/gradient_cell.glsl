@@ -37,11 +37,9 @@ struct GradientCell {
 
 // What the cells around one tell of each lobe: the confidence in the history, which is the share of it that changes of
 // light leave valid (a power of 1 - lambda in A-SVGF), and the luminance by which variance.comp limits fireflies.
-// specular_noise: the standard deviation of the specular lobe's light in a frame, over its mean.
 struct CellNeighborhood {
     vec2 confidence;
     vec2 luminance_limit;
-    float specular_noise;
 };
 
 layout(set = 1, scalar) buffer DenoiseCellsBlock { GradientCell at[]; } denoise_cells;

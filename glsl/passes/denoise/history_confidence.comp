@@ -68,7 +68,6 @@ void main() {
     vec2 sigmas = change_sigmas(cell_light_change(unpack_gradient(own.diffuse), position));
     vec2 specular_sigmas = change_sigmas(cell_light_change(unpack_gradient(own.specular), position));
     vec2 lobe_confidence = vec2(1.0), luminance_limit = vec2(0.0);
-    float specular_noise = 0.0;
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= MAX_RING; ring++) {
         for (int y = -ring; y <= ring; y++) {
@@ -84,12 +83,9 @@ void main() {
         lobe_confidence = min(
             lobe_confidence, vec2(confidence(diffuse, sigmas), confidence(specular, specular_sigmas))
         );
-        if (ring == 1) {
-            luminance_limit = vec2(firefly_limit_luminance(diffuse), firefly_limit_luminance(specular));
-            specular_noise = sqrt(specular.variance_sum * specular.pixels) / max(specular.luminance_sum, EPSILON);
-        }
+        if (ring == 1) { luminance_limit = vec2(firefly_limit_luminance(diffuse), firefly_limit_luminance(specular)); }
     }
     // Within an exposure the mean over its times is what is asked for.
     if (this_frame.shutter_state == LATER_OF_EXPOSURE) { lobe_confidence = vec2(1.0); }
-    denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, luminance_limit, specular_noise);
+    denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, luminance_limit);
 }

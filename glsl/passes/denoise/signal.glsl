@@ -17,9 +17,8 @@ struct Signals {
 };
 
 // The state of a pixel's signals in a buffer. What is done is left as it is by later passes, and is copied once, so
-// that it is in both buffers. REFLECTION_EDGES_UNKNOWN: the history is too short, or so long
-// (TEMPORAL_VARIANCE_FRAMES), that variance.comp didn't look for the edges of bright reflections, at which the blur is
-// to stop.
+// that it is in both buffers. REFLECTION_EDGES_UNKNOWN: the history is too short for variance.comp to look for the
+// edges of bright reflections, at which the blur is to stop.
 const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, REFLECTION_EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // packed in place of a standard error, none of which is packed to this
 

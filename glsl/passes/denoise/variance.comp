@@ -47,7 +47,7 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
     float neighbor_weight = sum.weight_sum - CENTER_MOMENTS_WEIGHT;
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
-    float long_history = min(TEMPORAL_VARIANCE_FRAMES, float(denoise_settings.max_history));
+    float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
     float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_BLOCK * lobe.frames * luminance_limit);
     if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
         lobe.radiance *= limit / value;
@@ -77,20 +77,13 @@ void main() {
     LobeHistory own_specular = unpack_lobe_history(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
-    // Around the pixel, since one that chance has not lit yet seems to have no noise.
-    float noise_left = denoise_neighborhoods.at[cell_at(pixel)].specular_noise * inversesqrt(own_specular.frames);
-    bool has_long_history = min(own_diffuse.frames, own_specular.frames) >= TEMPORAL_VARIANCE_FRAMES
-        && noise_left < LONG_HISTORY_NOISE;
-    bool reflection_edges_known = !has_long_history && own_specular.frames >= MIN_VARIANCE_FRAMES;
-    EdgeStopping edges;
-    if (!has_long_history) {
-        float relative_error = inversesqrt(max(own_specular.frames, 1.0));
-        edges = make_edge_stopping(
-            guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_UNKNOWN_EDGES
-        );
-    }
-    // Of 3 x 3 pixels, of which number 4 is the center; with a long history the center alone.
-    for (int i = has_long_history ? 4 : 0; i < (has_long_history ? 5 : 9); i++) {
+    bool reflection_edges_known = own_specular.frames >= MIN_VARIANCE_FRAMES;
+    float relative_error = inversesqrt(max(own_specular.frames, 1.0));
+    EdgeStopping edges = make_edge_stopping(
+        guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_UNKNOWN_EDGES
+    );
+    // Of 3 x 3 pixels, of which number 4 is the center.
+    for (int i = 0; i < 9; i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
         uint at = element_index(inside, camera.size);

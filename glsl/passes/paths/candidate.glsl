@@ -35,14 +35,17 @@ uvec4 hit_light_point(inout Path path) {
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
             density += density_of_openings(origin, path.walk.direction, NO_INDEX);
         }
-        float weight = whole * share_of_environment(own, density, path.walk.mis_pdf).weighted;
+        float weight = whole * weighted_share(own, 1.0, density, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         for (uint j = 0u; SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && j < portal_count(); j++) {
-            Opening opening = find_opening(j, origin, path.walk.direction);
-            weight = whole
-                * share_of_portal(j, opening, density, path.walk.mis_pdf, receiver(path.vertex)).weighted;
+            float of_portal = density_of_opening(j, origin, path.walk.direction);
+            if (!(of_portal > 0.0)) { continue; }
+            weight = whole * weighted_share(
+                of_portal, portal_choice_ratio(j, receiver(path.vertex)), density, path.walk.mis_pdf
+            );
             if (choose_weighted(sum, weight, path.rng)) {
-                point = pack_light_point(scene_info.first_portal + j, 0u, opening.u);
+                vec2 u = numbers_of_opening(j, origin, path.walk.direction);
+                point = pack_light_point(scene_info.first_portal + j, 0u, u);
             }
         }
     }

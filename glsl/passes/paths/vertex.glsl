@@ -58,8 +58,7 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
 // samples. `expected_candidates` is the expected number for each BRDF sample of candidates that are resampled, each of
 // which is weighted: n in Veach's multi-sample heuristics.
-PerLobe evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample, float expected_candidates) {
-    LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
+PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
     float light_pdf = expected_candidates * light.solid_angle_pdf;
@@ -67,43 +66,71 @@ PerLobe evaluate_next_event(Vertex vertex, ResolvedLightSample light_sample, flo
     return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);
 }
 
-const float ENVIRONMENT_VISIBILITY = 0.05;
-
 // A light sample before its shadow ray.
 struct RisLightSample {
     LightSample light_sample;
-    ResolvedLightSample resolved;
+    ResolvedLightSample resolved;  // for its shadow ray
     PerLobe contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
 
-// How often light samples of a kind are expected to be visible, for resampling, which knows no walls: where there are
-// portals, few of the environment's own. Any positive number leaves the mean as it is.
-float expected_visibility(uint kind) {
-    return SCENE_PORTAL && kind == LIGHT_ENVIRONMENT ? ENVIRONMENT_VISIBILITY : 1.0;
+// One of a stream of light samples, by the luminance that the vertex reflects of each.
+struct RisReservoir {
+    RisLightSample kept;
+    float kept_weight;
+    float weight_sum;
+};
+
+void add_to_reservoir(inout RisReservoir reservoir, RisLightSample added, inout uint rng) {
+    float weight = luminance(sum(added.contribution));
+    if (choose_weighted(reservoir.weight_sum, weight, rng)) {
+        reservoir.kept = added;
+        reservoir.kept_weight = weight;
+    }
+}
+
+// Whether a light sample comes from infinity past all portals, so that it is occluded if the vertex is in a room.
+bool comes_past_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 direction) {
+    if (!SCENE_PORTAL || light_sample.kind == LIGHT_PORTAL || !is_at_infinity(light_sample.kind)) { return false; }
+    return !passes_a_portal(receiver, direction);
 }
 
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
 // samples of lights, chosen by the luminance that the vertex reflects of it, if nothing unexpected is in the way.
+// Whether a vertex is in a room isn't known, so that samples that come past portals have their own stream, which is
+// taken for half of the vertices at most: none has less than half of the samples that it would have if that were known.
 RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {
-    RisLightSample ris_sample;
-    ris_sample.contribution = NO_LIGHT;
-    float weight_sum = 0.0, chosen_weight = 0.0;
+    RisReservoir reservoir, past_portals;
+    reservoir.kept.contribution = NO_LIGHT;
+    reservoir.kept_weight = reservoir.weight_sum = 0.0;
+    past_portals = reservoir;
     for (uint i = 0u; i < candidates; i++) {
         ChosenLeaf chosen = choose_leaf(receiver(vertex), rng);
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
-        PerLobe reflected = evaluate_next_event(vertex, resolved, expected_candidates);
-        float weight = luminance(sum(reflected)) * expected_visibility(resolved.kind);
-        if (choose_weighted(weight_sum, weight, rng)) {
-            ris_sample = RisLightSample(light_sample, resolved, reflected);
-            chosen_weight = weight;
+        LightContribution light = calculate_resolved_light_contribution(resolved, vertex.position);
+        RisLightSample ris_sample = RisLightSample(
+            light_sample, for_shadow_ray(resolved, light.wi), evaluate_next_event(vertex, light, expected_candidates)
+        );
+        if (comes_past_portals(resolved, vertex.position, light.wi)) {
+            add_to_reservoir(past_portals, ris_sample, rng);
+        } else {
+            add_to_reservoir(reservoir, ris_sample, rng);
         }
     }
-    float ris_weight = chosen_weight > 0.0 ? weight_sum / (float(candidates) * chosen_weight) : 0.0;
-    ris_sample.contribution = scale(ris_sample.contribution, vec3(ris_weight));
-    return ris_sample;
+    float probability = 1.0;
+    if (SCENE_PORTAL && past_portals.weight_sum > 0.0) {
+        float past = past_portals.weight_sum / (past_portals.weight_sum + reservoir.weight_sum);
+        past = reservoir.weight_sum > 0.0 ? min(past, 0.5) : 1.0;
+        bool takes_past = rand_f(rng) < past;
+        probability = takes_past ? past : 1.0 - past;
+        if (takes_past) { reservoir = past_portals; }
+    }
+    float ris_weight = reservoir.kept_weight > 0.0
+        ? reservoir.weight_sum / (float(candidates) * reservoir.kept_weight * probability) : 0.0;
+    reservoir.kept.contribution = scale(reservoir.kept.contribution, vec3(ris_weight));
+    return reservoir.kept;
 }
 
 #endif

@@ -10,10 +10,8 @@
 #include "scene/lights/openings.glsl"
 #include "scene/lights/types.glsl"
 
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Texels { uint at[]; };  // rgb9e5
-
 struct Environment {
-    Texels texels;
+    Words texels;  // rgb9e5
     AliasTable choices;  // among the texels
     uvec2 size;       // in texels: longitude, latitude; the first row is up
     float scale;      // radiance of a texel that holds 1, before the intensity

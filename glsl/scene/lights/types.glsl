@@ -2,6 +2,13 @@
 #ifndef SCENE_LIGHTS_TYPES_GLSL
 #define SCENE_LIGHTS_TYPES_GLSL
 
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_scalar_block_layout : require
+
+// What a light has of its own: the texels of an environment, or the summed areas of a portal's map. One type for both,
+// since shader optimizers confuse types that are alike.
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Words { uint at[]; };
+
 // A point of a light, by the seed of its random numbers. Differs from Solari: 32 bits each for light and triangle, so
 // that neither is limited to 65,535.
 struct LightSample {

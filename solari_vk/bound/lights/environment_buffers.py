@@ -47,7 +47,12 @@ class EnvironmentBuffers:
 
 
 def texel_weights(image: FloatArray) -> NDArray[np.float64]:
-    """How much light each texel sends (height, width), up to a factor.
+    """How much light each texel sends (height, width), up to a factor."""
+    return texel_means(image) * np.sin(np.pi * (np.arange(len(image)) + 0.5) / len(image))[:, None]
+
+
+def texel_means(image: FloatArray) -> NDArray[np.float64]:
+    """The mean luminance of each texel (height, width).
 
     Luminance is interpolated between texels, so a texel has some wherever one of its neighbors has.
     """
@@ -55,8 +60,8 @@ def texel_weights(image: FloatArray) -> NDArray[np.float64]:
     sides = np.roll(luminance, 1, axis=1) + np.roll(luminance, -1, axis=1)
     blurred = 0.75 * luminance + 0.125 * sides
     padded = np.concatenate([blurred[:1], blurred, blurred[-1:]])
-    weights: NDArray[np.float64] = 0.75 * blurred + 0.125 * (padded[:-2] + padded[2:])
-    return weights * np.sin(np.pi * (np.arange(len(image)) + 0.5) / len(image))[:, None]
+    found: NDArray[np.float64] = 0.75 * blurred + 0.125 * (padded[:-2] + padded[2:])
+    return found
 
 
 def encode_texels(image: FloatArray) -> tuple[NDArray[np.uint32], float]:

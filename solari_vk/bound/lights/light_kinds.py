@@ -58,8 +58,8 @@ class LightKind:
     AT_SURFACES, AT_INFINITY, NEVER, PASSED: on their way, which goes on, or BEYOND: at infinity, on a way through the
     light. depends_on_receiver: whether there is a sample_for_receiver_NAME. buffer: the buffer of its records, whose
     fields `record` gives; None: the light's index is its instance's row. power: luminous flux in lumens, roughly, of a
-    light and a number: of an emissive surface its area in square meters, of a portal the even flux of environments in
-    lux, since samples of these find their suns better, for all other kinds the scene's cross-section in square meters.
+    light and a number: of an emissive surface its area in square meters, of a portal the flux of environments in lux,
+    for all other kinds the scene's cross-section in square meters.
     position: a point (3,) in meters that moves when the light does, None for instances, whose geometry says it. bounds:
     the box around the light, min and max (2, 3) in meters; None for instances and lights at infinity.
     """

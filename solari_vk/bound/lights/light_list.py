@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
 from solari_vk.bound.lights.bodies import Bodies
+from solari_vk.bound.lights.choice_weights import choice_weights_by_kind
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
-from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, PASSED, PLACES, LightKind, kind_of
+from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
+from solari_vk.bound.lights.portal_maps import PortalMaps
 from solari_vk.bound.table import Table
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -25,20 +27,6 @@ from solari_vk.scene.model import Instance, Light
 
 Position = tuple[float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)
-EQUAL_SHARE = 0.5
-"""The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
-strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone."""
-
-
-def choice_weights(powers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How often light samples take lights of these powers (N,), up to a factor; dark lights are never taken."""
-    lit = powers > 0
-    highest = powers.max(initial=0.0)
-    if not highest > 0:
-        return powers
-    shares = powers / highest
-    weights: NDArray[np.float64] = (1 - EQUAL_SHARE) * shares / shares.sum() + EQUAL_SHARE * lit / np.count_nonzero(lit)
-    return weights
 
 
 class LightList:
@@ -63,6 +51,7 @@ class LightList:
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.bodies = Bodies()
         self._own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype)
+        self._portal_maps = PortalMaps(device)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
@@ -74,6 +63,8 @@ class LightList:
         self._powers_changed = True
         self.powers: NDArray[np.float64] = np.zeros(0)
         """Luminous flux of each row of `sources` in lumens, roughly. Each change makes a new array."""
+        self.emitted: NDArray[np.float64] = np.zeros(0)
+        """The same without portals, whose light is that of environments."""
         self.places: NDArray[np.float64] = np.zeros((0, 3))
         """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
         array."""
@@ -197,6 +188,8 @@ class LightList:
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
+        for portal in self._portal_maps.follow(self._of(Portal), self._of(EnvironmentLight)):
+            self._edited[portal] = kind_of(portal)
         self._update_edited(others, lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return
@@ -210,22 +203,18 @@ class LightList:
             self._update_choices(others, lit_area)
         self._update_tree(places, others)
 
-    def _portals(self) -> list[Any]:
-        return [light for lights in self._others.values() for light in lights if isinstance(light, Portal)]
+    def _of(self, source: type[Any]) -> list[Any]:
+        return [light for lights in self._others.values() for light in lights if isinstance(light, source)]
 
     def _lit(self, kind: LightKind, lit_area: Callable[[], float]) -> float:
-        """What the power of a light of a kind is computed with. Where there are portals, light from infinity comes
-        through them."""
+        """What the power of a light of a kind is computed with."""
         if kind.met_by_rays == AT_INFINITY:
-            openings = sum(portal.cross_section for portal in self._portals())
-            return min(lit_area(), openings) if openings else lit_area()
-        if kind.met_by_rays == BEYOND:
-            return sum(e.even_flux for of in self._others.values() for e in of if isinstance(e, EnvironmentLight))
-        return 0.0
+            return lit_area()
+        return sum(light.flux for light in self._of(EnvironmentLight)) if kind.met_by_rays == BEYOND else 0.0
 
     def _update_edited(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Write the records of edited lights, unless all are about to be written."""
-        follow = self._portals() and any(isinstance(light, Portal | EnvironmentLight) for light in self._edited)
+        follow = self._of(Portal) and any(isinstance(light, EnvironmentLight) for light in self._edited)
         for kind, light in others if follow else [(kind, light) for light, kind in self._edited.items()]:
             self._set_power(light, kind.power(light, self._lit(kind, lit_area)))
         if self._edited and not self._changed:
@@ -252,7 +241,9 @@ class LightList:
             sources["first_leaf"] = self.leaves.firsts
             self.sources.mark(range(len(listed)))
             self._moved = dict.fromkeys(self._clusters)
-        self.leaves.choose(choice_weights(self.powers))
+        kinds = self.sources.records["kind"][: len(listed)]
+        self.emitted = np.where(kinds == KIND_INDEX["portal"], 0.0, self.powers)
+        self.leaves.choose(choice_weights_by_kind(self.powers, kinds))
 
     def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> None:
         """Update the tree over all lights but those at infinity."""
@@ -294,7 +285,8 @@ class LightList:
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
         table, found = self._records[kind], self._own.get(light)
-        for field, value in (kind.record(light) | (found.record if found else {})).items():
+        own = self._portal_maps.get(light) or (found.record if found else {})
+        for field, value in (kind.record(light) | own).items():
             table.records[index][field] = value
         table.mark([index])
 
@@ -303,3 +295,4 @@ class LightList:
         for table in self.tables:
             table.destroy()
         self._own.destroy()
+        self._portal_maps.destroy()

@@ -29,7 +29,8 @@ def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64
     The powers of the old list are those with which lights were listed last, so that slow changes add up. Less than
     LISTED of a power doesn't count, or flicker would shorten all histories. A light that moves by `cell_size` meters
     from one frame to the next counts where it was and where it is; slower ones move shadows, which the denoiser sees.
-    A key is twice the light's id, and one more for the place that a light has left.
+    A key is twice the light's id, and one more for the place that a light has left. Lights without power,
+    such as portals, change nothing.
     """
     (old_ids, old_powers, old_places, old_positions), (ids, powers, places, positions) = old, new
     rows = translate(old_ids, ids)
@@ -51,7 +52,9 @@ def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64
     records["power"] = np.concatenate([changes[differs], powers[added], old_powers[gone]])
     records["recent"] = 1.0
     here = 2 * np.concatenate([ids[kept[differs]], ids[added]]).astype(np.uint64)
-    return np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1]), records, listed_powers
+    keys = np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1])
+    emits = records["power"] > 0
+    return keys[emits], records[emits], listed_powers
 
 
 class RecentChanges:

@@ -39,10 +39,6 @@ def _textures(material: Material) -> dict[str, Any]:
     return {name: texture for name, texture in found.items() if texture is not None}
 
 
-def _is_interpolated(material: Material) -> bool:
-    return any(TEXTURES[name] and t.magnification == "linear" for name, t in _textures(material).items())
-
-
 def _moves_uvs_apart(material: Material) -> bool:
     used = [texture for name, texture in _textures(material).items() if name in USED]
     ways = {(texture.uv_set, texture.uv_transform.tobytes()) for texture in used}
@@ -89,19 +85,14 @@ TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of trans
 )  # fmt: skip
 DIFFERENCES = (
     Difference(
-        "cycles", "textures", "Cycles interpolates 8-bit sRGB textures before it decodes them: contrasty textures that "
-        "are magnified are up to 6 % darker than in linear light; with nearest filtering both agree within 0.8 %",
-        _with(_is_interpolated)),
-    Difference(
         "cycles", "colored glass", "glTF tints light at each surface of a solid, so twice; Blender takes the root of "
         "the color, so solids are lighter there: with squared colors TransmissionRoughnessTest agrees within 0.5 %",
         _with(lambda m: m.transmission > 0 and m.solid)),
     Difference("cycles", "thin glass", "Blender has no thin glass: shadows of panes have no light through them",
                _with(lambda m: m.transmission > 0 and not m.solid)),
-    Difference(
-        "cycles", "attenuation", "Blender's importer makes it a Volume Absorption node, whose coefficient is "
-        "(1 - color) / distance and not -ln(color) / distance",
-        _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
+    Difference("cycles", "diffuse transmission", "Blender's importer leaves it out",
+               _with(lambda m: m.diffuse_transmission > 0)),
+    Difference("cycles", "unlit", "mirrors and glass show them black", _with(lambda m: m.unlit)),
     Difference("cycles", "sheen", "Blender's sheen is another model, of Zeltner et al.; ours equals that of "
                "KHR_materials_sheen", _with(lambda m: m.sheen_color.max() > 0)),
     Difference("cycles", "anisotropy", "Blender makes another pair of roughnesses of an anisotropy",
@@ -124,8 +115,6 @@ DIFFERENCES = (
     Difference("cycles", "specular", "Blender's importer makes the weight of reflections one at normal incidence: rims "
                "reflect fully there; glTF weights them too",
                _with(lambda m: 0 < m.specular < 1 or m.specular_texture)),
-    Difference("cycles", "spotlights", "between its cones a Blender spotlight falls off by another curve",
-               _light(_is_spot)),
     Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
                "is brighter at grazing angles, and rough metals lose what they reflect more than once",
                _with(_is_layered)),

@@ -18,6 +18,7 @@ from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
+from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Scene
 
 
@@ -50,7 +51,7 @@ def write(subject: Subject, conditions: Conditions, folder: Path) -> None:
     environment = scene.environment
     job = {
         "file": str(subject.file.resolve()), "size": conditions.size, "max_bounces": conditions.max_bounces,
-        "device": conditions.device, "rays": conditions.rays,
+        "device": conditions.device, "rays": conditions.rays, "unlit_radiance": UNLIT_RADIANCE,
         "camera": {"transform": camera.transform.tolist(), "vertical_fov": camera.vertical_fov, "near": camera.near},
         "lights": [described(light) for light in scene.lights if not isinstance(light, EnvironmentLight | Portal)],
         "environment": None if environment is None else {

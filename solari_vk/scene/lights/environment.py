@@ -16,7 +16,6 @@ from solari_vk.scene.lights.light import Light
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.observed import checked
 
-EVEN = 4.0  # times the mean luminance of a map, up to which its light counts as even
 MOST_TEXELS = 2**23  # 4096 x 2048; larger pictures are averaged down
 _ROTATION_ERROR = 1e-3
 
@@ -27,7 +26,7 @@ class EnvironmentLight(Light):
     image: FloatArray
     intensity: float
     rotation: FloatArray
-    _known: tuple[FloatArray, float, float, NDArray[np.float64]] | None = None
+    _known: tuple[FloatArray, float, NDArray[np.float64]] | None = None
 
     @property
     def lights(self) -> tuple[Light, ...]:
@@ -49,26 +48,18 @@ class EnvironmentLight(Light):
         return self.intensity * self._facts()[1]
 
     @property
-    def even_flux(self) -> float:
-        """The flux without what suns and lamps in the map exceed four times its mean by."""
-        return self.intensity * self._facts()[2]
-
-    @property
     def brightest(self) -> NDArray[np.float64]:
         """The direction (3,) in the world of the texel that sends the most light."""
-        found: NDArray[np.float64] = self.rotation.astype(np.float64) @ self._facts()[3]
+        found: NDArray[np.float64] = self.rotation.astype(np.float64) @ self._facts()[2]
         return found
 
-    def _facts(self) -> tuple[FloatArray, float, float, NDArray[np.float64]]:
-        """The image, its flux, the even part of it, and its brightest direction, computed once for each image."""
+    def _facts(self) -> tuple[FloatArray, float, NDArray[np.float64]]:
+        """The image, its flux and its brightest direction, computed once for each image."""
         if self._known is None or self._known[0] is not self.image:
             size = self.image.shape[:2]
-            luminance, areas = luminances(self.image), solid_angles(*size)
-            light = luminance * areas
-            flux = float(light.sum())
-            even = float((np.minimum(luminance, EVEN * flux / (4 * np.pi)) * areas).sum())
+            light = luminances(self.image) * solid_angles(*size)
             row, column = np.unravel_index(np.argmax(light), size)
-            object.__setattr__(self, "_known", (self.image, flux, even, directions(*size)[row, column]))
+            object.__setattr__(self, "_known", (self.image, float(light.sum()), directions(*size)[row, column]))
         assert self._known is not None
         return self._known
 
@@ -103,6 +94,13 @@ def _halved(image: FloatArray, axis: int) -> FloatArray:
     counts = np.diff(np.append(starts, image.shape[axis])).astype(np.float32)
     sums = np.add.reduceat(image, starts, axis=axis)
     return (sums / counts.reshape(-1, *[1] * (2 - axis))).astype(np.float32)
+
+
+def halved_to(image: FloatArray, rows: int) -> FloatArray:
+    """The picture, averaged down by halves to this number of rows at most."""
+    while len(image) > rows:
+        image = _halved(_halved(image, 0), 1)
+    return image
 
 
 def _rotation(value: ArrayLike) -> FloatArray:

@@ -29,10 +29,9 @@ class Portal(Light):
     of the environment, an Environment or the map of a Sky, have a chance to arrive, and serve what lies on either side.
     Light also comes past them, by samples of the environment itself. The suns of skies aren't sampled through portals.
 
-    A portal is chosen by the tree of lights, a point of it uniformly by area, and the environment is evaluated in its
-    direction; glsl/scene/lights/portal.glsl has the weights. Unlike Bitterli, Novak and Jarosz, "Portal-Masked
-    Environment Map Sampling" (2015), samples of one portal don't follow the brightness of the map behind it, which
-    samples of the environment itself do: a small sun of a map is found by these, a lawn below a sky by chance.
+    A portal is chosen by the tree of lights, and a direction through it by the light that the environment sends from
+    there: Bitterli, Novak and Jarosz, "Portal-Masked Environment Map Sampling" (2015). glsl/scene/lights/portal.glsl
+    has the weights.
     """
 
     center: FloatArray

@@ -23,7 +23,7 @@ from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.lights.light_list import EQUAL_SHARE
+from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner

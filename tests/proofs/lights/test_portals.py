@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from support import mitsuba_scene
-from support.frames import each_lighting
+from support.frames import each_lighting, frames_in_history
 from support.lamp_over_floor import ALBEDO, floor_scene
 from support.measured import hold
 from support.oracles import environments
@@ -20,6 +20,7 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
+from solari_vk.bound.lights import choice_weights
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.portals import window_room
 from solari_vk.scene import shapes
@@ -39,6 +40,8 @@ LOOSE = {
 }  # fmt: skip
 MEANS = Rule("a frame of a room with portals has the path tracer's mean without them", SUITE, "Portals")
 GAIN = Rule("error (relMSE) of the path tracer with a portal over that without it", SUITE, "Portals")
+FRAMES_GAIN = Rule("error (relMSE) of raw frames with a portal over that without it", SUITE, "Portals")
+OUTSIDE = Rule("variance far from a portal over that without it", SUITE, "Portals")
 EFFORT = Effort(6, 16, 32, 2048)
 
 
@@ -120,9 +123,38 @@ def measure_room(device, samples=512):
 def measure_gain(device):
     scenes = [window_room(sv.Environment(1000.0), with_portal=given) for given in (True, False)]
     after, before = (take_picture(device, scene, (48, 32), 256, max_bounces=4) for scene in scenes)
-    reference = np.maximum(before.mean, before.mean.mean() / 10)
-    gain = (after.variance / reference**2).mean() / (before.variance / reference**2).mean()
-    yield Measurement(GAIN, float(gain), 0.3)
+    yield Measurement(GAIN, _relative(after.variance, before.mean) / _relative(before.variance, before.mean), 0.3)
+
+
+def measure_frames_gain(device):
+    """Of frames 5 to 24, against the path tracer."""
+    scenes = [window_room(sv.Environment(1000.0), with_portal=given) for given in (True, False)]
+    truth = trace(device, scenes[1], 2048, (48, 32))
+    errors = []
+    for scene in scenes:
+        with make_renderer(device, scene, (48, 32), jitter=False) as renderer:
+            frames = [np.asarray(renderer.render()["raw_radiance"], np.float64) for _ in range(24)][4:]
+        errors.append(_relative(np.mean([(frame - truth) ** 2 for frame in frames], axis=0), truth))
+    yield Measurement(FRAMES_GAIN, errors[0] / errors[1], 0.5)
+
+
+def _relative(squares, mean):
+    return float((squares / np.maximum(mean, mean.mean() / 10) ** 2).mean())
+
+
+def measure_outside(device):
+    """A floor under a sky and a sun, 40 m away from a window: half of the sky's samples go through it, none of the
+    sun's."""
+    variances = []
+    for portals in ([((40, 1, 0), (0, 0.5, 0), (0, 0, 0.5))], []):
+        scene = floor_scene(sv.Material(base_color=ALBEDO))
+        image = np.exp(2 * np.random.default_rng(5).normal(size=(16, 32, 3)))
+        scene.environment = sv.Environment(20 * image.astype(np.float32))
+        scene.add(sv.DirectionalLight((0.2, -1, 0), illuminance=300.0))
+        add_portals(scene, portals)
+        made = take_picture(device, scene, (16, 16), 512, max_bounces=1, lambert=True)
+        variances.append(made.variance.mean())
+    yield Measurement(OUTSIDE, float(variances[0] / variances[1]), 1.5)
 
 
 @functools.cache
@@ -155,7 +187,7 @@ def _floor(device):
 
 @pytest.mark.parametrize("measure", [
     *(pytest.param(lambda device, name=name: measure_opening(device, name), id=name) for name in LOOSE),
-    _floor, measure_gain,
+    _floor, measure_gain, measure_outside, pytest.param(measure_frames_gain, marks=pytest.mark.slow),
     pytest.param(lambda device: measure_open_floor(device, "nee"), id="floor by light samples", marks=pytest.mark.slow),
     pytest.param(measure_room, id="room", marks=pytest.mark.slow),
     pytest.param(measure_paths, id="paths", marks=pytest.mark.slow),
@@ -220,19 +252,45 @@ def test_edits_of_portals_and_environments_leave_the_picture(device):
         check(20)
 
 
+def test_outside_notices_a_larger_share(device, monkeypatch):
+    monkeypatch.setattr(choice_weights, "PORTAL_SHARE", 0.9)
+    with pytest.raises(AssertionError):
+        hold(measure_outside(device))
+
+
+def test_portals_shorten_no_histories(device):
+    """Nothing changes its light when a portal comes, moves or goes."""
+    scene = window_room(sv.Environment(1000.0), with_portal=True)
+    portal = sv.Portal(*WINDOW)
+    edits = {4: lambda: scene.add(portal), 6: lambda: portal.update(center=(1, 1, 1)), 8: lambda: scene.remove(portal)}
+    with make_renderer(device, scene, (32, 24), denoise=True, jitter=False) as renderer:
+        for number in range(10):
+            edits.get(number, lambda: None)()
+            frame = renderer.render()
+        lengths = frames_in_history(frame)
+    assert np.median(lengths) == 10
+    assert lengths.mean() > 9.5
+
+
 OPENINGS, PORTAL, SAMPLING = "scene/lights/openings.glsl", "scene/lights/portal.glsl", "scene/sampling.glsl"
+_TWICE = Bug(OPENINGS, "density_of_openings", "return 0.0;")
+_DARKER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
+              "found.radiance *= 0.7; return found;")  # fmt: skip
+_BRIGHTER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
+                "found.radiance *= 3.0; return found;")  # fmt: skip
 test_a_seeded_bug_is_noticed = bug_tests({
-    "what portals sample counts twice": (_exact, Bug(OPENINGS, "density_of_openings", "return 0.0;")),
+    "what portals sample counts twice": (_exact, _TWICE),
     "portals are seen from one side": (_floor, Bug(
-        OPENINGS, "find_opening", "Opening found = correct(index, origin, direction); "
-        "if (dot(direction, portals.at[index].normal) < 0.0) { found.density = 0.0; } return found;")),
+        OPENINGS, "density_of_opening", "return dot(direction, portals.at[index].normal) < 0.0 ? 0.0 "
+        ": correct(index, origin, direction);")),
     "a wrong density": (_exact, Bug(
-        OPENINGS, "find_opening", "Opening found = correct(index, origin, direction); found.density *= 0.5; "
-        "return found;")),
+        OPENINGS, "density_of_opening", "return 0.5 * correct(index, origin, direction);")),
     "rays count as if no portal were sampled": (_exact, Bug(
-        SAMPLING, "share_of_portal", "EnvironmentShare found = correct(index, opening, density, mis_pdf, receiver); "
-        "found.weighted = found.share; return found;")),
-    "less light through portals": (_floor, Bug(
-        PORTAL, "resolve_portal", "ResolvedLightSample found = correct(index, part, u, inverse_probability); "
-        "found.inverse_area_pdf *= 0.8; return found;")),
+        SAMPLING, "portal_choice_ratio", "return 1e-6;")),
+    "less light through portals": (_floor, _DARKER),
+    "rooms": (measure_room, _DARKER),
+    "paths": (measure_paths, _DARKER),
+    MEANS: (measure_frames, _DARKER),
+    GAIN: (measure_gain, _BRIGHTER),
+    FRAMES_GAIN: (measure_frames_gain, _BRIGHTER),
 })  # fmt: skip

@@ -30,7 +30,12 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         thing.animation_data_clear()
         if thing.type in ("LIGHT", "CAMERA"):
             bpy.data.objects.remove(thing)
-    _shine_on_the_front()
+    for material in bpy.data.materials:
+        _shine_on_the_front(material)
+        _shine_unlit(material, job["unlit_radiance"])
+        _absorb(material)
+        _decode(material)
+        _hide_backs(material)
     _add_camera(scene, job["camera"])
     for light in job["lights"]:
         _add_light(scene, light)
@@ -74,19 +79,80 @@ def still(file: Path, folder: Path) -> Path:
     return copy
 
 
-def _shine_on_the_front() -> None:
+def _shine_on_the_front(material: Any) -> None:
     """Single-sided surfaces emit on their front alone, as elsewhere; Blender's emit on both sides."""
-    for material in bpy.data.materials:
-        nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
-        for strength in [node.inputs["Emission Strength"] for node in nodes if node.type == "BSDF_PRINCIPLED"]:
-            if strength.default_value == 0:
-                continue
-            geometry, front = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeMath")
-            front.operation, front.inputs[1].default_value = "MULTIPLY_ADD", -strength.default_value
-            front.inputs[2].default_value = strength.default_value
-            material.node_tree.links.new(geometry.outputs["Backfacing"], front.inputs[0])
-            material.node_tree.links.new(front.outputs[0], strength)
-            material.cycles.emission_sampling = "FRONT"
+    nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
+    for strength in [node.inputs["Emission Strength"] for node in nodes if node.type == "BSDF_PRINCIPLED"]:
+        if strength.default_value == 0:
+            continue
+        geometry, front = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeMath")
+        front.operation, front.inputs[1].default_value = "MULTIPLY_ADD", -strength.default_value
+        front.inputs[2].default_value = strength.default_value
+        material.node_tree.links.new(geometry.outputs["Backfacing"], front.inputs[0])
+        material.node_tree.links.new(front.outputs[0], strength)
+        material.cycles.emission_sampling = "FRONT"
+
+
+def _shine_unlit(material: Any, radiance: float) -> None:
+    """Unlit surfaces have the radiance that they have elsewhere, and hide lights; Blender's importer makes them
+    invisible to all rays but the camera's."""
+    nodes: Any = material.node_tree.nodes if material.use_nodes else ()
+    for mix in [node for node in nodes if node.type == "MIX_SHADER" and node.inputs[0].is_linked]:
+        if mix.inputs[0].links[0].from_socket.name != "Is Camera Ray":
+            continue
+        mix.inputs[2].links[0].from_node.inputs["Strength"].default_value = radiance
+        black = nodes.new("ShaderNodeBsdfDiffuse")
+        black.inputs["Color"].default_value = (0, 0, 0, 1)
+        material.node_tree.links.new(black.outputs[0], mix.inputs[1])
+
+
+def _absorb(material: Any) -> None:
+    """Solids absorb by -ln(color) / distance, as in glTF; Blender's importer has (1 - color) / distance."""
+    nodes: Any = material.node_tree.nodes if material.use_nodes else ()
+    for node in [node for node in nodes if node.type == "VOLUME_ABSORPTION"]:
+        color, density = node.inputs["Color"].default_value, node.inputs["Density"]
+        absorbed = [-math.log(max(value, 1e-6)) for value in color[:3]]
+        if (largest := max(absorbed)) > 0:
+            node.inputs["Color"].default_value = (*(1 - value / largest for value in absorbed), 1)
+            density.default_value *= largest
+
+
+def _decode(material: Any) -> None:
+    """Textures are decoded before they are interpolated, as in glTF; Cycles interpolates the bytes of sRGB ones."""
+    nodes: Any = material.node_tree.nodes if material.use_nodes else ()
+    for node in [node for node in nodes if node.type == "TEX_IMAGE" and node.image and not node.image.is_float]:
+        image, name = node.image, f"{node.image.name}, decoded"
+        if image.colorspace_settings.name != "sRGB" or image.channels < 3:
+            continue
+        if name not in bpy.data.images:
+            pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
+            image.pixels.foreach_get(pixels)
+            pixels = pixels.reshape(-1, image.channels)
+            colors = pixels[:, :3]
+            pixels[:, :3] = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
+            made = bpy.data.images.new(name, *image.size, alpha=True, float_buffer=True)
+            made.colorspace_settings.name, made.alpha_mode = "Linear Rec.709", "CHANNEL_PACKED"
+            made.pixels.foreach_set(np.concatenate([pixels, np.ones((len(pixels), 4), np.float32)], 1)[:, :4].ravel())
+        node.image = bpy.data.images[name]
+
+
+def _hide_backs(material: Any) -> None:
+    """Cameras don't see the backs of single-sided surfaces, as in glTF: of those that light passes, where it matters
+    most."""
+    nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
+    passes = any(node.type == "BSDF_TRANSPARENT" or (node.type == "BSDF_PRINCIPLED" and (
+        node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1)) for node in nodes)  # fmt: skip
+    for output in [node for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]:
+        links, shown = material.node_tree.links, output.inputs["Surface"].links[0].from_socket
+        geometry, rays = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeLightPath")
+        both, mix = nodes.new("ShaderNodeMath"), nodes.new("ShaderNodeMixShader")
+        both.operation = "MULTIPLY"
+        links.new(geometry.outputs["Backfacing"], both.inputs[0])
+        links.new(rays.outputs["Is Camera Ray"], both.inputs[1])
+        links.new(both.outputs[0], mix.inputs[0])
+        links.new(shown, mix.inputs[1])
+        links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[2])
+        links.new(mix.outputs[0], output.inputs["Surface"])
 
 
 def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:
@@ -117,12 +183,28 @@ def _add_light(scene: Any, light: dict[str, Any]) -> None:
         data.use_soft_falloff = False
         matrix.translation = UPRIGHT @ Vector(light["position"])
     if light["kind"] == "spot":
-        data.spot_size = 2 * light["outer_cone_angle"]
-        outer, inner = math.cos(light["outer_cone_angle"]), math.cos(light["inner_cone_angle"])
-        data.spot_blend = min(max((inner - outer) / max(1 - outer, 1e-6), 0.0), 1.0)
+        data.spot_size, data.spot_blend = 2 * light["outer_cone_angle"], 0
+        _fall_off(data, math.cos(light["outer_cone_angle"]), math.cos(light["inner_cone_angle"]))
     _link(scene, "light", data, matrix)
     if light.get("radius"):
         _add_seen_sphere(scene, light, matrix)
+
+
+def _fall_off(light: Any, outer: float, inner: float) -> None:
+    """A spotlight's curve between the cosines of its cones is that of glTF, by nodes; Blender has another."""
+    light.use_nodes = True
+    nodes, links = light.node_tree.nodes, light.node_tree.links
+    place, axes = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeSeparateXYZ")
+    cosine, share, squared = (nodes.new("ShaderNodeMath") for _ in range(3))
+    scale = 1 / max(inner - outer, 1e-3)
+    cosine.operation, share.operation, squared.operation = "ABSOLUTE", "MULTIPLY_ADD", "POWER"
+    share.use_clamp, share.inputs[1].default_value, share.inputs[2].default_value = True, scale, -outer * scale
+    squared.inputs[1].default_value = 2
+    links.new(place.outputs["Normal"], axes.inputs[0])
+    links.new(axes.outputs["Z"], cosine.inputs[0])
+    links.new(cosine.outputs[0], share.inputs[0])
+    links.new(share.outputs[0], squared.inputs[0])
+    links.new(squared.outputs[0], nodes["Emission"].inputs["Strength"])
 
 
 def _add_seen_sphere(scene: Any, light: dict[str, Any], matrix: Any) -> None:

@@ -1,0 +1,129 @@
+"""Maps of the light that portals let through, rectified so that each receiver sees a rectangle of them.
+
+Bitterli, Novak and Jarosz, "Portal-Masked Environment Map Sampling" (2015). Coordinates are slopes a against the sides,
+mapped to a / (1 + |a|) in place of their angles, which needs no trigonometry. The tables hold whole numbers, so that
+sums over small rectangles beside a sun are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.lights.environment_buffers import texel_means
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.lights.environment import EnvironmentLight, halved_to
+from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.portal import Portal
+
+Floats = NDArray[np.float64]
+LEAST_SIZE, LARGEST_SIZE = 64, 512  # texels along each side of a map: as many as the environment has rows
+_SUM = 2**31  # of a map's weights: floats still convert to such numbers
+NO_MAP: dict[str, Any] = {"map": 0, "map_size": 0}
+
+
+def radiance(luminance: Floats, directions: Floats) -> Floats:
+    """The luminance (...) of a map (height, width) in directions (..., 3) of its own space, interpolated."""
+    height, width = luminance.shape
+    x, y, z = np.moveaxis(directions, -1, 0)
+    column = width * (np.arctan2(z, x) / (2 * np.pi) + 0.5) - 0.5
+    row = np.clip(height * np.arctan2(np.hypot(x, z), y) / np.pi - 0.5, 0, height - 1)
+    left, top = np.floor(column).astype(int), np.minimum(row.astype(int), max(height - 2, 0))
+    right, bottom = (left + 1) % width, np.minimum(top + 1, height - 1)
+    left, across, down = left % width, column - np.floor(column), row - top
+    upper = luminance[top, left] * (1 - across) + luminance[top, right] * across
+    lower = luminance[bottom, left] * (1 - across) + luminance[bottom, right] * across
+    found: Floats = upper * (1 - down) + lower * down
+    return found
+
+
+def rectified(environments: Iterable[EnvironmentLight], axes: Floats) -> Floats:
+    """The light in each texel (2, size, size) of the maps behind and before a portal, up to a factor.
+
+    axes (3, 3): `directions_of`. The first map is of directions along the normal; rows follow the second side.
+    """
+    smaller = [(light, texel_means(halved_to(light.image, LARGEST_SIZE))) for light in environments]
+    size = max([LEAST_SIZE, *(min(len(pixels), LARGEST_SIZE) for _, pixels in smaller)])
+    from_middle = (2 * np.arange(size) + 1) / size - 1
+    slopes, widths = from_middle / (1 - np.abs(from_middle)), 1 / (1 - np.abs(from_middle)) ** 2
+    sideways = slopes[None, :, None] * axes[0] + slopes[:, None, None] * axes[1]
+    towards = np.stack([sideways + axes[2], sideways - axes[2]])
+    lengths = np.linalg.norm(towards, axis=-1)
+    solid_angles = widths[None, :] * widths[:, None] / lengths**3
+    seen = np.zeros_like(lengths)
+    for light, pixels in smaller:
+        seen += light.intensity * radiance(pixels, towards @ light.rotation.astype(np.float64))
+    found: Floats = seen * solid_angles
+    return found
+
+
+def summed_areas(weights: Floats) -> NDArray[np.uint32]:
+    """The table (size + 1, size + 1) of the sums of weights (size, size) above and left of each corner, in whole
+    numbers of which the largest is 2^31 at most. A texel with any light has at least 1."""
+    table = np.zeros((len(weights) + 1, len(weights) + 1), np.uint64)
+    if (total := weights.sum()) > 0:
+        whole = (weights * ((_SUM - weights.size) / total)).astype(np.uint64) + (weights > 0)
+        table[1:, 1:] = whole.cumsum(axis=0).cumsum(axis=1)
+    return table.astype(np.uint32)
+
+
+def directions_of(portal: Portal) -> Floats:
+    """Steps (3, 3) of one along the slopes of both sides, and the normal, which size and place leave as they are."""
+    sides = 2 * np.stack([portal.half_u, portal.half_v]).astype(np.float64)
+    normal = portal.transform[:3, 2]
+    across = np.linalg.norm(np.cross(sides[::-1], normal), axis=1) / portal.area
+    return np.stack([*(sides * across[:, None]), normal])
+
+
+class PortalMaps(dict[Light, dict[str, Any]]):
+    """The fields of each portal's record that its map says. Portals of the same directions share a map."""
+
+    def __init__(self, device: Device) -> None:
+        super().__init__()
+        self._device = device
+        self._made: dict[Any, Buffer] = {}
+        self._images: list[Any] = []  # of the maps' environments: their ids aren't given away
+
+    def follow(self, portals: Sequence[Portal], environments: Sequence[EnvironmentLight]) -> list[Portal]:
+        """Have the maps of these portals under these environments; returns the portals that have others now."""
+        lit = [light for light in environments if light.emits]
+        scale = lit[0].intensity if lit else 1.0
+        light = tuple((id(e.image), e.rotation.tobytes(), e.intensity / scale) for e in lit)
+        axes = {portal: directions_of(portal) for portal in portals} if lit else {}
+        keys = {portal: (light, np.round(found, 5).tobytes()) for portal, found in axes.items()}
+        made: dict[Any, Buffer] = {}
+        for portal, key in keys.items():
+            if key not in made:
+                made[key] = self._made.get(key) or self._make(lit, axes[portal])
+        for key in self._made.keys() - made.keys():
+            self._made[key].destroy()
+        self._made, self._images = made, [e.image for e in lit]
+        before = dict(self)
+        self.clear()
+        for portal in portals:
+            self[portal] = self._record(made[keys[portal]]) if lit else NO_MAP
+        return [portal for portal in portals if self[portal] != before.get(portal)]
+
+    def _make(self, lit: Sequence[EnvironmentLight], axes: Floats) -> Buffer:
+        table = np.stack([summed_areas(weights) for weights in rectified(lit, axes)])
+        buffer = self._device.buffer(table.nbytes, "portal map")
+        try:
+            buffer.upload(table)
+        except BaseException:
+            buffer.destroy()
+            raise
+        return buffer
+
+    @staticmethod
+    def _record(buffer: Buffer) -> dict[str, Any]:
+        return {"map": buffer.address, "map_size": round((buffer.size / 8) ** 0.5) - 1}
+
+    def destroy(self) -> None:
+        """Free the maps."""
+        for buffer in self._made.values():
+            buffer.destroy()
+        self._made = {}
