@@ -1,4 +1,4 @@
-// A walk through the scene, from surface to surface. Paths are variants of this loop, which is the path tracer's:
+// A random walk through the scene. Paths are variants of this loop, which is the path tracer's:
 //
 //     Walk walk = start_walk(origin, direction);
 //     while (true) {
@@ -26,7 +26,7 @@
 #include "scene/trace.glsl"
 
 const uint FIRST_ROULETTE_BOUNCE = 3u;
-const uint MAX_DELTA_BOUNCES = 64u;  // bounces by delta lobes, which don't count as others do
+const uint MAX_DELTA_BOUNCES = 64u;  // these don't count towards the limit of other bounces
 
 // ---- media ------------------------------------------------------------------------------------------
 
@@ -65,15 +65,15 @@ struct Walk {
     float mis_pdf;
     vec3 throughput;
     Medium medium;
-    float wavelength;        // in nanometers, or ALL_WAVES
+    float wavelength;        // in nanometers, or ALL_WAVELENGTHS
     float wavelength_below;  // the wavelength that it takes if it passes into the surface where it is
     float cone_width;        // of the ray cone for texture filtering, which grows by cone_spread for each meter
     float cone_spread;
 };
 
 Walk start_walk(vec3 origin, vec3 direction) {
-    return Walk(origin, direction, 0.0, INFINITY, false, false, INFINITY, vec3(1.0), NO_MEDIUM, ALL_WAVES,
-        ALL_WAVES, 0.0, 0.0);
+    return Walk(origin, direction, 0.0, INFINITY, false, false, INFINITY, vec3(1.0), NO_MEDIUM, ALL_WAVELENGTHS,
+        ALL_WAVELENGTHS, 0.0, 0.0);
 }
 
 Walk start_walk(CameraRay ray) {
@@ -159,8 +159,8 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
 }
 
-// A thin wall of smooth glass has a delta lobe straight through it, which rays take by chance when they are traced, as
-// through a blended surface. So a ray that has hit one is divided by the probability that it did, and has no such lobe.
+// Thin smooth glass has a delta lobe of straight transmission, which trace_segment samples: rays pass it by chance, as
+// blended surfaces. So what hits it is divided by the probability of a hit, and has no such lobe.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
     vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
@@ -170,15 +170,15 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     }
 }
 
-// Gives dispersive glass the index of refraction for the walk's wavelength. A walk with light of all waves gets a
-// wavelength by u, which it takes only if it passes into the glass (wavelength_below): what the outside of the glass
-// reflects keeps light of all waves.
+// Gives dispersive glass the index of refraction for the walk's wavelength. A walk with all wavelengths draws one by u,
+// which it takes only if it passes into the glass (wavelength_below): what the outside of the glass reflects keeps all
+// wavelengths.
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, float u) {
     walk.wavelength_below = walk.wavelength;
     if (!material.base.solid) { return; }
     float dispersion = materials.at[instances.at[instance].material].dispersion;
     if (dispersion == 0.0) { return; }
-    bool chosen = walk.wavelength != ALL_WAVES;
+    bool chosen = walk.wavelength != ALL_WAVELENGTHS;
     if (!chosen) { walk.wavelength_below = sample_wavelength(u); }
     float ior = material.glass.ior;
     vec3 wave_ior = dispersed_ior(ior, dispersion, vec3(1.0 / square(walk.wavelength_below)));
@@ -198,8 +198,8 @@ void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, i
     if (SCENE_DISPERSION) { disperse(walk, instance, material, rand_f(rng)); }
 }
 
-// What a surface emits. `light_pdf`: of light samples, for the direction to it in solid angle; 0 where they can't
-// choose it.
+// What a surface emits, with its MIS weight. `light_pdf`: of light samples, in solid angle; 0 where they can't choose
+// it.
 vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.mis_pdf, light_pdf);
     bool emits = surface.emits_towards_ray || surface.unlit && walk.delta_path_from_camera;
@@ -245,8 +245,8 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
-// Russian roulette: from some bounce on, whether a walk goes on, with the share of light that it carries as
-// probability. Differs from Solari: the probability is at most 1, so that no energy is lost.
+// Russian roulette from FIRST_ROULETTE_BOUNCE on: `carried` (the throughput) is the probability that a walk goes on.
+// Differs from Solari: it is clamped to 1, so that no energy is lost.
 bool survives(inout Walk walk, float carried, uint bounce, inout uint rng) {
     float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
     walk.throughput /= survival;
@@ -272,7 +272,7 @@ vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_samp
     return visible * transmittance(medium, far ? INFINITY : distance(origin, end));
 }
 
-// One sample of a light that the receiver chooses. `mis`: weighted against the walk's meeting the light.
+// One light sample, chosen for the receiver. `mis`: with its MIS weight against BRDF samples.
 NextEvent sample_light(
     Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, Receiver receiver, bool mis,
     inout uint rng

@@ -1,5 +1,5 @@
-// The light of a second surface in a pixel. Positions of samples move within the pixel, so that at edges they show one
-// of two surfaces by turns: the history of one is put aside in the frames that show the other.
+// The history of a second surface in a pixel. Samples are jittered within the pixel, so that at edges they show one of
+// two surfaces by turns: the history of one is put aside in the frames that show the other.
 #ifndef PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
 #define PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
 

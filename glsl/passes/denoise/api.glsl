@@ -11,12 +11,12 @@ struct Denoised {
     vec2 deviations;  // standard deviations of the noise that is left in both luminances
 };
 
-// Whether the denoiser works on a pixel: it is on, and there is a surface or a reflection.
+// Whether a pixel is denoised: the denoiser is on, and what the pixel shows has noise.
 bool uses_denoiser(uint index) {
     return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NOT_DENOISED;
 }
 
-// The history length of a lobe: with this frame in it once denoise/accumulate has run, and without it before that.
+// The history lengths of the diffuse and the specular lobe: with this frame once denoise/accumulate has run.
 float history_length(uint index) { return unpack_lobe_history(denoise_diffuse.at[index]).frames; }
 float specular_history_length(uint index) { return unpack_lobe_history(denoise_specular.at[index]).frames; }
 

@@ -1,6 +1,6 @@
-// The denoised light at the position of this frame's sample in a pixel. Histories average samples from all over the
-// pixel, so that denoised light is that of the pixel's center. When the picture is upscaled, the difference shows:
-// several of its pixels lie in one rendered pixel. So the light is extrapolated to the sample by its spatial gradient,
+// The denoised light at the jittered position of this frame's sample. Histories average samples from all over a pixel,
+// so that denoised light is that of its center. In upscaled pictures the difference shows, since several output pixels
+// lie in one rendered pixel. So the light is extrapolated to the sample by its spatial gradient,
 // from the neighbors on both sides, or on one side where only that neighbor shows a similar surface.
 #ifndef PASSES_DENOISE_AT_JITTER_GLSL
 #define PASSES_DENOISE_AT_JITTER_GLSL
@@ -26,7 +26,7 @@ void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
-    EdgeStopping edges = make_edge_stopping(load_guide(pixel), pixel, 0.0, MIN_ALPHA_CERTAIN);
+    EdgeStopping edges = make_edge_stopping(load_guide(pixel), pixel, 0.0, MIN_ALPHA_CONVERGED);
     ivec2 last = ivec2(camera.size) - 1;
     for (int axis = 0; axis < 2; axis++) {
         Signals found[2];

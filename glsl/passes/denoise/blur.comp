@@ -69,7 +69,7 @@ bool is_converged(ivec2 pixel, uint kind, Signals signals) {
 
 // A neighbor's edge-stopping weight is multiplied by the square of `luminance_weight`, which says how well noise
 // explains the difference of both luminances. The rest of its weight goes to the center. A neighbor that is done takes
-// no light, so that none is taken from it.
+// no light; to conserve it, it gives none.
 // The weight falls as the signals differ more, so that the sum responds less to the neighbor's signal than its weight
 // says, and more to the center's. With luminance_weight f = t / (t + d^2), where t is the tolerance and d the
 // difference, the neighbor adds f^2 d to the center's signal; the derivative by d is f^2 (4 f - 3), or 0 if that is
@@ -112,7 +112,7 @@ void main() {
     Guide guide = load_guide(pixel);
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
-    float min_alpha_if_uncertain = state == REFLECTION_EDGES_UNKNOWN ? MIN_ALPHA_UNKNOWN_EDGES : MIN_ALPHA_UNCERTAIN;
+    float min_alpha_if_uncertain = state == REFLECTION_EDGES_UNKNOWN ? MIN_ALPHA_UNKNOWN_EDGES : MIN_ALPHA_NOISY;
     float relative_error = max(own.specular.standard_error, 0.0) / max(values.y, 1e-9);
     EdgeStopping edges = make_edge_stopping(guide, pixel, relative_error, min_alpha_if_uncertain);
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
@@ -131,7 +131,7 @@ void main() {
             add_neighbor(specular, own.specular, neighbor.specular, differences.y, weights.y, other_done);
         }
     }
-    // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
+    // Where noise explains little of what neighbors differ by, or most of them are done, wider passes find no more.
     vec2 accepted_weight = vec2(diffuse.accepted_weight, specular.accepted_weight),
         weight_sum = vec2(diffuse.weight_sum, specular.weight_sum);
     bool rejects_neighbors = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));

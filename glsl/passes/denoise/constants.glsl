@@ -5,8 +5,8 @@
 
 // ---- the previous frame: Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017) --------
 
-// Largest distance from a surface's plane, in widths of a pixel: of the surface itself, of the same surface at another
-// sample of the pixel, and of where it shows the same reflection.
+// Largest plane distance at which a pixel showed the same surface, in pixel widths: for surface motion, for the
+// alternate history, and for virtual motion.
 const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_REFLECTION_PLANE_DISTANCE = 8.0;
 const float MIN_NORMAL_COSINE = 0.9;
 const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.roughness_or_albedo
@@ -39,22 +39,22 @@ const int MAX_RING = 2;  // cells from the center of the widest neighborhood
 const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_IF_EXPECTED = vec2(0.5, 1.5);
 const float EXPECTED_CHANGE = 0.25;  // share of the light
 const float CHANGE_EXPONENT = 16.0;  // of the share of light that didn't change, for the confidence
-const float ROBUST_PIXELS = 8.0;  // fewer are too few to leave out the brightest
+const float MIN_TRIMMED_PIXELS = 8.0;  // fewer are too few to leave out the brightest
 
 // ---- variance and fireflies -------------------------------------------------------------------------
 
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
-const float CENTER_MOMENTS_WEIGHT = 4.0;  // of a pixel in the moments of its 3 x 3 neighborhood: the kernel (1 2 1)^2
+const float CENTER_MOMENTS_WEIGHT = 4.0;  // center weight of the 3 x 3 kernel, (1 2 1) x (1 2 1), of moments
 const float FIREFLY_FRAMES = 40.0;  // frames up to which fireflies are limited
-// How many times as bright a pixel may be as its neighbors' mean; and as the mean of the 3 x 3 cells around it times
-// the pixel's number of frames, so that light that more frames confirm is not limited.
-const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_BLOCK = 4.0;
+// Fireflies are clamped to the larger of two limits: these factors times the neighbors' mean, and times the mean of the
+// 3 x 3 cells and the history length, so that light that more frames confirm stays.
+const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_CELLS = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // least weight of the neighbors that a pixel is compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples differ
 
 // ---- edge-stopping weights --------------------------------------------------------------------------
 
-// Distance from the surface's plane, in widths of a pixel, beyond that of a surface that bends as the normals turn.
+// A tolerance is the difference that makes a weight 1/e. PLANE_TOLERANCE: in pixel widths, beyond the sagitta.
 const float PLANE_TOLERANCE = 1.0;
 const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
@@ -62,16 +62,16 @@ const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe,
 // The least alpha (squared perceptual roughness) that counts, for certain light and for uncertain light: it is better
 // to blur reflections of smooth surfaces than to show their noise, but little in pixels with so short a history that
 // the edges of bright reflections aren't known (REFLECTION_EDGES_UNKNOWN).
-const float MIN_ALPHA_CERTAIN = 0.003, MIN_ALPHA_UNCERTAIN = 0.4, MIN_ALPHA_UNKNOWN_EDGES = 0.04;
+const float MIN_ALPHA_CONVERGED = 0.003, MIN_ALPHA_NOISY = 0.4, MIN_ALPHA_UNKNOWN_EDGES = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 
 // ---- the blur: Dammertz et al. (HPG 2010) ------------------------------------------------------------
 
-const float SIGMA_LUMINANCE = 2.2;  // standard deviations
-const float CENTER_WEIGHT = 4.0;  // of the kernel, the outer product of (1 2 1) with itself; Dammertz et al. have 5 x 5
+const float SIGMA_LUMINANCE = 2.2;  // sigma_l in SVGF
+const float CENTER_WEIGHT = 4.0;  // of the 3 x 3 kernel, (1 2 1) x (1 2 1); Dammertz et al. have 5 x 5
 const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
-const float MIN_ACCEPTED_RATIO = 0.25;  // share of the neighbors' weight that is taken
-// Correlation of the noise of pixels that a pass averages, by its level: earlier passes averaged some of the same ones.
+const float MIN_ACCEPTED_RATIO = 0.25;  // FilterSum.accepted_weight over weight_sum
+// Correlation of the noise of pixels that a pass averages, by level up to 2: earlier passes share some of their taps.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 const float EPSILON = 1e-30;
 

@@ -9,13 +9,13 @@ struct EdgeStopping {
     uint kind;
     // The surface's plane, in units of PLANE_TOLERANCE pixel widths. A pixel that is x, y away and d deep is d *
     // dot(plane, (x, y, 1)) - plane_offset tolerances off the plane; in parallel projections dot(plane, (x, y, d)) -
-    // plane_offset. Wide lenses: divided by the square root of 1 + dot(squared_pixel_angle, (x^2, y^2)).
+    // plane_offset. Wide lenses divide the product by sqrt(1 + dot(squared_pixel_angle, (x^2, y^2))).
     vec3 plane;
     vec2 squared_pixel_angle;               // the square of the angle between neighboring pixels
     float plane_offset;
     vec3 normal;             // as quantized_normal gives it
     float roughness_or_albedo;  // as quantized_material gives it
-    vec2 normal_sharpness;   // by the squared difference of normals, for the diffuse and for the specular lobe
+    vec2 normal_sharpness;   // factor of the squared difference of normals, by lobe (diffuse, specular)
 };
 
 // relative_error: of the light by the specular lobe, its standard error over its mean, or before that is known one over
@@ -26,7 +26,7 @@ EdgeStopping make_edge_stopping(Guide guide, ivec2 pixel, float relative_error, 
     vec3 normal = guide.normal / (PLANE_TOLERANCE * pixel_width(guide.depth));
     vec3 in_view = normal * mat3(camera.world_from_view);
     float offset = dot(guide.position, normal);
-    float min_alpha = mix(MIN_ALPHA_CERTAIN, min_alpha_if_uncertain, min(relative_error, 1.0));
+    float min_alpha = mix(MIN_ALPHA_CONVERGED, min_alpha_if_uncertain, min(relative_error, 1.0));
     float alpha = max(guide.roughness_or_albedo * guide.roughness_or_albedo, min_alpha);
     bool is_psr = guide.kind != PRIMARY_SURFACE;
     float tolerance = is_psr ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
@@ -63,7 +63,7 @@ vec2 edge_stopping_weights(EdgeStopping edges, uvec2 other, ivec2 step) {
         : depth * dot(edges.plane, vec3(step, 1.0));
     if (is_wide(camera)) { plane_coordinate *= inversesqrt(1.0 + dot(edges.squared_pixel_angle, vec2(step * step))); }
     vec3 normal_difference = quantized_normal(other) - edges.normal;
-    // By which a surface that bends as the normals turn lies off its plane there.
+    // How far a surface as curved as the normals say lies off its plane there.
     float sagitta = 0.5 * length(normal_difference) / NORMAL_SCALE * length(vec2(step)) / PLANE_TOLERANCE;
     float plane_distance = max(abs(plane_coordinate - edges.plane_offset) - sagitta, 0.0);
     float material_difference = abs(quantized_material(other) - edges.roughness_or_albedo)

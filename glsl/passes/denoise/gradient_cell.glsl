@@ -18,9 +18,9 @@ struct Gradient {
 struct LobeGradient {
     Gradient current;     // of this frame
     Gradient fast;         // of the fast history, LobeHistory.fast_luminance
-    float variance_sum;   // of a frame's luminance, by the history
-    float luminance_sum;  // of the history with this frame
-    float max_luminance;  // of a pixel of the cell
+    float variance_sum;   // of one frame's luminance (temporal)
+    float luminance_sum;  // of means that include this frame
+    float max_luminance;  // the largest of these
     float pixels;
 };
 
@@ -36,7 +36,7 @@ struct GradientCell {
 };
 
 // What the cells around one tell of each lobe: the confidence in the history, which is the share of it that changes of
-// light leave valid (a power of 1 - lambda in A-SVGF), and the luminance by which variance.comp limits fireflies.
+// light leave valid (a power of A-SVGF's 1 - lambda), and the luminance by which variance.comp clamps fireflies.
 struct CellNeighborhood {
     vec2 confidence;
     vec2 luminance_limit;

@@ -1,5 +1,5 @@
-// What the denoiser knows of the surface that a pixel shows, by itself, in mirrors or through glass; and how much two
-// pixels have in common. The guide images are the source.
+// What the denoiser knows of the surface that a pixel shows, by itself, in mirrors or through glass: its feature
+// buffer, packed from the guide images.
 #ifndef PASSES_DENOISE_GUIDE_GLSL
 #define PASSES_DENOISE_GUIDE_GLSL
 
@@ -19,7 +19,7 @@ const uint PSR_SURFACE = 2u;
 
 struct Guide {
     uint kind;
-    float depth;    // meters along the view axis, of PSR_SURFACE to its virtual position
+    float depth;    // view depth in meters, of PSR_SURFACE that of its virtual position
     vec3 position;  // relative to the camera
     vec3 normal;
     float roughness_or_albedo;  // perceptual roughness; of PSR_SURFACE the luminance of its albedo
@@ -27,7 +27,7 @@ struct Guide {
 
 const float NORMAL_SCALE = 511.0, MATERIAL_SCALE = 63.0;
 
-// Ten bits for each coordinate of the normal, since filters unpack many, and a float of 26 bits without a sign.
+// Normals have ten bits a coordinate, which unpack fast, as filters need. Depth is a 26-bit float without sign.
 uvec2 pack_guide(Guide guide) {
     ivec3 normal = ivec3(round(NORMAL_SCALE * guide.normal)) & 0x3FF;
     uint depth = floatBitsToUint(guide.depth) + 0x10u >> 5u;
@@ -37,9 +37,8 @@ uvec2 pack_guide(Guide guide) {
     );
 }
 
-// What a position of the rendered frame, in pixels, shows at a depth, relative to the camera. `Camera.jitter` is more
-// than the jitter of this frame's samples: it includes the jitter that the application gives its camera, and the shift
-// of the principal point.
+// The point that a pixel position shows at a depth, relative to the camera. `Camera.jitter` is more than this frame's
+// sample jitter: it includes the jitter that the application gives its camera, and the shift of the principal point.
 vec3 position_at(vec2 pixel_position, float depth, Camera from) {
     ViewLine line = view_line(pixel_position + from.jitter, from);
     return mat3(from.world_from_view) * line.start + depth * (mat3(from.world_from_view) * line.along);
@@ -82,7 +81,7 @@ vec3 guide_albedo(ivec2 pixel) {
     return min(albedo, vec3(1.0));
 }
 
-// What the light of reflections is divided by, so that filters keep the texture of the surface seen in mirrors.
+// By which the light of a PSR surface is demodulated too, so that filters keep its texture; else 1.
 vec3 psr_albedo(ivec2 pixel, uint kind) {
     return kind == PSR_SURFACE ? mix(vec3(MIN_PSR_ALBEDO), vec3(1.0), guide_albedo(pixel)) : vec3(1.0);
 }
@@ -91,8 +90,7 @@ vec3 psr_albedo(ivec2 pixel, uint kind) {
 Guide make_guide(ivec2 pixel) {
     float depth_value = imageLoad(guides_depth, texel_of(pixel)).x;
     vec4 normal_roughness = imageLoad(guides_normal_roughness, texel_of(pixel));
-    // Alpha, of passes/guides/write.comp: 1 where the guides are of the primary surface; where the PSR surface has
-    // noise.
+    // Alphas of passes/guides/write.comp: 1 if the guides are of the primary surface; 1 if what they show has noise.
     bool is_primary = imageLoad(guides_specular_albedo, texel_of(pixel)).a > 0.5;
     bool is_noisy = imageLoad(guides_diffuse_albedo, texel_of(pixel)).a > 0.5;
     Guide guide;

@@ -25,8 +25,8 @@ void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
     sum.pixels += other.pixels;
 }
 
-// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. Squares count as variance too, since a history
-// may not know outliers.
+// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. The squares' sum is a variance too,
+// as histories may miss outliers.
 float confidence(Gradient sum, float variance, vec2 sigmas) {
     float deviation = sqrt(max(sum.sum_of_squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
@@ -39,8 +39,8 @@ float confidence(LobeGradient sum, vec2 sigmas) {
     return min(confidence(sum.current, sum.variance_sum, sigmas), fast);
 }
 
-// The share of a cell's light that may have changed: by lights near it, in any recent frame, or by a change of all
-// lights. Demodulated radiance is about the irradiance over pi.
+// The share of a cell's light that may have changed in recent frames: by lights near it, or with the power of all.
+// Demodulated radiance is about irradiance / pi.
 float cell_light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance_sum / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
@@ -50,10 +50,10 @@ vec2 change_sigmas(float change) {
     return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_IF_EXPECTED, min((1.0 / EXPECTED_CHANGE) * change, 1.0));
 }
 
-// By which variance.comp limits fireflies: the mean without the brightest pixel. Of few pixels the sum, which no pixel
-// exceeds, so that none is limited.
+// By which variance.comp clamps fireflies: the mean without the brightest pixel. Of few pixels their sum, which none
+// exceeds, so none is clamped.
 float firefly_limit_luminance(LobeGradient sum) {
-    if (sum.pixels <= ROBUST_PIXELS) { return sum.luminance_sum; }
+    if (sum.pixels <= MIN_TRIMMED_PIXELS) { return sum.luminance_sum; }
     return max(sum.luminance_sum - sum.max_luminance, 0.0) / (sum.pixels - 1.0);
 }
 

@@ -5,7 +5,7 @@
 #include "common/packing.glsl"
 #include "passes/denoise/constants.glsl"
 
-// A history of frames.
+// History of a lobe.
 struct LobeHistory {
     vec3 radiance;           // the mean
     float second_moment;     // the mean of squared luminances

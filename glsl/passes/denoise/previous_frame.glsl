@@ -21,8 +21,8 @@ struct Taps {
     uint at[16];
     float weights[16];
     int count;
-    float weight;  // sum of the weights that count, before they were normalized; 0 when none does
-    float normal_divergence;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
+    float weight;  // sum of `weights`, by which what is read is divided; 0 without taps
+    float normal_deviation;  // sum of |weight| (1 - the cosine between their normals and the surface's)
 };
 
 // Converts motion from uv to pixels of the rendered frame. Adds the shift of the whole picture when the jitter that the
@@ -40,8 +40,8 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 }
 
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
-    // Of the surface that the guides are of, for both lobes; guides_motion but for PSR surfaces. It is 0 where that is
-    // static.
+    // The motion of the guides' surface, for both lobes: of PSR surfaces that of the virtual position, else
+    // guides_motion.
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
     // Light is averaged over the lens as over the pixel: what is seen through another point of it counts as unmoved.
     if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) {
@@ -70,9 +70,9 @@ bool is_consistent(Guide previous_guide, PreviousSurface previous, Guide guide, 
 }
 
 Taps no_taps() {
-    Taps taps;  // without the values of pixels that don't count
+    Taps taps;  // arrays stay undefined beyond `count`
     taps.count = 0;
-    taps.weight = taps.normal_divergence = 0.0;
+    taps.weight = taps.normal_deviation = 0.0;
     return taps;
 }
 
@@ -84,12 +84,12 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
-    // 1 - cosine is quadratic in the distance, so that Catmull-Rom's weights, some of them negative, would sum it to 0.
-    taps.normal_divergence += abs(weight) * (1.0 - dot(normalize(previous_guide.normal), previous.normal));
+    // |weight|: Catmull-Rom reproduces quadratics, so that its signed weights would sum 1 - cosine to about 0.
+    taps.normal_deviation += abs(weight) * (1.0 - dot(normalize(previous_guide.normal), previous.normal));
 }
 
-// The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or
-// by bilinear interpolation where some of the pixels showed another surface.
+// The taps around a position that showed the surface: with Catmull-Rom weights, which keep reprojected light sharp, or
+// bilinear ones where some of the taps showed another surface.
 Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_distance) {
     ivec2 corner = ivec2(floor(where - 0.5));
     vec2 fraction = where - 0.5 - vec2(corner);
@@ -121,7 +121,7 @@ void add_history(inout LobeHistory sum, LobeHistory found, float weight) {
     sum.inverse_hit_distance += weight * found.inverse_hit_distance;
 }
 
-// Splines may fall below 0.
+// Catmull-Rom overshoots.
 LobeHistory without_overshoot(LobeHistory lobe) {
     vec3 radiance = max(lobe.radiance, vec3(0.0));
     return LobeHistory(

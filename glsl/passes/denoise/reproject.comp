@@ -21,7 +21,7 @@ LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
     );
 }
 
-// The mean curvature of the surface, in 1/m; positive where it bulges.
+// The mean curvature of the surface, in 1/m; positive if convex.
 float curvature(ivec2 pixel, Guide guide) {
     float sum = 0.0;
     for (int i = 0; i < 2; i++) {
@@ -37,8 +37,8 @@ float curvature(ivec2 pixel, Guide guide) {
     return sum;
 }
 
-// The history of the specular lobe: by surface motion, or by virtual motion, that of the virtual image behind the
-// surface.
+// The history of the specular lobe: by surface motion and by virtual motion (of the virtual image), blended by
+// roughness.
 LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Taps surface_taps) {
     LobeHistory surface_history = read_specular(surface_taps);
     if (guide.kind != PRIMARY_SURFACE) { return surface_history; }
@@ -46,8 +46,8 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     vec3 previous_view_direction = normalize(previous.position);
     float alpha = guide.roughness_or_albedo * guide.roughness_or_albedo;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
-    float normal_divergence = surface_taps.normal_divergence / surface_taps.weight;
-    surface_history.frames /= 1.0 + square(normal_divergence / (LOBE_NORMAL_TOLERANCE * max(alpha, MIN_LOBE_ALPHA)));
+    float normal_deviation = surface_taps.normal_deviation / surface_taps.weight;
+    surface_history.frames /= 1.0 + square(normal_deviation / (LOBE_NORMAL_TOLERANCE * max(alpha, MIN_LOBE_ALPHA)));
     float view_change = length(view_direction - previous_view_direction);
     if (view_change < 1e-6) { return surface_history; }
 
@@ -64,14 +64,14 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     Taps virtual_taps = find_taps(virtual_pixel, previous, guide, MAX_REFLECTION_PLANE_DISTANCE);
     if (virtual_taps.weight == 0.0) { return surface_history; }
     LobeHistory virtual_history = read_specular(virtual_taps);
-    // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in
-    // the previous picture is uncertain.
+    // On a curved surface the reflected ray may turn by more than the lobe's width from pixel to pixel, so that the
+    // virtual position is uncertain.
     virtual_history.frames /= 1.0 + square(VIRTUAL_POSITION_ERROR * twice_curvature * pixel_width(guide.depth)
         / (alpha + MIN_LOBE_ALPHA));
     return blend(surface_history, virtual_history, share);
 }
 
-// The light of a pixel whose surface doesn't move, from where it was kept.
+// The history of an unmoved surface: the pixel's own, or its alternate.
 void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
     if (guide.kind != NOT_DENOISED && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];

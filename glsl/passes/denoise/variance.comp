@@ -38,9 +38,9 @@ void extend(inout Range range, LobeHistory lobe) {
     range.min_upper_bound = min(range.min_upper_bound, mean + deviation);
 }
 
-// Suppresses fireflies: in few frames, a pixel far brighter than its neighbors and its block of cells is limited,
+// Clamps fireflies: pixels with short histories that are far brighter than their neighbors and the 3 x 3 cells around,
 // unless these are black or no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The
-// history isn't limited, so that this light is in the picture when more frames confirm it.
+// history isn't clamped, so that the light is shown when more frames confirm it.
 Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float local_mean = sum.luminance_sum / sum.weight_sum, value = luminance(lobe.radiance);
@@ -48,7 +48,7 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
-    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_BLOCK * lobe.frames * luminance_limit);
+    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * lobe.frames * luminance_limit);
     if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
@@ -80,7 +80,7 @@ void main() {
     bool reflection_edges_known = own_specular.frames >= MIN_VARIANCE_FRAMES;
     float relative_error = inversesqrt(max(own_specular.frames, 1.0));
     EdgeStopping edges = make_edge_stopping(
-        guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_UNCERTAIN : MIN_ALPHA_UNKNOWN_EDGES
+        guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_NOISY : MIN_ALPHA_UNKNOWN_EDGES
     );
     // Of 3 x 3 pixels, of which number 4 is the center.
     for (int i = 0; i < 9; i++) {
@@ -102,8 +102,8 @@ void main() {
         estimate_signal(own_specular, specular, luminance_limit.y), state
     );
     // At the edge of a bright reflection the samples of a pixel show both sides of it, so that they differ without
-    // noise. A pixel with a brighter neighbor may be on the dark side. Its standard error is limited to the luminance
-    // of its darkest neighbor, so that the blur doesn't take the bright side's difference for noise and stops there.
+    // noise. A pixel with a brighter neighbor may be on the dark side. Its standard error is clamped to the luminance
+    // of its darkest neighbor, so that the blur doesn't take the difference of the sides for noise and stops there.
     if (reflection_edges_known && range.max_lower_bound > luminance(own_specular.radiance)) {
         signals.specular.standard_error = min(signals.specular.standard_error, range.min_upper_bound);
     }

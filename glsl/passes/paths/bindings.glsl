@@ -7,8 +7,8 @@
 #include "passes/paths/per_lobe.glsl"
 #include "passes/rows.glsl"
 
-// The light of a lobe at the pixel's surface over the lobe's demodulation, and the distance to where the light of this
-// lobe came from: the length of the first ray of the first path that this lobe proposed, 0 when it proposed none.
+// Demodulated radiance of a lobe at the pixel's surface, and its hit distance: the length of the first ray of the first
+// path that this lobe proposed, 0 when it proposed none; with restir, the distance to the reservoir's sample.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 // Radiance before the denoiser.
@@ -36,7 +36,7 @@ layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states
 // The indices of the pixels whose paths wait: for waves with even index, then for those with odd index. Each view has a
 // queue of its own, so that threads which run together trace rays in one world.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
-layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;  // indices of such pixels
+layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;  // their pixel indices
 struct PathQueue {
     uint count;   // of paths that go on in this wave
     uint queued;  // of paths that wait for the next wave, so far
@@ -55,7 +55,7 @@ layout(set = 1, scalar) buffer PathsWaveBlock {
 struct ReservoirCandidate {
     uvec4 light;         // a point of a light, as PathReservoir.point
     float light_resampling_weight;  // the target function times the unbiased contribution weight
-    float path_contribution_weight;    // unbiased contribution weight: one over the first ray's pdf; 0 without a hit
+    float path_contribution_weight;    // W: one over the pdf of x2 as the first ray's hit; 0 without a hit
     vec3 position;       // of x2, moved off its surface
     uint normal;
     uint instance;
@@ -68,8 +68,8 @@ struct PathReservoir {
     // Of a hit: its position, moved off the surface, as floats, and its geometric normal, octahedral.
     uvec4 point;
     vec3 radiance;     // of a hit, towards the pixel
-    float confidence;  // in frames
-    float weight;      // unbiased contribution weight (W in the paper); 0 when no light was found
+    float confidence;  // M in ReSTIR
+    float weight;      // unbiased contribution weight W; 0 when no light was found
     uint instance;     // of the hit; NO_INDEX for a light
 };
 layout(set = 1, scalar) buffer PathsTemporalReservoirsBlock {

@@ -7,10 +7,9 @@
 
 uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The point of a light that the path's first ray has hit, as PathReservoir.point. One light is stored for the sum of
-// those that the ray meets: the first that it passes, or of lights at infinity that overlap, such as a sun, its sky and
-// portals before it, one chosen by its part of the light that the ray found. The candidate's weight is that of the sum,
-// so that the mean is right.
+// The point of a light that the path's first ray has hit, as PathReservoir.point. One light stands for all that the ray
+// meets, with the weight of their sum, so that the mean is right: the first in the list that it passes, else the
+// surface that it hits, else one of the lights at infinity (a sun, its sky, portals before it), chosen by its share.
 uvec4 hit_light_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
@@ -33,7 +32,7 @@ uvec4 hit_light_point(inout Path path) {
         float probability = light_probability_by_power(light), whole = luminance(light_hit.radiance);
         float own = probability / light_hit.inverse_solid_angle_pdf, density = own;
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
-            density += density_of_openings(origin, path.walk.direction, NO_INDEX);
+            density += pdf_of_openings(origin, path.walk.direction, NO_INDEX);
         }
         float weight = whole * weighted_share(own, 1.0, density, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }

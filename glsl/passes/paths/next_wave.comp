@@ -1,5 +1,5 @@
-// Begins a wave: in each layer as many threads as paths wait in the view with the most. Wave 0 is that of the first
-// rays: of the first paths in all pixels, then of further paths where there is little history.
+// Begins a wave: sets its indirect dispatch, in each layer as many threads as the longest queue of a view has paths.
+// Wave 0 traces first rays: of all pixels, then of further paths where history is short.
 #version 460
 #include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"

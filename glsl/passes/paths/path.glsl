@@ -1,7 +1,7 @@
 // A path through the scene: from the first vertex, the surface that the pixel shows (x1 in papers, found by the
-// G-buffer), along the first ray to the second vertex (x2), and on to where it ends: in the world cache, where nothing
-// is, or by Russian roulette. Light samples and BRDF samples are weighted by the power heuristic, as in the reference
-// path tracer (Veach 1997), whose mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
+// G-buffer), along the first ray to the second vertex (x2), and on until it ends: in the world cache, at no surface, by
+// Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997), as in the reference path tracer,
+// which has the same mean without world cache and regularization. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
@@ -10,8 +10,8 @@
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
 
-// Paths end in a cell of the world cache when the last ray is longer than the diagonal of the cell, and when the path's
-// footprint is as wide as cosine-weighted rays of that length would make it.
+// Before the bounce limit, paths end in the world cache if the last ray is longer than the cell's diagonal and the
+// footprint as wide as a cosine-weighted ray of that length makes it.
 const float MIN_RAY_IN_CELLS = 1.7320508;
 const float MIN_FOOTPRINT_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 
@@ -29,7 +29,7 @@ struct Path {
     PerLobe first_weight;    // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
     RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
     LightAlongRay first_along_ray;  // what lights emit that the first ray passes through
-    vec3 radiance;                // that arrives from x2, without `reusable_radiance`
+    vec3 radiance;                // from x2 or infinity, without `reusable_radiance`
     // With reuse, the light that leaves x2 by its diffuse lobe; and whether the path left it by that lobe.
     vec3 reusable_radiance;
     bool diffuse_at_x2;
@@ -41,7 +41,7 @@ struct Path {
     float sum_of_inverse_pdfs;
     // The path's footprint in meters, the root of the area spread in Müller et al., "Real-time Neural Radiance Caching
     // for Path Tracing" (2021): the sum over rays of length times the root of the solid angle. There each ray has that
-    // of its own direction alone; here earlier directions widen later rays too.
+    // of its own direction, over the hit's cosine; here earlier ones count too.
     float footprint;
     uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames
     // What the first vertex samples with: the candidates of its light sample, and the random numbers of its direction.
@@ -93,7 +93,7 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
     if (paths_reuse && diffuse_at_x2) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
-// The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
+// The probability of next event estimation. Smooth metals leave lights to BRDF samples.
 float nee_probability(Brdf brdf) {
     Specular specular = brdf.specular;
     if (scene_info.light_count == 0u || specular.mirror && brdf.specular_probability == 1.0) { return 0.0; }
@@ -177,7 +177,7 @@ bool advance(inout Path path) {
         path.first_ray_is_diffuse = next.diffuse;
         next.weight = vec3(1.0);
     } else if (paths_reuse && path.bounce == 1u) {
-        // The path goes on for one of the lobes.
+        // Later light belongs to one lobe of x2.
         PerLobe weights = lobe_weights(path.vertex, next);
         float diffuse_probability = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
         path.diffuse_at_x2 = rand_f(path.rng) < diffuse_probability;

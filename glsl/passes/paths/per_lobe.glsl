@@ -3,8 +3,8 @@
 #define PASSES_PATHS_PER_LOBE_GLSL
 
 struct PerLobe {
-    vec3 diffuse;   // with sheen
-    vec3 specular;  // by all other lobes: specular, coat and glass
+    vec3 diffuse;   // with sheen and diffuse transmission
+    vec3 specular;  // with coat and glass
 };
 
 const PerLobe NO_LIGHT = PerLobe(vec3(0.0), vec3(0.0));

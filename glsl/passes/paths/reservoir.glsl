@@ -1,5 +1,5 @@
 // Reuse of light between pixels: Lin et al., "Generalized Resampled Importance Sampling: Foundations of ReSTIR" (2022).
-// A sample is a point of a light, which every pixel shifts to itself, or a path sample: its second vertex (x2) with the
+// A sample is a point of a light, which the shift keeps (Jacobian 1), or a path sample: its second vertex (x2) with the
 // light that leaves it by its diffuse lobe, which pixels shift by reconnection: Ouyang et al., "ReSTIR GI: Path
 // Resampling for Real-Time Path Tracing" (2021). Together they are all light of the pixel's diffuse lobe, and of its
 // specular lobe if that is rough enough, but for the light that x2 reflects specularly.
@@ -150,7 +150,7 @@ struct Merge {
     PerLobe light;
 };
 
-// Merges the reservoir of another pixel, whose surface is `there`, into that of this pixel, by the balance heuristic
+// Merges another pixel's reservoir, of surface `there`, into this pixel's, by the generalized balance heuristic
 // with both pixels' targets and visibility. `other_confidence` is that of the other pixel for each of the two samples;
 // `choice` is a random number in [0, 1). Differs from Solari, where a pixel's own sample keeps half of its weight in
 // each merge with a neighbor: that has more noise here.
@@ -165,7 +165,7 @@ Merge merge_reservoirs(
         own_mis_weight = balance_heuristic(own.confidence * own_target.value, other_confidence.x * own_target_there);
         if (own_mis_weight < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_mis_weight = 1.0; }
     }
-    // Only spatial reuse takes the light.
+    // Spatial reuse alone shades.
     if (SCENE_BLEND && own_target.value > 0.0 && !there_in_previous_frame) {
         own_target.integrand = scale(own_target.integrand, trace_sample_transmittance(here, own, false));
     }

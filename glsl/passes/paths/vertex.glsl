@@ -40,9 +40,9 @@ PerLobe lobes_times_cosine(Vertex vertex, vec3 wi) {
     );
 }
 
-// Makes surfaces rougher that a path reaches after a lobe of finite pdf. Otherwise light that a mirror throws on a
-// diffuse surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space
-// Regularization for Holistic and Robust Light Transport" (2013).
+// Makes surfaces rougher that a path reaches after a non-delta bounce. Otherwise few paths would find caustics, each
+// far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for Holistic and Robust Light Transport"
+// (2013).
 void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
     float min_roughness = min(1.0, 0.5 * sqrt(sum_of_inverse_pdfs)) * paths_settings.regularization;
     if (SCENE_LAYERS) {
@@ -56,8 +56,8 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 // ---- light samples -----------------------------------------------------------------------------------
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `expected_candidates` is the expected number for each BRDF sample of candidates that are resampled, each of
-// which is weighted: n in Veach's multi-sample heuristics.
+// samples. `expected_candidates`: n of light samples in Veach's multi-sample model, the expected number of RIS
+// candidates for each BRDF sample.
 PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
@@ -96,8 +96,8 @@ bool comes_past_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 di
     return !passes_a_portal(receiver, direction);
 }
 
-// Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
-// samples of lights, chosen by the luminance that the vertex reflects of it, if nothing unexpected is in the way.
+// Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005) of lights. The
+// target function is the unoccluded luminance that the vertex reflects, times the expected visibility.
 // Whether a vertex is in a room isn't known, so that samples that come past portals have their own stream, which is
 // taken for half of the vertices at most: none has less than half of the samples that it would have if that were known.
 RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {

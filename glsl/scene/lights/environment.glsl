@@ -87,7 +87,7 @@ ResolvedLightSample sample_for_receiver_environment(ResolvedLightSample light_sa
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return light_sample; }
     LightSource light = light_sources.at[scene_info.first_environment + light_sample.data];
     float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
-    light_sample.radiance *= own > 0.0 ? own / (own + density_of_openings(receiver, direction, NO_INDEX)) : 1.0;
+    light_sample.radiance *= own > 0.0 ? own / (own + pdf_of_openings(receiver, direction, NO_INDEX)) : 1.0;
     return light_sample;
 }
 

@@ -202,7 +202,7 @@ vec2 numbers_of_opening(uint index, vec3 origin, vec3 direction) {
 }
 
 // The sum of the densities of all portals but one; NO_INDEX: of all.
-float density_of_openings(vec3 origin, vec3 direction, uint left_out) {
+float pdf_of_openings(vec3 origin, vec3 direction, uint left_out) {
     float density = 0.0;
     for (uint i = 0u; i < portal_count(); i++) {
         if (i != left_out) { density += density_of_opening(i, origin, direction); }

@@ -35,7 +35,7 @@ ResolvedLightSample sample_for_receiver_portal(ResolvedLightSample light_sample,
     float own = density * light_probability_by_power(light_sources.at[scene_info.first_portal + index]);
     if (!(own > 0.0 && own < INFINITY)) { return light_sample; }
     light_sample.inverse_area_pdf /= density;
-    float all = own + density_of_openings(receiver, direction, index);
+    float all = own + pdf_of_openings(receiver, direction, index);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         if (!SCENE_ENVIRONMENT || light.kind != LIGHT_ENVIRONMENT) { continue; }

@@ -9,7 +9,7 @@
 // BAND_WIDTH. The wavelengths are those of the positive parts of Rec. 709's color matching functions.
 const vec3 BANDS = vec3(610.0, 540.0, 450.0);
 const float BAND_WIDTH = 70.0;
-const float ALL_WAVES = 0.0;
+const float ALL_WAVELENGTHS = 0.0;
 
 // The share of the light of a wavelength that each color sees, over the density with which sample_wavelength samples
 // it: 1 in the mean.

@@ -273,7 +273,7 @@ def test_portals_shorten_no_histories(device):
 
 
 OPENINGS, PORTAL, SAMPLING = "scene/lights/openings.glsl", "scene/lights/portal.glsl", "scene/sampling.glsl"
-_TWICE = Bug(OPENINGS, "density_of_openings", "return 0.0;")
+_TWICE = Bug(OPENINGS, "pdf_of_openings", "return 0.0;")
 _DARKER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
               "found.radiance *= 0.7; return found;")  # fmt: skip
 _BRIGHTER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
