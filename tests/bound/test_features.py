@@ -30,7 +30,7 @@ def modules(path: str, **options):
 
 
 OF_FEATURES = {"evaluate_coat", "prepare_glass", "film_fresnel", "sample_wavelength",
-               "environment_radiance", "intersect_sphere", "find_opening"}
+               "environment_radiance", "intersect_sphere", "cross_portal"}
 
 
 def functions(module) -> set[str]:
