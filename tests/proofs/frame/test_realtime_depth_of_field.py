@@ -57,7 +57,8 @@ def check_disk(device, kind="perspective", focus=2.0):
 
 
 @pytest.mark.parametrize(("kind", "focus"), [
-    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0), ("fisheye", 2.0),
+    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0),
+    pytest.param("fisheye", 2.0, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_the_disk_of_confusion(device, kind, focus):
     check_disk(device, kind, focus)

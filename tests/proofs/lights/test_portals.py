@@ -258,6 +258,7 @@ def test_outside_notices_a_larger_share(device, monkeypatch):
         hold(measure_outside(device))
 
 
+@pytest.mark.slow
 def test_portals_shorten_no_histories(device):
     """Nothing changes its light when a portal comes, moves or goes."""
     scene = window_room(sv.Environment(1000.0), with_portal=True)
