@@ -85,7 +85,8 @@ def checked_size(device: Device, size: Any, views: int, record_bytes: int, rende
         if renderer == "realtime":  # all in one image, whose last row may have places without a view
             columns, rows = (limits.maxImageDimension2D // side for side in (width, height))
             empty = min(round(math.sqrt(most * height / width)), most - 1)
-            most = min(most - max(empty, 0), columns * rows)
+            layers = limits.maxComputeWorkGroupCount[2]  # paths that wait have one for each view
+            most = min(most - max(empty, 0), columns * rows, layers)
     if views > most:
         hint = f"at most {most:,} views of this size: render them in parts" if most else "none of this size"
         raise SolariError(f"Batch: {views:,} views of {width}x{height} pixels: this device's buffers hold {hint}")
