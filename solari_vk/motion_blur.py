@@ -166,8 +166,8 @@ class ExposureRenderer(PictureRenderer):
         if shutter is None and pose is None:
             # After an exposure the picture begins anew.
             first = None if self._exposure is None else Exposed(False, (0, self.size[1]))
-            self._exposure, self._moved = None, False
             frame = RenderedFrame(self, camera, *self._submit(camera, first))
+            self._exposure, self._moved = None, False
         else:
             frame = self._expose(camera, shutter, pose)
         return self._finish(frame, METERING_FRAMES)
@@ -180,11 +180,12 @@ class ExposureRenderer(PictureRenderer):
         later = before == (shutter, Projection.of(camera, self.size).view)
         try:
             _, submission = self._submit(_posed(poses, seconds, camera), Exposed(later, rows))
+            middle = _posed(poses, shutter.middle, camera)
         except BaseException:
+            self.reset()  # what the device has is the mean of an exposure
             with suppress(Exception):  # the error that is raised is the first one
                 poses(shutter.middle)
             raise
-        middle = _posed(poses, shutter.middle, camera)
         self._exposure, self._moved = (shutter, Projection.of(camera, self.size).view), True
         return RenderedFrame(self, middle, Projection.of(middle, self.size), submission)
 

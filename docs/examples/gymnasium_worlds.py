@@ -30,6 +30,7 @@ class Push(gym.vector.VectorEnv):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
+        self.age[:] = 0
         return self._observe(np.ones(self.num_envs, bool)), {}
 
     def step(self, actions):

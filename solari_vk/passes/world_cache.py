@@ -38,7 +38,8 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1) -> S
     """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds."""
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
     sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings))
-    return stage(max(min(settings.world_cache_cells, cells), FEWEST_CELLS_OF_WORLD * parts(worlds)), [sample])
+    fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
+    return stage(max(min(settings.world_cache_cells, cells), fewest), [sample])
 
 
 def stage(cells: int, samples: Sequence[Pass]) -> Stage:
