@@ -158,7 +158,7 @@ class ExposureRenderer(PictureRenderer):
         camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
         24 frames. Call `reset` at a cut. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
         by default `scene.animate`, poses the scene, and may return the camera; `radiance` is the mean of the successive
-        frames that were given this shutter and this camera, and another one begins a new picture. The scene stays as in
+        frames given this shutter, pose and camera, and another one begins a new picture. The scene stays as in
         the middle of the exposure, which results at pixels' centers show. Raises SolariError for a wrong camera, a
         shutter without a pose in a scene without animations, or an invalid scene.
         """
@@ -177,7 +177,8 @@ class ExposureRenderer(PictureRenderer):
         poses = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
         seconds, rows = shutter.frame(self.frame_count + SEED_STRIDE * self.seed, self.size[1])
         before, self._exposure = self._exposure, None
-        later = before == (shutter, Projection.of(camera, self.size).view)
+        exposure = shutter, poses, Projection.of(camera, self.size).view
+        later = before == exposure
         try:
             _, submission = self._submit(_posed(poses, seconds, camera), Exposed(later, rows))
             middle = _posed(poses, shutter.middle, camera)
@@ -186,7 +187,7 @@ class ExposureRenderer(PictureRenderer):
             with suppress(Exception):  # the error that is raised is the first one
                 poses(shutter.middle)
             raise
-        self._exposure, self._moved = (shutter, Projection.of(camera, self.size).view), True
+        self._exposure, self._moved = exposure, True
         return RenderedFrame(self, middle, Projection.of(middle, self.size), submission)
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:

@@ -9,11 +9,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from viewer_tools import make_session
 
 import solari_vk as sv
 from solari_vk.viewer.app import Viewer
+from solari_vk.viewer.session import Session
 
 SCREEN = (480, 360)
+
+
+@pytest.fixture
+def scene() -> sv.Scene:
+    return sv.builtin("cornell_box")
+
+
+@pytest.fixture
+def session(scene: sv.Scene) -> Session:
+    return make_session(scene)
 
 
 @pytest.fixture(scope="session")

@@ -20,16 +20,6 @@ from solari_vk.viewer.session import GIZMOS
 from solari_vk.viewer.window import Event
 
 
-@pytest.fixture
-def scene():
-    return sv.builtin("cornell_box")
-
-
-@pytest.fixture
-def session(scene):
-    return make_session(scene)
-
-
 def state(scene, settings):
     """Everything that edits may change, as values that compare."""
     items = [*scene.instances, *scene.lights, *scene.cameras, *scene.materials]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glfw
 import numpy as np
 import pytest
-from viewer_tools import drag, make_session, press, release
+from viewer_tools import drag, press, release
 
 import solari_vk as sv
 from solari_vk.viewer.actions import act
@@ -14,16 +14,6 @@ from solari_vk.viewer.controls import Controls
 from solari_vk.viewer.layout import Area
 from solari_vk.viewer.outline import covered
 from solari_vk.viewer.window import Event
-
-
-@pytest.fixture
-def scene():
-    return sv.builtin("cornell_box")
-
-
-@pytest.fixture
-def session(scene):
-    return make_session(scene)
 
 
 @pytest.fixture

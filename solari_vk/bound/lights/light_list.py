@@ -188,8 +188,9 @@ class LightList:
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
-        for portal in self._portal_maps.follow(self._of(Portal), self._of(EnvironmentLight)):
-            self._edited[portal] = kind_of(portal)
+        if self._changed or any(isinstance(light, (Portal, EnvironmentLight)) for light in self._edited):
+            for portal in self._portal_maps.follow(self._of(Portal), self._of(EnvironmentLight)):
+                self._edited[portal] = kind_of(portal)
         self._update_edited(others, lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return

@@ -151,6 +151,17 @@ def test_a_camera_that_moves_begins_a_new_exposure(device):
     assert (found[29:] > 0.98).all()
 
 
+def test_another_pose_begins_a_new_exposure(device):
+    scene, instance = edge_scene()
+    shutter = sv.Shutter(close=1.0)
+    with sv.Renderer(device, scene, SIZE) as renderer:
+        expose(renderer, shutter, move(instance, 24 * PIXEL), 24)
+        again = expose(renderer, shutter, move(instance, 0.0), 24)
+    with sv.Renderer(device, scene, SIZE) as renderer:
+        alone = expose(renderer, shutter, move(instance, 0.0), 24)
+    assert np.abs(again - alone).mean() < 0.01
+
+
 def test_a_failed_pose_leaves_the_middle(device):
     scene, instance = edge_scene()
     calls = []

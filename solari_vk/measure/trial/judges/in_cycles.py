@@ -30,11 +30,12 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         thing.animation_data_clear()
         if thing.type in ("LIGHT", "CAMERA"):
             bpy.data.objects.remove(thing)
+    decoded: dict[str, Any] = {}
     for material in bpy.data.materials:
         _shine_on_the_front(material)
         _shine_unlit(material, job["unlit_radiance"])
         _absorb(material)
-        _decode(material)
+        _decode(material, decoded)
         _hide_backs(material)
     _add_camera(scene, job["camera"])
     for light in job["lights"]:
@@ -117,23 +118,25 @@ def _absorb(material: Any) -> None:
             density.default_value *= largest
 
 
-def _decode(material: Any) -> None:
-    """Textures are decoded before they are interpolated, as in glTF; Cycles interpolates the bytes of sRGB ones."""
+def _decode(material: Any, decoded: dict[str, Any]) -> None:
+    """Textures are decoded before they are interpolated, as in glTF; Cycles interpolates the bytes of sRGB ones.
+    decoded: the images made for other materials, by the names of theirs; new ones are added."""
     nodes: Any = material.node_tree.nodes if material.use_nodes else ()
     for node in [node for node in nodes if node.type == "TEX_IMAGE" and node.image and not node.image.is_float]:
-        image, name = node.image, f"{node.image.name}, decoded"
+        image = node.image
         if image.colorspace_settings.name != "sRGB" or image.channels < 3:
             continue
-        if name not in bpy.data.images:
+        if image.name not in decoded:
             pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
             image.pixels.foreach_get(pixels)
             pixels = pixels.reshape(-1, image.channels)
             colors = pixels[:, :3]
             pixels[:, :3] = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
-            made = bpy.data.images.new(name, *image.size, alpha=True, float_buffer=True)
+            made = bpy.data.images.new(f"{image.name}, decoded", *image.size, alpha=True, float_buffer=True)
             made.colorspace_settings.name, made.alpha_mode = "Linear Rec.709", "CHANNEL_PACKED"
             made.pixels.foreach_set(np.concatenate([pixels, np.ones((len(pixels), 4), np.float32)], 1)[:, :4].ravel())
-        node.image = bpy.data.images[name]
+            decoded[image.name] = made
+        node.image = decoded[image.name]
 
 
 def _hide_backs(material: Any) -> None:
