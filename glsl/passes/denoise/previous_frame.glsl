@@ -11,9 +11,11 @@
 // A surface in the previous frame.
 struct PreviousSurface {
     vec2 pixel;     // in pixels without jitter; centers are at + 0.5
-    // Relative to the previous camera. Of PSR surfaces that of this frame: is_consistent compares their depths instead.
-    vec3 position;
+    vec3 position;  // relative to the previous camera
     vec3 normal;
+    // Whether position and normal are those of the previous frame. Else, for PSR surfaces and poses that changed, they
+    // are this frame's, and is_consistent compares depths.
+    bool has_plane;
 };
 
 // Pixels of the previous frame with their weights.
@@ -45,23 +47,26 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
     // Light is averaged over the lens as over the pixel: what is seen through another point of it counts as unmoved.
     if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) {
-        return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal);
+        return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal, true);
     }
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
-    if (guide.kind != PRIMARY_SURFACE || !moved) {
-        return PreviousSurface(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
+    bool is_primary = guide.kind == PRIMARY_SURFACE;
+    uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
+    if (!is_primary || !moved || has_new_pose(instance)) {
+        return PreviousSurface(
+            vec2(pixel) + 0.5 + motion, guide.position, guide.normal, is_primary && !has_new_pose(instance)
+        );
     }
     vec3 origin = camera.world_from_view[3];
-    uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
     SurfacePlane plane = previous_plane(instance, SurfacePlane(origin + guide.position, guide.normal));
     vec3 position = plane.point - previous_camera.world_from_view[3];
-    return PreviousSurface(previous_pixel(guide.position, position, pixel), position, plane.normal);
+    return PreviousSurface(previous_pixel(guide.position, position, pixel), position, plane.normal, true);
 }
 
 // Whether a pixel of the previous frame showed the same surface.
 bool is_consistent(Guide previous_guide, PreviousSurface previous, Guide guide, float plane_distance) {
     if (previous_guide.kind != guide.kind) { return false; }
-    bool near = guide.kind == PRIMARY_SURFACE
+    bool near = previous.has_plane
         ? abs(dot(previous_guide.position - previous.position, previous.normal))
             < plane_distance * pixel_width(previous_guide.depth)
         : abs(previous_guide.depth - guide.depth) < MAX_DEPTH_DIFFERENCE * guide.depth;

@@ -140,6 +140,12 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 // Whether joints or morph targets moved the vertices of a mesh since the previous frame.
 bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
 
+bool has_new_pose(uint instance_index) {
+    if (!SCENE_POSES || instance_index == NO_INDEX) { return false; }
+    uint mesh = instances.at[instance_index].mesh;
+    return mesh != NO_INDEX && changes_pose(meshes.at[mesh]);
+}
+
 // Whether an instance was there in the previous frame and is where it was, with a mesh of its in the same pose.
 bool is_mesh_static(uint instance_index, Mesh mesh) {
     PreviousInstance before = previous_instances.at[instance_index];

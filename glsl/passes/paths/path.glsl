@@ -93,11 +93,16 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
     if (paths_reuse && diffuse_at_x2) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
-// The probability of next event estimation. Smooth metals leave lights to BRDF samples.
+// The probability of next event estimation. Smooth metals leave lights to BRDF samples; layers over them that are no
+// delta lobes don't, because no ray meets a light that is a point.
 float nee_probability(Brdf brdf) {
+    if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
-    if (scene_info.light_count == 0u || specular.mirror && brdf.specular_probability == 1.0) { return 0.0; }
-    return mix(1.0, specular.perceptual_roughness, specular.metallic);
+    bool is_delta = specular.mirror && brdf.specular_probability == 1.0;
+    float probability = is_delta ? 0.0 : mix(1.0, specular.perceptual_roughness, specular.metallic);
+    if (!SCENE_LAYERS) { return probability; }
+    float coat = is_mirror_coat(brdf.coat) ? 0.0 : brdf.probabilities.coat;
+    return mix(probability, 1.0, coat + brdf.probabilities.sheen);
 }
 
 // The weight of a BRDF sample by lobe.

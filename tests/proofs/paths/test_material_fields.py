@@ -118,6 +118,20 @@ def measure_fields(device, names, effort=EFFORT):
         yield Measurement(RULES[name], abs(error) + half_width, 0.01, f"relative error, {effort}", note)
 
 
+@pytest.mark.parametrize("layer", [COAT, {"sheen_color": (1, 1, 1), "sheen_roughness": 0.5}], ids=["coat", "sheen"])
+def test_layers_over_smooth_metal_show_points(device, layer):
+    """Which no ray meets, so that smooth metals alone need no light samples."""
+    metal = sv.Material(metallic=1.0, perceptual_roughness=0.0, **layer)
+    scene = sv.Scene(sv.Instance(shapes.plane(2), metal), camera=sv.Camera.look_at((0, 2, 2), (0, 0, 0), vertical_fov=0.5))
+    scene.add(sv.PointLight(position=(0, 2, -2), intensity=100.0))
+    with make_renderer(device, scene, (8, 8), passes=PATHS, **PLAIN) as renderer:
+        found = run_pictures(renderer, scene.camera, Effort(16, 0, 16, 256), read_radiance)
+    with path_tracer_at_centers():
+        expected = trace(device, scene, 256, (8, 8))
+    error, half_width = relative_interval(found[..., 0], expected[..., 0])
+    assert abs(error) + half_width < 0.05
+
+
 @pytest.mark.slow  # minutes
 @pytest.mark.parametrize("names", GROUPS.values(), ids=GROUPS)
 def test_fields(device, names):
