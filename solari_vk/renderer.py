@@ -202,7 +202,7 @@ class Renderer(ExposureRenderer):
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
             self.binder.blended_changes != self._blended_changes, *offset, x - previous_x, y - previous_y,
-            0 if exposed is None else 1 + (exposed.later and history), *(exposed.rows if exposed else (0, 0)),
+            *((exposed.state, *exposed.rows) if exposed else (0, 0, 0)),
         )  # fmt: skip
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes

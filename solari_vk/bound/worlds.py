@@ -99,7 +99,7 @@ class Worlds:
         self._seen: tuple[int, ...] = ()
         self._addresses: list[int] = []
         self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
-        self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what was written, and what it is good for
+        self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
         self._records: Buffer | None = None
         self._structures: list[Tlas] = []
         self._builds: TlasBuilds | None = None

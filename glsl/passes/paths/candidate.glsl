@@ -32,18 +32,18 @@ uvec4 hit_light_point(inout Path path) {
         float probability = light_probability_by_power(light), whole = luminance(light_hit.radiance);
         float own = probability / light_hit.inverse_solid_angle_pdf, density = own;
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
-            density += pdf_of_openings(origin, path.walk.direction, NO_INDEX);
+            density += pdf_of_openings(path.vertex.position, path.walk.direction, NO_INDEX);
         }
         float weight = whole * weighted_share(own, 1.0, density, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         for (uint j = 0u; SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && j < portal_count(); j++) {
-            float of_portal = density_of_opening(j, origin, path.walk.direction);
+            float of_portal = density_of_opening(j, path.vertex.position, path.walk.direction);
             if (!(of_portal > 0.0)) { continue; }
             weight = whole * weighted_share(
                 of_portal, portal_choice_ratio(j, receiver(path.vertex)), density, path.walk.mis_pdf
             );
             if (choose_weighted(sum, weight, path.rng)) {
-                vec2 u = numbers_of_opening(j, origin, path.walk.direction);
+                vec2 u = numbers_of_opening(j, path.vertex.position, path.walk.direction);
                 point = pack_light_point(scene_info.first_portal + j, 0u, u);
             }
         }

@@ -57,6 +57,7 @@ Path start_path(uint rng) {
     path.walk = start_walk(vec3(0.0), vec3(0.0));
     path.walk.delta_path_from_camera = true;
     path.hit = NO_HIT;
+    path.hit.t = 0.0;  // unknown: no ray is traced yet
     path.medium_below = NO_MEDIUM;
     path.specular_only = false;
     path.bounce = path.delta_bounces = 0u;

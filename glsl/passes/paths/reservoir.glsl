@@ -128,9 +128,10 @@ vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_
     } else {
         ResolvedLightSample light = resolve_light_point(reservoir);
         bool at_infinity = is_at_infinity(light.kind);
-        if (SCENE_TRANSMISSION) {
+        if (SCENE_TRANSMISSION || SCENE_PORTAL) {
             vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
             origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
+            light = for_shadow_ray(light, end);
         }
         to_sample = shadow_ray_segment(origin, light);
         t_max = at_infinity ? INFINITY : 1.0;
