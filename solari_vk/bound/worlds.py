@@ -161,7 +161,8 @@ class Worlds:
         most = min(MAX_INSTANCES // self.rows, limit // (self.rows * binder.instance_table.records.dtype.itemsize))
         if self.count > most:
             raise SolariError(f"Batch: {self.count:,} worlds of {binder.scene.describe()}, with {self.rows:,} rows of "
-                              f"instances each: this device holds at most {most:,}")  # fmt: skip
+                              f"instances each: this device holds at most {most:,}: share the worlds among several "
+                              "batches")  # fmt: skip
 
     def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
         size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
