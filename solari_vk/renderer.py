@@ -35,7 +35,8 @@ THIS_FRAME = (
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
-_GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
+_GIVE_SETTINGS = ("give settings=Settings.preset('solari'), or settings=Settings(name=value), after the size as one "
+                  "pair, (width, height)")  # fmt: skip
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 

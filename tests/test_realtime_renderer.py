@@ -10,6 +10,7 @@ from support.realtime import make_renderer
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.passes import world_cache
 
 SIZE = (16, 12)
 

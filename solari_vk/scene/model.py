@@ -241,6 +241,14 @@ class Scene(Dropping, Observable):
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
 
+    def __len__(self) -> int:
+        """The number of instances, over which loops go."""
+        return len(self._instances)
+
+    def __bool__(self) -> bool:
+        """True: a scene without instances is one too."""
+        return True
+
     def use_variant(self, name: str | None) -> None:
         """Give instances the materials of one of `variants`, such as the colors in which a product is sold.
 
