@@ -312,7 +312,7 @@ def test_parts_that_face_inwards_are_named(parts, named):
         assert ("back sides" in {d.what for d in found}) == (named and not double_sided)
 
 
-def judge(monkeypatch):
+def in_cycles(monkeypatch):
     """What in_cycles.py defines."""
     for name in ("bpy", "mathutils"):
         monkeypatch.setitem(sys.modules, name, MagicMock())
@@ -324,7 +324,7 @@ def test_outputs_without_a_surface_have_no_backs_to_hide(monkeypatch):
                for links in ([], [Mock()])]  # fmt: skip
     material = MagicMock()
     material.node_tree.nodes.__iter__.side_effect = lambda: iter([Mock(type="BSDF_TRANSPARENT"), *outputs])
-    judge(monkeypatch)["_hide_backs"](material)
+    in_cycles(monkeypatch)["_hide_backs"](material)
     ends = [call.args[1] for call in material.node_tree.links.new.call_args_list]
     assert [output.inputs["Surface"] in ends for output in outputs] == [False, True]
 
@@ -332,7 +332,7 @@ def test_outputs_without_a_surface_have_no_backs_to_hide(monkeypatch):
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_cycles_is_given_files_without_clips(tmp_path, monkeypatch, suffix):
     """Of which Blender would show the first frame of the first one."""
-    still = judge(monkeypatch)["still"]
+    still = in_cycles(monkeypatch)["still"]
     scene = sv.Scene(sv.Instance(sv.shapes.box(), name="box"))
     rig = Rig([-1], [np.eye(4)], [[0, 0, 0]], [[0, 0, 0, 1]], [[1, 1, 1]])
     (tmp_path / "a b").mkdir()

@@ -57,9 +57,14 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     // Target functions leave out transmittance. The ray has passed the blended surfaces before its hit by chance, so
     // that radiance over that probability is the estimate without transmittance.
     RayTransmittance transmittance = path.first_transmittance;
-    PerLobe at_hit = scale(
-        path.first_weight, path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability
-    );
+    PerLobe at_hit = NO_LIGHT;
+    // Other pixels can't take the direction of a delta lobe, such as that of a smooth coat over a rough base: what its
+    // ray finds goes to this pixel at once. After one ray, the sum is one over the pdf of that ray.
+    bool delta = path.sum_of_inverse_pdfs == 0.0;
+    if (!delta) {
+        vec3 emitted = path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability;
+        at_hit = scale(path.first_weight, emitted);
+    }
     float sampled_luminance = luminance(sum(reused_lobes(path.direct, perceptual_roughness)));
     float light_hit_luminance = luminance(sum(reused_lobes(at_hit, perceptual_roughness)));
     float weight_sum = sampled_luminance + light_hit_luminance;
@@ -71,10 +76,8 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
         uint rng = path.direct_sample.seed;
         candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
-    // The hit of an unlit surface is on no light that other pixels could sample.
     if (candidate.light.x == NO_INDEX) { candidate.light_resampling_weight = 0.0; }
     candidate.instance = path.hit.instance;
-    // after one ray, the sum is one over the pdf of that ray
     candidate.path_contribution_weight =
         path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / transmittance.probability;
     candidate.position = path.vertex.origin;
@@ -82,10 +85,12 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     candidate.radiance = path.reusable_radiance;
     paths_reservoir_candidates.at[index] = candidate;
 
-    PerLobe light = path_light(path);
-    PerLobe reusable_radiance = apply_first_weight(path, path.reusable_radiance);
-    light.specular += reusable_radiance.specular;
-    return PerLobe(vec3(0.0), specular_without_reuse(light, perceptual_roughness));
+    bool reuses = reuses_specular(perceptual_roughness);
+    vec3 specular = reuses ? vec3(0.0) : direct_light(path).specular;
+    if (delta || !reuses) {
+        specular += indirect_light(path).specular + apply_first_weight(path, path.reusable_radiance).specular;
+    }
+    return PerLobe(vec3(0.0), specular);
 }
 
 #endif

@@ -81,12 +81,15 @@ PerLobe apply_first_weight(Path path, vec3 radiance) {
     return scale(path.first_weight, path.first_transmittance.weight * radiance);
 }
 
-// The light that the first vertex reflects.
+// The light that the first vertex reflects of its light sample, and of what its first ray finds.
+PerLobe direct_light(Path path) { return scale(path.direct, path.direct_transmittance); }
+PerLobe indirect_light(Path path) {
+    vec3 found = path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance;
+    return scale(path.first_weight, found);
+}
+
 PerLobe path_light(Path path) {
-    PerLobe direct = scale(path.direct, path.direct_transmittance);
-    PerLobe indirect = scale(
-        path.first_weight, path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance
-    );
+    PerLobe direct = direct_light(path), indirect = indirect_light(path);
     return PerLobe(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 

@@ -67,11 +67,6 @@ PerLobe reused_lobes(PerLobe lobes, float perceptual_roughness) {
     return PerLobe(lobes.diffuse, reuses_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
 }
 
-// The light of a specular lobe that isn't reused, which goes to the pixel at once.
-vec3 specular_without_reuse(PerLobe light, float perceptual_roughness) {
-    return reuses_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
-}
-
 bool is_path_sample(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
 vec3 hit_position(PathReservoir reservoir) { return uintBitsToFloat(reservoir.point.xyz); }
 vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservoir.point.w); }
