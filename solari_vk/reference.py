@@ -39,7 +39,7 @@ class PathTracer(ShutterRenderer):
     layering: how the diffuse lobe is attenuated below the specular lobe, "conserving" or Solari's "fresnel_product",
     where films dim no diffuse light. lambert: all surfaces are Lambertian, as closed forms need. first_sample: number
     of the picture's first sample; samples of one seed are points of low-discrepancy sequences, so that pictures of the
-    samples 0 to 63 and 64 to 127 have together less noise than two seeds. Source: document on the reference path tracer.
+    samples 0 to 63 and 64 to 127 have less noise than two seeds. Source: document on the reference path tracer.
 
     The scene may be edited between calls of `render`. `close` frees the path tracer's memory on the device; closing the
     device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.
