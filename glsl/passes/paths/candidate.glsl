@@ -51,6 +51,10 @@ uvec4 hit_light_point(inout Path path) {
     return point;
 }
 
+// Whether a delta lobe, such as that of a smooth coat over a rough base, sampled the first and only ray of a path. Other
+// pixels can't take its direction: what the ray finds goes to the path's pixel at once.
+bool has_delta_ray(Path path) { return path.sum_of_inverse_pdfs == 0.0; }
+
 // Writes the candidates of a path that has traced its first ray alone, and returns the light that isn't reused. After
 // one ray, `path.radiance` is only what lights emit where it ended.
 PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
@@ -58,9 +62,7 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     // that radiance over that probability is the estimate without transmittance.
     RayTransmittance transmittance = path.first_transmittance;
     PerLobe at_hit = NO_LIGHT;
-    // Other pixels can't take the direction of a delta lobe, such as that of a smooth coat over a rough base: what its
-    // ray finds goes to this pixel at once. After one ray, the sum is one over the pdf of that ray.
-    bool delta = path.sum_of_inverse_pdfs == 0.0;
+    bool delta = has_delta_ray(path);
     if (!delta) {
         vec3 emitted = path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability;
         at_hit = scale(path.first_weight, emitted);
