@@ -106,7 +106,8 @@ def test_many_lights(device):
 
 def coated_floor():
     """A dark rough floor below a smooth coat, which mirrors an unlit card, a lamp, and a wall that a point lights."""
-    scene = sv.Scene(sv.Camera.look_at((0, 0.8, 1.2), (0, 0, 0), vertical_fov=0.5), sv.PointLight((0, 1.5, -0.5), intensity=3.0))
+    camera = sv.Camera.look_at((0, 0.8, 1.2), (0, 0, 0), vertical_fov=0.5)
+    scene = sv.Scene(camera, sv.PointLight((0, 1.5, -0.5), intensity=3.0))
     dark = sv.Material(base_color=0.05, roughness=0.8, clearcoat=1.0, clearcoat_roughness=0.0)
     for mesh, material in (
         (shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), dark),
@@ -118,8 +119,8 @@ def coated_floor():
     return scene
 
 
-def measure_coat(device, effort=Effort(16, 8, 64)):
-    scene = coated_floor()
+def measure_coat(device):
+    scene, effort = coated_floor(), Effort(16, 8, 64)
     without, found = (observe(device, scene, effort, restir) for restir in (False, True))
     yield realtime.measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)
 
