@@ -51,8 +51,8 @@ uvec4 hit_light_point(inout Path path) {
     return point;
 }
 
-// Whether a delta lobe, such as that of a smooth coat over a rough base, sampled the first and only ray of a path. Other
-// pixels can't take its direction: what the ray finds goes to the path's pixel at once.
+// Whether a delta lobe, such as that of a smooth coat over a rough base, sampled the first and only ray of a path.
+// Other pixels can't take its direction: what the ray finds goes to the path's pixel at once.
 bool has_delta_ray(Path path) { return path.sum_of_inverse_pdfs == 0.0; }
 
 // Writes the candidates of a path that has traced its first ray alone, and returns the light that isn't reused. After
