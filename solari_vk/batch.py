@@ -76,7 +76,7 @@ class Batch(SceneUser):
             self._rendered = self._closed = False
             self._tensors = 0  # that somebody has
             self.binder.update()
-            self._worlds = Worlds(device, self.binder, checked_worlds(worlds, self.views))
+            self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
             self._owned.callback(self._worlds.destroy)
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows

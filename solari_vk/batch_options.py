@@ -15,7 +15,7 @@ from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.host_array import host_array
 from solari_vk.passes import batch as passes
-from solari_vk.passes import pathtracer
+from solari_vk.passes import pathtracer, world_cache
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
 
@@ -58,8 +58,13 @@ def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[
     return tuple(dict.fromkeys(given))
 
 
-def checked_worlds(worlds: Any, views: int) -> int:
+def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> int:
+    """The number of worlds; raises SolariError if views aren't shared evenly, or the device doesn't hold so many."""
     count = whole_number(worlds, "Batch: worlds", 1)
+    most = world_cache.most_worlds(device.properties.limits.maxStorageBufferRange)
+    if renderer == "realtime" and count > most:
+        raise SolariError(f"Batch: {count:,} worlds: this device's buffers have cells of the world cache for at most "
+                          f"{most:,}: share the worlds among several batches")  # fmt: skip
     if views % count:
         raise SolariError(f"Batch: {views:,} views are no multiple of {count:,} worlds: each has as many views")
     return count

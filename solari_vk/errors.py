@@ -8,7 +8,7 @@ import inspect
 import re
 import warnings
 from abc import ABCMeta
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
 
 from solari_vk.other_words import advice_for
@@ -122,11 +122,14 @@ def checked_keywords(
     hint: str = "", who: str = ""
 ) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
     """A decorator of methods, and with `who` of functions: an unknown keyword raises the error of `unknown_name`, with
-    a hint at its end. who: the function's module, for messages."""
+    a hint at its end, and more values than the parameters that take them one that lists these. who: the function's
+    module, for messages."""
 
     def decorate(method: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
         parameters = list(inspect.signature(method).parameters.values())[not who :]
         known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+        in_order = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+        takes_any = any(p.kind == p.VAR_POSITIONAL for p in parameters)
         of = "" if method.__name__ == "__init__" else f".{method.__name__}"
 
         @functools.wraps(method)
@@ -136,11 +139,24 @@ def checked_keywords(
                     owner = f"{who or type(given[0]).__name__}{of}"
                     error = unknown_name(f"{owner} has no option", name, known)
                     raise SolariError(f"{error}{hint and f'; {hint}'}")
+            if not takes_any:
+                check_count(who or type(given[0]).__name__, of, given[not who :], in_order, known)
             return method(*given, **options)
 
         return checked
 
     return decorate
+
+
+def check_count(
+    owner: str, method: str, values: Sequence[object], in_order: Sequence[str], known: Iterable[str]
+) -> None:
+    """Raise SolariError for more values than the parameters `in_order`, the only ones that are given without names."""
+    if len(values) > len(in_order):
+        named = shortened(", ".join(f"{name}=" for name in known if name not in in_order))
+        pair = "; the size is one pair, (width, height)" if "size" in in_order else ""
+        raise SolariError(f"{owner}{method} takes ({', '.join(in_order)}) without names, not {len(values)} values"
+                          f"{named and f'; others have names: {named}'}{pair}")  # fmt: skip
 
 
 def warn_of_old_name(what: str, old: str, new: str) -> None:

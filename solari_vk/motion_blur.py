@@ -21,13 +21,14 @@ from solari_vk.scene.shutter import Moment, Shutter
 
 GUIDES = ("albedo", "shading_normal")  # of OIDN
 Pose = Callable[[float], Any]
+FIRST, LATER, AFTER = 1, 2, 3  # as in glsl/scene/camera_block.glsl
 
 
 class Exposed(NamedTuple):
     """A realtime frame's part in an exposure."""
 
-    later: bool
-    """Whether earlier frames were of the same exposure."""
+    state: int
+    """FIRST, LATER or AFTER: of an exposure, or without a shutter after one."""
     rows: tuple[int, int]
     """Those that it exposes: the first one, and the one after the last."""
 
@@ -165,8 +166,8 @@ class ExposureRenderer(PictureRenderer):
         camera = camera if isinstance(camera, Camera) else self._camera_or_default(camera)
         if shutter is None and pose is None:
             # After an exposure the picture begins anew.
-            first = None if self._exposure is None else Exposed(False, (0, self.size[1]))
-            frame = RenderedFrame(self, camera, *self._submit(camera, first))
+            after = None if self._exposure is None else Exposed(AFTER, (0, self.size[1]))
+            frame = RenderedFrame(self, camera, *self._submit(camera, after))
             self._exposure, self._moved = None, False
         else:
             frame = self._expose(camera, shutter, pose)
@@ -178,9 +179,9 @@ class ExposureRenderer(PictureRenderer):
         seconds, rows = shutter.frame(self.frame_count + SEED_STRIDE * self.seed, self.size[1])
         before, self._exposure = self._exposure, None
         exposure = shutter, poses, Projection.of(camera, self.size).view
-        later = before == exposure
+        state = LATER if before == exposure else FIRST
         try:
-            _, submission = self._submit(_posed(poses, seconds, camera), Exposed(later, rows))
+            _, submission = self._submit(_posed(poses, seconds, camera), Exposed(state, rows))
             middle = _posed(poses, shutter.middle, camera)
         except BaseException:
             self.reset()  # what the device has is the mean of an exposure

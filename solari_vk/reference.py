@@ -36,10 +36,10 @@ class PathTracer(ShutterRenderer):
     emission only. seed: a whole number; the same seed gives the same pictures, another seed gives independent noise.
     light_strategy: "nee" (light sampling), "brdf" (BRDF sampling) or "mis" (both, weighted by multiple importance
     sampling); all three have the same expectation. pixel_filter: "box", or the wider "gaussian" or "blackman_harris".
-    layering: how the diffuse lobe is attenuated below the specular lobe, "conserving" or Solari's "fresnel_product".
-    lambert: every surface is Lambertian, as closed forms need. first_sample: the number of the picture's first sample;
-    samples of one seed are points of low-discrepancy sequences, so that pictures of the samples 0 to 63 and 64 to 127
-    have together less noise than two seeds. Source: the document on the reference path tracer.
+    layering: how the diffuse lobe is attenuated below the specular lobe, "conserving" or Solari's "fresnel_product",
+    where films dim no diffuse light. lambert: all surfaces are Lambertian, as closed forms need. first_sample: number
+    of the picture's first sample; samples of one seed are points of low-discrepancy sequences, so that pictures of the
+    samples 0 to 63 and 64 to 127 have less noise than two seeds. Source: document on the reference path tracer.
 
     The scene may be edited between calls of `render`. `close` frees the path tracer's memory on the device; closing the
     device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.

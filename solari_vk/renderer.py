@@ -35,7 +35,8 @@ THIS_FRAME = (
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
-_GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
+_GIVE_SETTINGS = ("give settings=Settings.preset('solari'), or settings=Settings(name=value), after the size as one "
+                  "pair, (width, height)")  # fmt: skip
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
@@ -202,7 +203,7 @@ class Renderer(ExposureRenderer):
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
             self.binder.blended_changes != self._blended_changes, *offset, x - previous_x, y - previous_y,
-            0 if exposed is None else 1 + (exposed.later and history), *(exposed.rows if exposed else (0, 0)),
+            *((exposed.state, *exposed.rows) if exposed else (0, 0, 0)),
         )  # fmt: skip
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes

@@ -7,6 +7,7 @@ import signal
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
+from support.gltf_writer import GltfWriter
 
 # Every Device of the suite validates, also those that tests make through the command line in this process.
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
@@ -72,6 +73,22 @@ def device(any_device):
     yield opened
     _devices.remove(opened)
     opened.close()
+
+
+@pytest.fixture
+def moving(tmp_path):
+    """The file of a triangle that moves sideways for a second, and has another clip in which it grows, before a
+    camera."""
+    writer = GltfWriter(tmp_path / "moving.glb")
+    node = writer.node(mesh=writer.mesh())
+    camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.9, "znear": 0.1})
+    writer.node(camera=camera, translation=[0.5, 0.3, 3])
+    ways = ("slide", "translation", [[-1, 0, 0], [1, 0, 0]]), ("grow", "scale", [[0, 0, 0], [3, 3, 3]])
+    for name, path, values in ways:
+        sampler = {"input": writer.accessor([0, 1]), "output": writer.accessor(values)}
+        target = {"node": node, "path": path}
+        writer.add("animations", name=name, samplers=[sampler], channels=[{"sampler": 0, "target": target}])
+    return writer.save(tmp_path / "moving.glb")
 
 
 @pytest.fixture(autouse=True)

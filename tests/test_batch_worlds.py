@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.passes import world_cache
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.settings import Settings
 
@@ -134,11 +135,14 @@ def test_wrong_transforms_are_named(device, use, said):
         use(batch)
 
 
-def test_wrong_worlds_are_named(device):
+def test_wrong_worlds_are_named(device, monkeypatch):
     scene = sv.builtin("cornell_box")
+    assert world_cache.most_worlds((1 << 27) + 3) == 2048
+    monkeypatch.setattr(world_cache, "most_worlds", lambda largest_buffer: 2)
     for options, said in (
         ({"views": 3, "worlds": 2}, "3 views are no multiple of 2 worlds"), ({"worlds": 0}, "worlds is 0"),
-        ({"views": 200_000, "worlds": 200_000, "size": (1, 1)}, "this device holds at most"),
+        ({"views": 200_000, "worlds": 200_000, "size": (1, 1)}, "this device holds at most [0-9,]+: share"),
+        ({"views": 3, "worlds": 3, "renderer": "realtime"}, "3 worlds: .* of the world cache for at most 2: share"),
     ):  # fmt: skip
         with pytest.raises(sv.SolariError, match=said):
             sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})

@@ -5,26 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
-from support.gltf_writer import GltfWriter
 
 from solari_vk.cli import main
 
 SMALL = ["--size", "24x16", "--environment", "none"]
-
-
-@pytest.fixture
-def file(tmp_path):
-    """A triangle that moves sideways for a second, and another clip in which it grows, before a camera."""
-    writer = GltfWriter(tmp_path / "moving.glb")
-    node = writer.node(mesh=writer.mesh())
-    camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.9, "znear": 0.1})
-    writer.node(camera=camera, translation=[0.5, 0.3, 3])
-    ways = ("slide", "translation", [[-1, 0, 0], [1, 0, 0]]), ("grow", "scale", [[0, 0, 0], [3, 3, 3]])
-    for name, path, values in ways:
-        sampler = {"input": writer.accessor([0, 1]), "output": writer.accessor(values)}
-        target = {"node": node, "path": path}
-        writer.add("animations", name=name, samplers=[sampler], channels=[{"sampler": 0, "target": target}])
-    return writer.save(tmp_path / "moving.glb")
 
 
 @pytest.fixture
@@ -41,8 +25,8 @@ def seen(path):
     return np.asarray(Image.open(path)).any(axis=2)
 
 
-def test_a_movie_of_a_clip(render, file, tmp_path):
-    code, said = render(file, "--animate", "file", "--clip", "slide", "--fps", 4, "--view", "depth", "--warm-up", 1)
+def test_a_movie_of_a_clip(render, moving, tmp_path):
+    code, said = render(moving, "--animate", "file", "--clip", "slide", "--fps", 4, "--view", "depth", "--warm-up", 1)
     assert code == 0, said
     assert "picture 4 of 4" in said
     places = [np.argwhere(seen(path))[:, 1].mean() for path in sorted(tmp_path.glob("picture.*.png"))]
@@ -50,15 +34,15 @@ def test_a_movie_of_a_clip(render, file, tmp_path):
     assert (np.diff(places) > 2).all(), "the triangle goes to the right"
 
 
-def test_pictures_of_a_moment(render, file, tmp_path):
+def test_pictures_of_a_moment(render, moving, tmp_path):
     sizes = []
     for seconds in (0.2, 1.0):
-        code, said = render(file, "--clip", 1, "--time", seconds, "--view", "depth", "--frames", 1, "--warm-up", 0)
+        code, said = render(moving, "--clip", 1, "--time", seconds, "--view", "depth", "--frames", 1, "--warm-up", 0)
         assert code == 0, said
         sizes.append(seen(tmp_path / "picture.png").sum())
     assert sizes[1] > 4 * sizes[0] > 0
     orbit = "--samples", 1, "--animate", "orbit", "--frames", 1
-    code, said = render(file, "--clip", 1, "--time", 1.0, *orbit)
+    code, said = render(moving, "--clip", 1, "--time", 1.0, *orbit)
     assert code == 0, said
 
 
@@ -71,8 +55,8 @@ def test_pictures_of_a_moment(render, file, tmp_path):
         (["--animate", "file", "--time", "1"], ["--time 1", "--animate file"]),
     ],
 )  # fmt: skip
-def test_wrong_options(render, file, arguments, words):
-    code, said = render(file, *arguments)
+def test_wrong_options(render, moving, arguments, words):
+    code, said = render(moving, *arguments)
     assert code == 2
     assert all(word in said for word in words), said
 

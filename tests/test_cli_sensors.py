@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk.cli import main
@@ -89,19 +88,6 @@ def test_an_orbit_with_a_shutter(run, tmp_path, mode, exposed):
             expected = renderer.render(first, 8, **exposure)
         np.testing.assert_allclose(np.load(tmp_path / "picture.0000.npy"), expected["radiance"], rtol=1e-5)
     assert np.load(tmp_path / "picture.0001.npy").shape == (16, 24, 3)
-
-
-@pytest.fixture
-def moving(tmp_path):
-    """The file of a triangle that moves sideways, and a camera."""
-    writer = GltfWriter(tmp_path / "moving.glb")
-    node = writer.node(mesh=writer.mesh())
-    camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.9, "znear": 0.1})
-    writer.node(camera=camera, translation=[0.5, 0.3, 3])
-    sampler = {"input": writer.accessor([0, 1]), "output": writer.accessor([[-1, 0, 0], [1, 0, 0]])}
-    channels = [{"sampler": 0, "target": {"node": node, "path": "translation"}}]
-    writer.add("animations", name="slide", samplers=[sampler], channels=channels)
-    return writer.save(tmp_path / "moving.glb")
 
 
 @pytest.mark.parametrize("mode", [["reference", "--samples", 32], ["realtime", "--frames", 32]])

@@ -10,6 +10,7 @@ from support.realtime import make_renderer
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.passes import world_cache
 
 SIZE = (16, 12)
 
@@ -257,6 +258,7 @@ def test_memory_is_that_of_the_frame_by_name(renderer):
     assert memory["radiance"] == 12 * pixels
     assert memory["depth"] == 2 * 4 * pixels  # this frame's and the previous frame's
     assert memory["world_cache_life"] == 4 * (1 << 16)  # as many cells as a picture of this size needs
+    assert max(memory[name] for name in world_cache.CELL_BUFFERS) == world_cache.LARGEST_CELL_BYTES << 16
     assert "instances" not in memory
     renderer.resize((2 * SIZE[0], SIZE[1]))
     renderer.render()

@@ -14,7 +14,7 @@ import runpy
 import shutil
 import sys
 from pathlib import Path
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, Mock
 from urllib.parse import unquote
 
 import numpy as np
@@ -312,12 +312,27 @@ def test_parts_that_face_inwards_are_named(parts, named):
         assert ("back sides" in {d.what for d in found}) == (named and not double_sided)
 
 
+def in_cycles(monkeypatch):
+    """What in_cycles.py defines."""
+    for name in ("bpy", "mathutils"):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    return runpy.run_path(str(process.CHILD.with_name("in_cycles.py")))
+
+
+def test_outputs_without_a_surface_have_no_backs_to_hide(monkeypatch):
+    outputs = [MagicMock(type="OUTPUT_MATERIAL", inputs={"Surface": Mock(links=links, is_linked=bool(links))})
+               for links in ([], [Mock()])]  # fmt: skip
+    material = MagicMock()
+    material.node_tree.nodes.__iter__.side_effect = lambda: iter([Mock(type="BSDF_TRANSPARENT"), *outputs])
+    in_cycles(monkeypatch)["_hide_backs"](material)
+    ends = [call.args[1] for call in material.node_tree.links.new.call_args_list]
+    assert [output.inputs["Surface"] in ends for output in outputs] == [False, True]
+
+
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_cycles_is_given_files_without_clips(tmp_path, monkeypatch, suffix):
     """Of which Blender would show the first frame of the first one."""
-    for name in ("bpy", "mathutils"):
-        monkeypatch.setitem(sys.modules, name, MagicMock())
-    still = runpy.run_path(str(process.CHILD.with_name("in_cycles.py")))["still"]
+    still = in_cycles(monkeypatch)["still"]
     scene = sv.Scene(sv.Instance(sv.shapes.box(), name="box"))
     rig = Rig([-1], [np.eye(4)], [[0, 0, 0]], [[0, 0, 0, 1]], [[1, 1, 1]])
     (tmp_path / "a b").mkdir()

@@ -23,12 +23,14 @@ struct BaseMaterial {
     float anisotropy;           // strength
     vec2 anisotropy_direction;  // along which reflections are rougher, in the frame orthonormalize(shading normal)
     ThinFilm film;
+    bool unlit;                 // reflects nothing, at grazing angles too
 };
 
 BaseMaterial make_base(vec3 color, vec3 reflectance, float perceptual_roughness, float metallic) {
     float roughness = min(square(perceptual_roughness), 1.0);  // Mesa 26.2 rounds 1 * 1 up
     return BaseMaterial(
-        color, reflectance, perceptual_roughness, roughness, metallic, false, false, 1.0, 0.0, vec2(1.0, 0.0), NO_FILM
+        color, reflectance, perceptual_roughness, roughness, metallic, false, false, 1.0, 0.0, vec2(1.0, 0.0), NO_FILM,
+        false
     );
 }
 

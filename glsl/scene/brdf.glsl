@@ -80,7 +80,7 @@ vec3 add_film(BaseMaterial base, vec2 ab, float cosine, inout vec3 dielectric, i
 
 LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
-    if (lambertian_surfaces) { return LobeAlbedos(base.color, vec3(0.0)); }
+    if (lambertian_surfaces || SCENE_UNLIT && base.unlit) { return LobeAlbedos(base.color, vec3(0.0)); }
     vec2 ab = albedo_terms(base.roughness <= MIRROR_ROUGHNESS, table_roughness(base), cosine);
     vec3 dielectric = specular_albedo(reflectance_f0(base.reflectance), ab);
     if (SCENE_LAYERS) { dielectric *= base.specular_weight; }
@@ -138,7 +138,7 @@ Brdf lambert_brdf(vec3 color) {
 }
 
 Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
-    if (lambertian_surfaces) { return lambert_brdf(material.base.color); }
+    if (lambertian_surfaces || SCENE_UNLIT && material.base.unlit) { return lambert_brdf(material.base.color); }
     Brdf brdf;
     float share = SCENE_GLASS ? 1.0 - material.glass.transmission : 1.0;
     brdf.specular = prepare_specular(material.base, share, wo);

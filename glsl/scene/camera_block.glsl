@@ -48,12 +48,13 @@ struct FrameValues {
     uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
     vec2 sample_offset;     // of the samples in pixels, apart from the user's own offset; Camera.jitter is their sum
     vec2 picture_shift;     // change of the user's own offset since the previous frame, in pixels of the picture
-    uint shutter_state;
+    uint shutter_state;     // below
     uvec2 exposed_rows;     // of the picture, if there is a shutter: the first one, and the one after the last
 };
 
 // A picture with a shutter is the mean of frames that show the scene at times of its exposure.
 const uint NO_SHUTTER = 0u, FIRST_OF_EXPOSURE = 1u, LATER_OF_EXPOSURE = 2u;
+const uint AFTER_EXPOSURE = 3u;  // no shutter, but the previous frame had one
 
 #ifdef MANY_VIEWS
 

@@ -106,15 +106,16 @@ float weighted_share(float own, float ratio, float density, float mis_pdf) {
     return share * power_heuristic(mis_pdf, ratio * own);
 }
 
-// The radiance of an environment along a ray, by MIS against samples of itself and of portals.
+// The radiance of an environment along a ray that leaves a receiver, by MIS against samples of itself and of portals.
+// Shares are those at the receiver's position, as of light samples, rather than at the ray's origin off the surface.
 vec3 mis_weighted_environment(
-    LightSource light, LightHit light_hit, vec3 origin, vec3 direction, float mis_pdf, Receiver receiver
+    LightSource light, LightHit light_hit, vec3 direction, float mis_pdf, Receiver receiver
 ) {
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
     float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
     float density = own, through_portals = 0.0;
     for (uint i = 0u; i < portal_count(); i++) {
-        float of_portal = density_of_opening(i, origin, direction);
+        float of_portal = density_of_opening(i, receiver.position, direction);
         if (!(of_portal > 0.0)) { continue; }
         density += of_portal;
         through_portals += weighted_share(of_portal, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
@@ -125,13 +126,13 @@ vec3 mis_weighted_environment(
 
 // The radiance of all lights at infinity along a ray that hit no surface. `receiver`: where the light samples were
 // chosen that compete with it.
-vec3 mis_weighted_radiance_at_infinity(vec3 origin, vec3 direction, float mis_pdf, Receiver receiver) {
+vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver receiver) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {
-            radiance += mis_weighted_environment(light, light_hit, origin, direction, mis_pdf, receiver);
+            radiance += mis_weighted_environment(light, light_hit, direction, mis_pdf, receiver);
         } else {
             radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
         }

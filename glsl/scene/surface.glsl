@@ -82,6 +82,7 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
 // Shows the base color, and reflects nothing.
 void make_unlit(inout ResolvedMaterial material) {
     BaseMaterial black = make_base(vec3(0.0), vec3(0.0), material.base.perceptual_roughness, 0.0);
+    black.unlit = true;
     material = without_lobes(black, material.emissive * material.base.color);
 }
 

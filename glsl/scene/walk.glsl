@@ -146,7 +146,7 @@ bool accumulate_segment(inout Walk walk, Segment segment, Receiver receiver, ino
     walk.throughput *= segment.transmittance.weight;
     if (segment.hit.instance != NO_INDEX) { return true; }
     radiance += walk.throughput
-        * mis_weighted_radiance_at_infinity(walk.origin, walk.direction, walk.mis_pdf, receiver);
+        * mis_weighted_radiance_at_infinity(walk.direction, walk.mis_pdf, receiver);
     return false;
 }
 

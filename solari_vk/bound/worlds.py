@@ -99,7 +99,7 @@ class Worlds:
         self._seen: tuple[int, ...] = ()
         self._addresses: list[int] = []
         self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
-        self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what was written, and what it is good for
+        self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
         self._records: Buffer | None = None
         self._structures: list[Tlas] = []
         self._builds: TlasBuilds | None = None
@@ -161,7 +161,8 @@ class Worlds:
         most = min(MAX_INSTANCES // self.rows, limit // (self.rows * binder.instance_table.records.dtype.itemsize))
         if self.count > most:
             raise SolariError(f"Batch: {self.count:,} worlds of {binder.scene.describe()}, with {self.rows:,} rows of "
-                              f"instances each: this device holds at most {most:,}")  # fmt: skip
+                              f"instances each: this device holds at most {most:,}: share the worlds among several "
+                              "batches")  # fmt: skip
 
     def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
         size = max(records.nbytes, INSTANCE_DTYPE.itemsize)

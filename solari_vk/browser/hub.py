@@ -176,8 +176,17 @@ class Hub:
     async def open(self) -> None:
         """Make the screens. Raises what that raises."""
         self.failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self.maker = await self.call(self._make)
-        self.about = await self.call(self.maker.describe)
+        await self.call(self._open)
+
+    def _open(self) -> None:
+        """On the device's thread, so that `close` finds the screens there even if `open` is cancelled meanwhile."""
+        self.maker = self._make()
+        self.about = self.maker.describe()
+
+    def _free(self) -> None:
+        """On the device's thread: close the screens, if there are any."""
+        if hasattr(self, "maker"):
+            self.maker.close()
 
     async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Call a function on the device's thread."""
@@ -243,8 +252,7 @@ class Hub:
         for name in list(self.views):
             self._drop(name)
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        if hasattr(self, "maker"):
-            await self.call(self.maker.close)
+        await self.call(self._free)
         self._thread.shutdown()
 
 

@@ -22,7 +22,7 @@ def stage(size: Size) -> Stage:
     """Makes `radiance` of this size from `sample_radiance`. With antialiasing=off it copies or interpolates it.
 
     Inputs: `sample_radiance`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`. Outputs: `radiance`;
-    for the next frame `taa_history`.
+    for the next frame `taa_history`, and in an exposure the mean so far, `radiance`.
     """
     pixels = size[0] * size[1]
     return Stage(

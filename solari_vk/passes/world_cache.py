@@ -13,6 +13,7 @@ from solari_vk.settings.layering import brdf_constants
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
 FEWEST_CELLS, FEWEST_CELLS_OF_WORLD = 1 << 16, 1 << 12
+LARGEST_CELL_BYTES = 16  # of a cell in one buffer
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
 CELL_BUFFERS = (
@@ -32,6 +33,12 @@ CELL_BUFFERS = (
 def parts(worlds: int) -> int:
     """The number of parts of the map, of which each world of a batch has one."""
     return 1 << (worlds - 1).bit_length()
+
+
+def most_worlds(largest_buffer: int) -> int:
+    """The number of worlds for which buffers of this many bytes have cells."""
+    cells = largest_buffer // LARGEST_CELL_BYTES
+    return 1 << (cells // FEWEST_CELLS_OF_WORLD).bit_length() - 1
 
 
 def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1) -> Stage:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +12,22 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.enclosures import Floats, extent, find_dome, find_room, largest_triangles, trace
 
 if TYPE_CHECKING:
+    from solari_vk.scene.animation.clip import Animation
     from solari_vk.scene.objects import Instance
 
 VIEW = (-0.55, -0.4, -1.0)  # the direction in which objects are seen: a three-quarter view from above
 OBJECT_FOV, ROOM_FOV = math.radians(35), math.radians(65)
 MARGIN = 1.08
+CLIP_POSES = 17  # of a clip, that a camera for it must show
 WIDEST_FOV = math.radians(100)  # in a dome that leaves no room to step back
+
+
+def poses(scene: Any, subject: Callable[[], list[Instance]], clip: Animation | None) -> Iterator[list[Instance]]:
+    """What a camera for a scene shows, its `subject`, in poses of a clip of which the last is its start."""
+    for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
+        if clip is not None:
+            clip.apply(scene, seconds, loop=False)
+        yield subject()
 
 
 def default_camera(poses: Iterable[list[Instance]], aspect: float) -> Camera | None:

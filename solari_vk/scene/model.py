@@ -19,7 +19,7 @@ from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.dropping import Dropping
-from solari_vk.scene.framing import default_camera
+from solari_vk.scene.framing import default_camera, poses
 from solari_vk.scene.group import Group, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
@@ -31,9 +31,6 @@ from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
-
-CLIP_POSES = 17  # of a clip, that a camera for it must show
-
 
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
@@ -241,6 +238,14 @@ class Scene(Dropping, Observable):
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
 
+    def __len__(self) -> int:
+        """The number of instances, over which loops go."""
+        return len(self._instances)
+
+    def __bool__(self) -> bool:
+        """True: a scene without instances is one too."""
+        return True
+
     def use_variant(self, name: str | None) -> None:
         """Give instances the materials of one of `variants`, such as the colors in which a product is sold.
 
@@ -272,19 +277,12 @@ class Scene(Dropping, Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            camera = default_camera(self._poses(clip), aspect)
+            camera = default_camera(poses(self, self._subject, clip), aspect)
             if camera is None:
                 return Camera()
             camera.auto_exposure = self._meters
             self._camera = camera
         return self._camera
-
-    def _poses(self, clip: Animation | None) -> Iterator[list[Instance]]:
-        """What the default camera shows, in poses of a clip of which the last is its start."""
-        for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
-            if clip is not None:
-                clip.apply(self, seconds, loop=False)
-            yield self._subject()
 
     @property
     def camera(self) -> Camera:

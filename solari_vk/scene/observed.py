@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
-from solari_vk.errors import Hints, SolariError, shortened, unknown_name
+from solari_vk.errors import Hints, SolariError, check_count, shortened, unknown_name
 
 _UNSEEN = {"name", "label"}  # no picture depends on them
 
@@ -161,9 +161,11 @@ def checked(kind: Kind) -> Kind:
     own = {name: metadata["converter"] for name, metadata in given.items() if "converter" in metadata}
     kind._converters = own | dict(kind._converters)
     init: Callable[..., None] = kind.__init__
+    in_order = [field.name for field in fields(kind) if field.init and not field.kw_only]  # type: ignore[arg-type]
 
     @functools.wraps(init)
     def with_aliases(self: Checked, *values: Any, **fields: Any) -> None:
+        check_count(type(self).__name__, "", values, in_order, self._names)
         init(self, *values, **type(self)._by_field(fields))
 
     setattr(kind, "__init__", with_aliases)  # noqa: B010

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,6 +84,21 @@ def resolved(cls: type[Any], given: dict[str, Any], current: Any) -> dict[str, A
     return given | {"transform": placed(before, who, **changed)}
 
 
+class Part(np.ndarray[Any, np.dtype[np.float64]]):
+    """A copy of a part of a transform: an error for what other libraries' vectors have says how to change the part."""
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "
+                             "in camera.position = (x, y, z)")  # fmt: skip
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not hasattr(np.ndarray, name):
+            getattr(self, name)
+        super().__setattr__(name, value)
+
+
 class Placed:
     """What has a transform, also as its parts. Subclasses have `transform` and `update`."""
 
@@ -96,7 +111,7 @@ class Placed:
     @property
     def position(self) -> NDArray[np.float64]:
         """Where the origin of object space is in the world, (3,) in meters. May be assigned."""
-        return parts(self.transform)[0]
+        return parts(self.transform)[0].view(Part)
 
     @position.setter
     def position(self, position: ArrayLike) -> None:
@@ -107,7 +122,7 @@ class Placed:
         """The rotation from object to world space, a matrix (3, 3) that neither scales nor mirrors: its columns are
         where the object's axes point. Assign such a matrix, a quaternion (x, y, z, w) as in glTF, or an angle in
         radians about +y; position, scale and shear stay."""
-        return parts(self.transform)[1]
+        return parts(self.transform)[1].view(Part)
 
     @rotation.setter
     def rotation(self, rotation: ArrayLike) -> None:
@@ -121,7 +136,7 @@ class Scaled(Placed):
     def scale(self) -> NDArray[np.float64]:
         """The lengths of the object's axes in the world, (3,). Assign three or one for all, above 0; what the transform
         mirrors stays mirrored."""
-        return parts(self.transform)[2]
+        return parts(self.transform)[2].view(Part)
 
     @scale.setter
     def scale(self, scale: ArrayLike) -> None:

@@ -16,7 +16,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
 
 STILL = 1e-9  # radians
-GOLDEN_RATIO = 0.6180339887498949  # less 1
+INVERSE_GOLDEN_RATIO = 0.6180339887498949
 
 
 class Moment(NamedTuple):
@@ -88,7 +88,7 @@ class Shutter:
         Times of successive numbers cover the exposures of all rows evenly: Roberts, "The Unreasonable Effectiveness of
         Quasirandom Sequences" (2018). A rolling shutter exposes rows for `readout` / `row_bands` at least.
         """
-        share = (0.5 + number * GOLDEN_RATIO) % 1
+        share = (0.5 + number * INVERSE_GOLDEN_RATIO) % 1
         if not self.readout:
             return self.open + share * (self.close - self.open), (0, height)
         longer = max(abs(self.readout) / min(self.row_bands, height) - (self.close - self.open), 0.0) / 2

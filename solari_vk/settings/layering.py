@@ -8,7 +8,8 @@ from solari_vk.gpu.shaders.headers import enumeration
 
 LAYERINGS = ("conserving", "fresnel_product")
 """conserving: no energy is lost or gained. fresnel_product: diffuse is multiplied by what single Fresnel terms let
-through, once for each direction, which loses up to 59 % (Solari, Bevy 0.19)."""
+through, once for each direction, which loses up to 59 % (Solari, Bevy 0.19); Fresnel's terms are those of the surface
+without a thin film, so that films dim no diffuse light below them."""
 
 
 class Surfaces(Protocol):

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.material import Texture, TextureImage
@@ -132,14 +131,11 @@ class EditActions:
         lights = [item for item in picked if isinstance(item, Light)]
         if any(isinstance(item, EnvironmentLight) or item in surrounding for item in lights):
             lights += [light for light in surrounding if light not in lights]
-        kinds: tuple[tuple[Items[Any], list[Any]], ...] = (
+        history.remove(
             (scene.instances, [item for item in picked if isinstance(item, Instance)]),
             (scene.lights, lights),
             (scene.cameras, [item for item in picked if isinstance(item, Camera)]),
         )
-        for items, removed in kinds:
-            if removed:
-                history.remove(items, *removed)
         if picked:
             what = picked[0].describe() if len(picked) == 1 else f"{len(picked)} objects"
             self._session.say(f"removed {what}; Ctrl+Z brings back what was removed")
@@ -152,10 +148,10 @@ class EditActions:
         pixels: Any = file  # which becomes those of the file
         image = TextureImage(pixels=pixels, name=file.stem)
         materials = {id(item.material): item.material for item in self._picked() if isinstance(item, Instance)}
-        for material in materials.values():
-            self._session.edit(material, **{field: Texture(image)})
         if materials:
-            self._session.say(f"{file.name} is the {field.replace('_', ' ')} of what is picked")
+            what = f"{field.replace('_', ' ')} of what is picked"
+            self._session.history.assign_all(what, [(item, {field: Texture(image)}) for item in materials.values()])
+            self._session.say(f"{file.name} is the {what}")
         elif self._session.picked:
             self._session.say("textures belong on instances: pick one")
 

@@ -164,22 +164,20 @@ class History:
         """Add objects to the end of a collection of the scene."""
         self.replace(items, (), added)
 
-    def remove(self, items: Items[Any], *removed: Any) -> None:
-        """Remove objects from a collection of the scene."""
-        self.replace(items, removed, ())
+    def remove(self, *removed: tuple[Items[Any], Sequence[Any]]) -> None:
+        """Remove objects from collections of the scene, as one edit."""
+        self._do([edit for items, objects in removed for edit in _removals(items, objects)], "removing")
 
     def replace(self, items: Items[Any], removed: Sequence[Any], added: Sequence[Any], text: str = "") -> None:
         """Remove objects from a collection of the scene, those of `removed` that are there, and add others at its end.
         text: of the edit, by default what it does."""
-        places = {id(item): number for number, item in enumerate(items)}
-        at = sorted(((places[id(item)], item) for item in removed if id(item) in places), key=lambda pair: -pair[0])
-        # From the end on, so that each place is right when the object returns to it.
-        edits = [Presence(items, item, number, False) for number, item in at]
+        edits = _removals(items, removed)
         end = len(items) - len(edits)
         edits += [Presence(items, item, end + number, True) for number, item in enumerate(added)]
-        edit: Edit = Several(text or f"{'adding' if added else 'removing'} {len(edits)} objects", edits)
-        if len(edits) == 1 and not text:
-            edit = edits[0]
+        self._do(edits, "adding" if added else "removing", text)
+
+    def _do(self, edits: Sequence[Edit], how: str, text: str = "") -> None:
+        edit = edits[0] if len(edits) == 1 and not text else Several(text or f"{how} {len(edits)} objects", edits)
         edit.redo()
         if edits:
             self._note(edit)
@@ -233,6 +231,13 @@ class History:
     def __iter__(self) -> Iterator[Edit]:
         """All edits that are done, one by one."""
         return _flat(self.done)
+
+
+def _removals(items: Items[Any], removed: Sequence[Any]) -> list[Presence]:
+    """From the end of the collection on, so that each place is right when the object returns to it."""
+    places = {id(item): number for number, item in enumerate(items)}
+    at = sorted(((places[id(item)], item) for item in removed if id(item) in places), key=lambda pair: -pair[0])
+    return [Presence(items, item, number, False) for number, item in at]
 
 
 def _all_or_none(edits: Sequence[Edit], how: str, back: str) -> None:

@@ -7,19 +7,41 @@ import io
 import math
 import socket
 import sys
+import threading
 from unittest.mock import Mock
 
 import pytest
 from browser_tools import SETTLED, FakeScreens, aiohttp, serving
 from PIL import Image
 
-from solari_vk.browser.hub import MAX_PAGES, MAX_VIEWS
+from solari_vk.browser.hub import MAX_PAGES, MAX_VIEWS, Hub
 from solari_vk.browser.pace import IN_FLIGHT, LEVELS, Pace
 from solari_vk.browser.server import is_loopback, listen
 from solari_vk.cli import main
 from solari_vk.errors import DeviceError, SolariError
 
 QUIET = 0.15  # seconds in which a view that still renders would have rendered
+
+
+def test_what_opens_while_the_server_ends_is_freed():
+    begun, may_end, maker = threading.Event(), threading.Event(), Mock()
+
+    def make():
+        begun.set()
+        may_end.wait(5)
+        return maker
+
+    async def check():
+        hub = Hub(make)
+        opening = asyncio.create_task(hub.open())
+        await asyncio.to_thread(begun.wait, 5)
+        opening.cancel()  # as Ctrl-C does
+        await asyncio.gather(opening, return_exceptions=True)
+        may_end.set()
+        await hub.close()
+
+    asyncio.run(check())
+    maker.close.assert_called_once_with()
 
 
 def test_ten_clients_have_cameras_of_their_own():

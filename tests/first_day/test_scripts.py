@@ -54,13 +54,15 @@ def test_a_script_runs(any_device, tmp_path, monkeypatch, path):
     ("t.render(t.binder.scene)", "the scene was given when the renderer was made"),
     ("t.render(samples=1).save('a.jpg', quality=50)", "a .jpg has 95"),
     ("setattr(t, 'max_bounces', 3)", "PathTracer has no attribute 'max_bounces'"),
+    ("sv.PathTracer(t.device, t.binder.scene, 320, 180)", r"\(device, scene, size\) without .* not 4 .* one pair"),
+    ("sv.Renderer(t.device, t.binder.scene, 320, 180)", r"not 180; .* size as one pair, \(width, height\)"),
     ("t.save('a.png')", r"tracer.render\(samples=256\).save\(path\)"),
     ("t.render(samples=1)['segmentation']", r"frame.mask\(name\) is where an object is seen"),
 ])  # fmt: skip
 def test_errors_of_renderers_lead_to_the_answer(device, line, message):
     with sv.PathTracer(device, sv.builtin("cornell_box"), (16, 9)) as t:
         with pytest.raises((sv.SolariError, AttributeError), match=message):
-            eval(line, {"t": t})
+            eval(line, {"sv": sv, "t": t})
         t.size = (8, 6)
         assert t.render(samples=1)["radiance"].shape == (6, 8, 3)
 
@@ -98,6 +100,9 @@ def test_errors_of_renderers_lead_to_the_answer(device, line, message):
     ("sv.RenderedFrame.point_cloud", r'frame\["position"\]'),
     ("sv.Material(base_color=(0.8, 0.2, 0.1, 1))", "alpha is a field of its own"),
     ("sv.Instance(sv.shapes.box(), sv.Material()).castShadow", "visible=False hides"),
+    ("sv.DirectionalLight((1, 0.9, 0.8), 3)", r"takes \(direction\) without names, not 2 .*: illuminance="),
+    ("sv.Camera().position.set(0, 1, 3)", r"no 'set': assign them, as in camera.position = \(x, y, z\)"),
+    ("setattr(sv.Camera().position, 'y', 2)", r"no 'y': assign them, as in camera.position = \(x, y, z\)"),
     ("sv.Material(base_color=np.zeros((4, 4, 3)))", "an image belongs in a field for textures, such as base_color_tex"),
 ])  # fmt: skip
 def test_errors_lead_to_the_answer(line, message):
@@ -105,6 +110,12 @@ def test_errors_lead_to_the_answer(line, message):
 
     with pytest.raises((sv.SolariError, AttributeError), match=message):
         eval(line, {"sv": sv, "np": np})
+
+
+def test_scenes_have_as_many_objects_as_loops_over_them():
+    scene = sv.builtin("cornell_box")
+    assert len(scene) == len(list(scene)) == len(scene.instances)
+    assert (len(sv.Scene()), bool(sv.Scene())) == (0, True)
 
 
 def test_words_of_other_programs_are_not_ours():

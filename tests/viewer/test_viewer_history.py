@@ -86,7 +86,7 @@ def test_edits_that_cannot_be_undone_are_forgotten(scene):
     """All parts of an edit stay if one can't be undone; the scene then isn't what was saved before."""
     history, items, lamp = History(), list(scene.instances), sv.PointLight((0, 1, 0))
     history.mark_saved()
-    history.remove(scene.instances, items[1], items[4])
+    history.remove((scene.instances, [items[1], items[4]]))
     left = list(scene.instances)
     scene.add(items[1])  # by a script, so that there would be two
     with pytest.raises(sv.SolariError, match="can't undo removing 2 objects, which is forgotten"):
@@ -116,16 +116,17 @@ def test_the_oldest_edits_stay_unsaved(scene, monkeypatch):
 
 def test_objects_return_to_their_places(scene):
     history, items = History(), list(scene.instances)
-    history.remove(scene.instances, items[1], items[4], items[2])
-    assert list(scene.instances) == [items[0], items[3], *items[5:]]
-    lamp = sv.PointLight((0, 1, 0))
-    history.add(scene.lights, lamp)
+    lamp = scene.add(sv.PointLight((0, 1, 0)))
+    history.remove((scene.instances, [items[1], items[4], items[2]]), (scene.lights, [lamp]))
+    assert (list(scene.instances), list(scene.lights)) == ([items[0], items[3], *items[5:]], [])
+    other = sv.PointLight((0, 1, 0))
+    history.add(scene.lights, other)
     history.undo()
     history.undo()
-    assert (list(scene.instances), list(scene.lights)) == (items, [])
+    assert (list(scene.instances), list(scene.lights)) == (items, [lamp])
     history.redo()
     history.redo()
-    assert (len(scene.instances), list(scene.lights)) == (len(items) - 3, [lamp])
+    assert (len(scene.instances), list(scene.lights)) == (len(items) - 3, [other])
 
 
 def test_what_is_unsaved(scene):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import glfw
 import numpy as np
 import pytest
@@ -77,6 +79,8 @@ def test_lights_are_removed_with_instances_and_locked_objects_stay(session, scen
     assert blocks[0] in scene.instances
     assert blocks[1] not in scene.instances
     assert lamp not in scene.lights
+    act(session, "undo")
+    assert (blocks[1] in scene.instances, lamp in scene.lights) == (True, True)
 
 
 def test_handles_turn_all_about_the_last(session, blocks):
@@ -109,7 +113,7 @@ def test_the_outline_is_around_all(blocks):
     assert covered(Pictures, blocks).tolist() == [[True, True, False]]
 
 
-def test_files_become_textures_of_what_is_picked(session, scene, blocks, tmp_path):
+def test_files_become_textures_of_what_is_picked(session, scene, blocks, tmp_path, monkeypatch):
     path = tmp_path / "red.png"
     sv.save_image(path, np.full((4, 8, 3), (1, 0, 0), np.float32), tonemap="none")
     materials = {block.material for block in blocks}
@@ -122,6 +126,12 @@ def test_files_become_textures_of_what_is_picked(session, scene, blocks, tmp_pat
     while session.history.done:
         act(session, "undo")
     assert all(material.base_color_texture is material.clearcoat_texture is None for material in materials)
+    with monkeypatch.context() as patch:
+        refused = MagicMock(side_effect=sv.SolariError("no room"))
+        patch.setattr(session.history, "assign_all", refused)
+        patch.setattr(session.history, "assign", refused)
+        act(session, "put_texture", path)
+    assert "no room" in session.message
     act(session, "put_texture", tmp_path / "none.png")
     assert "none.png: there is no such file" in session.message
     session.selected = None

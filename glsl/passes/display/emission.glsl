@@ -14,7 +14,7 @@ vec3 visible_emission(uvec2 pixel) {
     float t = inverse_depth > 0.0 ? 1.0 / (inverse_depth * ray.depth_per_t) : INFINITY;
     emitted += mis_weighted_radiance_along_ray(ray.origin, ray.direction, t, INFINITY);
     if (inverse_depth == 0.0) {
-        emitted += mis_weighted_radiance_at_infinity(ray.origin, ray.direction, INFINITY, NO_RECEIVER);
+        emitted += mis_weighted_radiance_at_infinity(ray.direction, INFINITY, NO_RECEIVER);
     }
     return emitted;
 }

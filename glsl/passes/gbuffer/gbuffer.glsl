@@ -108,6 +108,10 @@ GBufferSurface unpack_gbuffer(
     surface.world_normal =
         bend_shading_normal(unpack_octahedral_24(texel.w), surface.geometric_world_normal, surface.wo);
     surface.material = unpack_material(texel);
+    if (SCENE_UNLIT && surface.exists) {
+        uint flags = materials.at[instances.at[surface.instance].material].flags;
+        surface.material.base.unlit = (flags & MATERIAL_UNLIT) != 0u;
+    }
     surface.ray_offset = 0.0;
     return surface;
 }

@@ -32,18 +32,18 @@ uvec4 hit_light_point(inout Path path) {
         float probability = light_probability_by_power(light), whole = luminance(light_hit.radiance);
         float own = probability / light_hit.inverse_solid_angle_pdf, density = own;
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
-            density += pdf_of_openings(origin, path.walk.direction, NO_INDEX);
+            density += pdf_of_openings(path.vertex.position, path.walk.direction, NO_INDEX);
         }
         float weight = whole * weighted_share(own, 1.0, density, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         for (uint j = 0u; SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && j < portal_count(); j++) {
-            float of_portal = density_of_opening(j, origin, path.walk.direction);
+            float of_portal = density_of_opening(j, path.vertex.position, path.walk.direction);
             if (!(of_portal > 0.0)) { continue; }
             weight = whole * weighted_share(
                 of_portal, portal_choice_ratio(j, receiver(path.vertex)), density, path.walk.mis_pdf
             );
             if (choose_weighted(sum, weight, path.rng)) {
-                vec2 u = numbers_of_opening(j, origin, path.walk.direction);
+                vec2 u = numbers_of_opening(j, path.vertex.position, path.walk.direction);
                 point = pack_light_point(scene_info.first_portal + j, 0u, u);
             }
         }
@@ -51,15 +51,22 @@ uvec4 hit_light_point(inout Path path) {
     return point;
 }
 
+// Whether a delta lobe, such as that of a smooth coat over a rough base, sampled the first and only ray of a path.
+// Other pixels can't take its direction: what the ray finds goes to the path's pixel at once.
+bool has_delta_ray(Path path) { return path.sum_of_inverse_pdfs == 0.0; }
+
 // Writes the candidates of a path that has traced its first ray alone, and returns the light that isn't reused. After
 // one ray, `path.radiance` is only what lights emit where it ended.
 PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
     // Target functions leave out transmittance. The ray has passed the blended surfaces before its hit by chance, so
     // that radiance over that probability is the estimate without transmittance.
     RayTransmittance transmittance = path.first_transmittance;
-    PerLobe at_hit = scale(
-        path.first_weight, path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability
-    );
+    PerLobe at_hit = NO_LIGHT;
+    bool delta = has_delta_ray(path);
+    if (!delta) {
+        vec3 emitted = path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability;
+        at_hit = scale(path.first_weight, emitted);
+    }
     float sampled_luminance = luminance(sum(reused_lobes(path.direct, perceptual_roughness)));
     float light_hit_luminance = luminance(sum(reused_lobes(at_hit, perceptual_roughness)));
     float weight_sum = sampled_luminance + light_hit_luminance;
@@ -71,10 +78,8 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
         uint rng = path.direct_sample.seed;
         candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
-    // The hit of an unlit surface is on no light that other pixels could sample.
     if (candidate.light.x == NO_INDEX) { candidate.light_resampling_weight = 0.0; }
     candidate.instance = path.hit.instance;
-    // after one ray, the sum is one over the pdf of that ray
     candidate.path_contribution_weight =
         path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / transmittance.probability;
     candidate.position = path.vertex.origin;
@@ -82,10 +87,12 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     candidate.radiance = path.reusable_radiance;
     paths_reservoir_candidates.at[index] = candidate;
 
-    PerLobe light = path_light(path);
-    PerLobe reusable_radiance = apply_first_weight(path, path.reusable_radiance);
-    light.specular += reusable_radiance.specular;
-    return PerLobe(vec3(0.0), specular_without_reuse(light, perceptual_roughness));
+    bool reuses = reuses_specular(perceptual_roughness);
+    vec3 specular = reuses ? vec3(0.0) : direct_light(path).specular;
+    if (delta || !reuses) {
+        specular += indirect_light(path).specular + apply_first_weight(path, path.reusable_radiance).specular;
+    }
+    return PerLobe(vec3(0.0), specular);
 }
 
 #endif

@@ -26,8 +26,10 @@ void main() {
     PerLobe light = path_light(path);
     if (paths_reuse) {
         paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
-        PerLobe reusable_radiance = apply_first_weight(path, path.reusable_radiance);
-        light.specular += specular_without_reuse(reusable_radiance, surface.material.base.perceptual_roughness);
+        bool delta = paths_reservoir_candidates.at[index].path_contribution_weight == 0.0;  // as the first ray's lobe
+        if (delta || !reuses_specular(surface.material.base.perceptual_roughness)) {
+            light.specular += apply_first_weight(path, path.reusable_radiance).specular;
+        }
     }
     Demodulation albedo = demodulation(surface);
     float share = 1.0 / float(samples_per_pixel(index));

@@ -57,6 +57,7 @@ Path start_path(uint rng) {
     path.walk = start_walk(vec3(0.0), vec3(0.0));
     path.walk.delta_path_from_camera = true;
     path.hit = NO_HIT;
+    path.hit.t = 0.0;  // unknown: no ray is traced yet
     path.medium_below = NO_MEDIUM;
     path.specular_only = false;
     path.bounce = path.delta_bounces = 0u;
@@ -80,12 +81,15 @@ PerLobe apply_first_weight(Path path, vec3 radiance) {
     return scale(path.first_weight, path.first_transmittance.weight * radiance);
 }
 
-// The light that the first vertex reflects.
+// The light that the first vertex reflects of its light sample, and of what its first ray finds.
+PerLobe direct_light(Path path) { return scale(path.direct, path.direct_transmittance); }
+PerLobe indirect_light(Path path) {
+    vec3 found = path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance;
+    return scale(path.first_weight, found);
+}
+
 PerLobe path_light(Path path) {
-    PerLobe direct = scale(path.direct, path.direct_transmittance);
-    PerLobe indirect = scale(
-        path.first_weight, path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance
-    );
+    PerLobe direct = direct_light(path), indirect = indirect_light(path);
     return PerLobe(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 

@@ -67,11 +67,6 @@ PerLobe reused_lobes(PerLobe lobes, float perceptual_roughness) {
     return PerLobe(lobes.diffuse, reuses_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
 }
 
-// The light of a specular lobe that isn't reused, which goes to the pixel at once.
-vec3 specular_without_reuse(PerLobe light, float perceptual_roughness) {
-    return reuses_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
-}
-
 bool is_path_sample(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
 vec3 hit_position(PathReservoir reservoir) { return uintBitsToFloat(reservoir.point.xyz); }
 vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservoir.point.w); }
@@ -128,9 +123,10 @@ vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_
     } else {
         ResolvedLightSample light = resolve_light_point(reservoir);
         bool at_infinity = is_at_infinity(light.kind);
-        if (SCENE_TRANSMISSION) {
+        if (SCENE_TRANSMISSION || SCENE_PORTAL) {
             vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
             origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
+            light = for_shadow_ray(light, end);
         }
         to_sample = shadow_ray_segment(origin, light);
         t_max = at_infinity ? INFINITY : 1.0;

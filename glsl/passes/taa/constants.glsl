@@ -11,7 +11,7 @@ const float SOFTNESS = 0.5, SOFTNESS_OF_BLENDED = 1.0;
 const float EXCHANGED = 16.0, EXCHANGED_ON_SURFACE = 8.0;
 const float MIN_NORMAL_COSINE = 0.9;
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
-const float UNEXPOSED = 0.125;       // the same of one at whose time the shutter is closed
+const float UNEXPOSED = 1e-6;        // the same of one at whose time the shutter is closed
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
 
 // ---- the history ----------------------------------------------------------------------------------------

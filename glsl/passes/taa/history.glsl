@@ -33,6 +33,16 @@ HistorySample load_history(ivec2 at) {
     return unpack_history(previous_taa_history.at[element_index(inside, camera.picture_size)]);
 }
 
+// Whether the picture is the mean over an exposure: of all its frames, and in full precision, since it lasts as long as
+// the user likes. Then the history is the mean in `radiance`, and the number of samples alone in taa_history.
+bool in_exposure() {
+    return this_frame.shutter_state == FIRST_OF_EXPOSURE || this_frame.shutter_state == LATER_OF_EXPOSURE;
+}
+
+HistorySample load_exposure(uint index) {
+    return HistorySample(radiance.at[index], uintBitsToFloat(previous_taa_history.at[index].x), false);
+}
+
 // The past between pixels.
 HistorySample interpolate_history(vec2 position, Neighborhood around) {
     ivec2 corner = ivec2(floor(position - 0.5));
@@ -90,7 +100,7 @@ vec2 motion_in_picture(ivec2 pixel) {
 
 // Whether neither the camera nor any surface around moved, among them those that only the previous frame shows there.
 bool is_still(ivec2 center) {
-    if (this_frame.shutter_state != NO_SHUTTER) { return true; }  // the picture is that of all times
+    if (in_exposure()) { return true; }  // the picture is that of all times
     if (camera.world_from_view != previous_camera.world_from_view) { return false; }
     uint known = NO_INDEX;
     for (int i = 0; i < 9; i++) {
@@ -122,8 +132,10 @@ bool is_blended(ivec2 center) {
 }
 
 HistorySample find_history(ivec2 at, Neighborhood around) {
-    if (this_frame.shutter_state == FIRST_OF_EXPOSURE) { return NO_HISTORY_SAMPLE; }
-    if (this_frame.shutter_state == LATER_OF_EXPOSURE) { return load_history(at); }
+    if (this_frame.shutter_state == LATER_OF_EXPOSURE && this_frame.has_history != 0u) {
+        return load_exposure(element_index(at, camera.picture_size));
+    }
+    if (this_frame.shutter_state != NO_SHUTTER) { return NO_HISTORY_SAMPLE; }
     vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
     bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
     if (this_frame.has_history == 0u || !inside) { return NO_HISTORY_SAMPLE; }

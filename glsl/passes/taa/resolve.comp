@@ -13,7 +13,7 @@ const uint PASS_SALT = 0x510E527Fu;
 // Supersampling" (GDC 2016). Where nothing moves, that color changes only if most samples around differ from it in the
 // same direction, as they do when the light changes, and by the share that they have in common.
 HistorySample limited(HistorySample history, Neighborhood around) {
-    if (this_frame.shutter_state != NO_SHUTTER) { return history; }
+    if (in_exposure()) { return history; }
     vec3 color = to_ycocg(history.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
@@ -38,8 +38,7 @@ HistorySample limited(HistorySample history, Neighborhood around) {
 
 // Whether the shutter is open at a row of the picture at this frame's time.
 bool is_exposed(uint row) {
-    return this_frame.shutter_state == NO_SHUTTER
-        || row >= this_frame.exposed_rows.x && row < this_frame.exposed_rows.y;
+    return !in_exposure() || row >= this_frame.exposed_rows.x && row < this_frame.exposed_rows.y;
 }
 
 void main() {
@@ -48,7 +47,7 @@ void main() {
     if (!find_element(pixel, camera.picture_size, index)) { return; }
     ivec2 at = ivec2(pixel);
     NearestSample found = find_own_sample(at);
-    if (taa_settings.antialiasing == 0u && this_frame.shutter_state == NO_SHUTTER) {
+    if (taa_settings.antialiasing == 0u && !in_exposure()) {
         radiance.at[index] = found.exists ? found.radiance : interpolate(at, find_neighborhood(at)).radiance;
         taa_history.at[index] = uvec2(0u);
         return;
@@ -79,7 +78,7 @@ void main() {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
         // frame. Up to a factor, these weights sum to the square of the number. Times of an exposure count the same.
         float total = history.weight + weight, kept = history.weight / total;  // never above 1 by rounding
-        float share = this_frame.shutter_state == NO_SHUTTER ? 1.0 - square(kept) : 1.0 - kept;
+        float share = in_exposure() ? 1.0 - kept : 1.0 - square(kept);
         bool differs = abs(relative_difference(found.radiance, history.radiance)) > UNNOTICED;
         if (history.weight > 0.0 && differs && !is_still(around.center)) {
             // Means in motion have few samples: bright ones count less, or pixels at edges of lamps would flash. What
@@ -91,5 +90,5 @@ void main() {
     }
     radiance.at[index] = history.radiance;
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
-    taa_history.at[index] = pack_history(history, rng);
+    taa_history.at[index] = in_exposure() ? uvec2(floatBitsToUint(history.weight), 0u) : pack_history(history, rng);
 }

@@ -7,7 +7,7 @@ sums over small rectangles beside a sun are exact.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -41,13 +41,13 @@ def radiance(luminance: Floats, directions: Floats) -> Floats:
     return found
 
 
-def rectified(environments: Iterable[EnvironmentLight], axes: Floats) -> Floats:
+def rectified(environments: Sequence[tuple[EnvironmentLight, Floats]], axes: Floats) -> Floats:
     """The light in each texel (2, size, size) of the maps behind and before a portal, up to a factor.
 
-    axes (3, 3): `directions_of`. The first map is of directions along the normal; rows follow the second side.
+    environments: each with the luminance of its texels. axes (3, 3): `directions_of`. The first map is of directions
+    along the normal; rows follow the second side.
     """
-    smaller = [(light, texel_means(halved_to(light.image, LARGEST_SIZE))) for light in environments]
-    size = max([LEAST_SIZE, *(min(len(pixels), LARGEST_SIZE) for _, pixels in smaller)])
+    size = max([LEAST_SIZE, *(len(pixels) for _, pixels in environments)])
     from_middle = (2 * np.arange(size) + 1) / size - 1
     slopes, widths = from_middle / (1 - np.abs(from_middle)), 1 / (1 - np.abs(from_middle)) ** 2
     sideways = slopes[None, :, None] * axes[0] + slopes[:, None, None] * axes[1]
@@ -55,10 +55,14 @@ def rectified(environments: Iterable[EnvironmentLight], axes: Floats) -> Floats:
     lengths = np.linalg.norm(towards, axis=-1)
     solid_angles = widths[None, :] * widths[:, None] / lengths**3
     seen = np.zeros_like(lengths)
-    for light, pixels in smaller:
+    for light, pixels in environments:
         seen += light.intensity * radiance(pixels, towards @ light.rotation.astype(np.float64))
     found: Floats = seen * solid_angles
     return found
+
+
+def _luminance(image: NDArray[np.float32]) -> Floats:
+    return texel_means(halved_to(image, LARGEST_SIZE))
 
 
 def summed_areas(weights: Floats) -> NDArray[np.uint32]:
@@ -86,29 +90,31 @@ class PortalMaps(dict[Light, dict[str, Any]]):
         super().__init__()
         self._device = device
         self._made: dict[Any, Buffer] = {}
-        self._images: list[Any] = []  # of the maps' environments: their ids aren't given away
+        # The luminance of each environment's image, by its id, which isn't given away as long as the image is here.
+        self._seen: dict[int, tuple[Any, Floats]] = {}
 
     def follow(self, portals: Sequence[Portal], environments: Sequence[EnvironmentLight]) -> list[Portal]:
         """Have the maps of these portals under these environments; returns the portals that have others now."""
-        lit = [light for light in environments if light.emits]
+        lit = [light for light in environments if light.emits] if portals else []
+        seen = {id(e.image): self._seen.get(id(e.image)) or (e.image, _luminance(e.image)) for e in lit}
+        self._seen |= seen
         scale = lit[0].intensity if lit else 1.0
         light = tuple((id(e.image), e.rotation.tobytes(), e.intensity / scale) for e in lit)
         axes = {portal: directions_of(portal) for portal in portals} if lit else {}
         keys = {portal: (light, np.round(found, 5).tobytes()) for portal, found in axes.items()}
-        made: dict[Any, Buffer] = {}
         for portal, key in keys.items():
-            if key not in made:
-                made[key] = self._made.get(key) or self._make(lit, axes[portal])
-        for key in self._made.keys() - made.keys():
-            self._made[key].destroy()
-        self._made, self._images = made, [e.image for e in lit]
+            if key not in self._made:
+                self._made[key] = self._make([(e, seen[id(e.image)][1]) for e in lit], axes[portal])
+        for key in self._made.keys() - set(keys.values()):
+            self._made.pop(key).destroy()
+        self._seen = seen
         before = dict(self)
         self.clear()
         for portal in portals:
-            self[portal] = self._record(made[keys[portal]]) if lit else NO_MAP
+            self[portal] = self._record(self._made[keys[portal]]) if lit else NO_MAP
         return [portal for portal in portals if self[portal] != before.get(portal)]
 
-    def _make(self, lit: Sequence[EnvironmentLight], axes: Floats) -> Buffer:
+    def _make(self, lit: Sequence[tuple[EnvironmentLight, Floats]], axes: Floats) -> Buffer:
         table = np.stack([summed_areas(weights) for weights in rectified(lit, axes)])
         buffer = self._device.buffer(table.nbytes, "portal map")
         try:

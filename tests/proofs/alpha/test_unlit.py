@@ -84,6 +84,16 @@ def check_mirror(device, render=traced):
     assert not render(device, sv.Scene(card, sv.Instance(quad(2.0), mirror))).any(), "its back is to the mirror"
 
 
+def check_grazing(device, render=traced):
+    """A dark sheet that is seen along its surface, against the light, doesn't reflect it."""
+    sheet = shapes.quad((0, -0.03, -2), (0, 0, 9), (9, 0, 0))
+    material = sv.Material(base_color=0.01, unlit=True, roughness=0.3, double_sided=True)
+    scene = sv.Scene(sv.Instance(sheet, material), sv.DirectionalLight((0, -0.01, 1), illuminance=100.0))
+    scene.environment = sv.Environment(10.0)
+    found = render(device, scene)[-SIZE[1] // 4 :]
+    assert found == pytest.approx(np.full_like(found, 0.01 * UNLIT_RADIANCE), rel=2**-8)
+
+
 def split(device, scene):
     return rendered(device, scene, lighting="split", restir=False, world_cache=False, jitter=False)
 
@@ -93,7 +103,7 @@ def test_a_mirror(render, device):
     check_mirror(device, render)
 
 
-@pytest.mark.parametrize("check", [check_color, check_darkness])
+@pytest.mark.parametrize("check", [check_color, check_darkness, check_grazing])
 @pytest.mark.parametrize(
     "render",
     [traced, shown, pytest.param(rendered, marks=pytest.mark.slow), pytest.param(denoised, marks=pytest.mark.slow)],
@@ -119,6 +129,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/walk.glsl", "scatter",
         "bool shown = walk.delta_path_from_camera, possible = correct(walk, next, frame, geometric_normal, below); "
         "walk.delta_path_from_camera = shown; return possible;")),
+    "it reflects at grazing angles": (check_grazing, Bug(
+        "scene/surface.glsl", "make_unlit", "correct(material); material.base.unlit = false;")),
     "it is lit": (check_color, Bug(
         "scene/surface.glsl", "make_unlit", "vec3 color = material.base.color; correct(material); "
         "material.base.color = color;")),

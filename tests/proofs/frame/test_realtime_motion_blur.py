@@ -49,6 +49,26 @@ def test_a_moving_edge_is_a_ramp(device):
     check_ramp(device)
 
 
+def check_long_exposure(device):
+    """All of 200 frames count the same, or of a rolling shutter those that expose a row: a lamp that is there in their
+    first half alone gives half of its light."""
+    scene, instance = edge_scene()
+    for readout, apart in ((0.0, 1e-3), (1.0, 0.05)):
+        shown = []
+
+        def pose(seconds, shown=shown):
+            shown.append(seconds)  # twice a frame
+            instance.position = (0 if len(shown) <= 200 else 100, 0, 0)
+
+        with sv.Renderer(device, scene, (16, 16)) as renderer:
+            lit = expose(renderer, sv.Shutter(close=1e-3, readout=readout, row_bands=16), pose, 200)[..., 0]
+        np.testing.assert_allclose(lit.mean(axis=1), 0.25, atol=apart)
+
+
+def test_long_exposures_are_plain_means(device):
+    check_long_exposure(device)
+
+
 def check_slant(device):
     """The last row is exposed 0.1 s after the first, in which the edge moves by 16 pixels."""
     scene, instance = edge_scene()
@@ -207,6 +227,9 @@ RESOLVE = "passes/taa/resolve.comp"
 test_a_seeded_bug_is_noticed = bug_tests({
     "rows without their time": (check_slant, Bug(RESOLVE, "is_exposed", "return true;")),
     "an exposure that goes on in the next": (check_ramp, Bug(
-        "scene/camera_block.glsl", "FIRST_OF_EXPOSURE", "3u")),
-    "an exposure that follows motion": (check_ramp, Bug("scene/camera_block.glsl", "LATER_OF_EXPOSURE", "3u")),
+        "scene/camera_block.glsl", "FIRST_OF_EXPOSURE", "4u")),
+    "an exposure that follows motion": (check_ramp, Bug("scene/camera_block.glsl", "LATER_OF_EXPOSURE", "4u")),
+    "an exposure that forgets": (check_long_exposure, Bug(
+        "passes/taa/history.glsl", "load_exposure", "HistorySample found = correct(index); "
+        "found.weight = min(found.weight, 63.0); return found;")),
 })  # fmt: skip

@@ -15,7 +15,7 @@ from support.oracles import environments
 from support.oracles.closed_forms import polygon_irradiance
 from support.paths import Profile, measure_means
 from support.pictures import compare_picture, take_picture
-from support.realtime import Effort, make_renderer, measure_mean, run_pictures, trace
+from support.realtime import PATHS, PLAIN, Effort, make_renderer, measure_mean, run_pictures, trace
 from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
@@ -42,7 +42,7 @@ MEANS = Rule("a frame of a room with portals has the path tracer's mean without 
 GAIN = Rule("error (relMSE) of the path tracer with a portal over that without it", SUITE, "Portals")
 FRAMES_GAIN = Rule("error (relMSE) of raw frames with a portal over that without it", SUITE, "Portals")
 OUTSIDE = Rule("variance far from a portal over that without it", SUITE, "Portals")
-EFFORT = Effort(6, 16, 32, 2048)
+EFFORT, CLOSE = Effort(6, 16, 32, 2048), Effort(128, 8, 32)
 
 
 def add_portals(scene, portals):
@@ -88,6 +88,33 @@ def measure_open_floor(device, strategy):
     made = take_picture(device, scene, (16, 16), 8192, max_bounces=1, lambert=True, light_strategy=strategy)
     expected = environments.irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
     yield from compare_picture(f"an open floor with portals, {strategy}", _CLOSED, made, expected, 0.01)
+
+
+def close_portals():
+    """A floor so wide that rays leave it 2 cm above it, where portals let half of the light through."""
+    image = np.exp(np.random.default_rng(1).normal(size=(8, 16, 3))).astype(np.float32)
+    floor = sv.Instance(shapes.quad((0, 0, 0), (0, 0, 1e4), (1e4, 0, 0)), sv.Material(base_color=ALBEDO))
+    scene = sv.Scene(floor, sv.Camera.look_at((0, 0.2, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.3))
+    scene.environment = sv.Environment(image, rotation=2.0)
+    add_portals(scene, [((0, 0.022, 0), (0.04, 0, 0), (0, 0, 0.04)), ((0.05, 0.04, 0), (0.03, 0.02, 0), (0, 0, 0.05))])
+    return scene, environments.irradiance(scene.environment, (0, 1, 0)) * ALBEDO / math.pi
+
+
+def measure_close(device):
+    """Light samples and rays by the path tracer."""
+    scene, expected = close_portals()
+    made = take_picture(device, scene, (16, 16), 4096, max_bounces=1, lambert=True)
+    yield from compare_picture("a floor close below portals", _CLOSED, made, expected, 0.01)
+
+
+def measure_close_frames(device, restir):
+    scene, expected = close_portals()
+    settings = {**PLAIN, "restir": restir, "lambert": True, "paths_bounces": 1, "passes": PATHS}
+    with make_renderer(device, scene, (16, 16), **settings) as renderer:
+        found = run_pictures(
+            renderer, scene.camera, CLOSE, lambda frame: frame["raw_radiance"].mean(axis=(0, 1), dtype=np.float64)
+        )
+    yield measure_mean(Rule("frames of a floor close below portals", *_CLOSED), found, expected, 0.012, CLOSE)
 
 
 def room(portals=(), *, glass=True):
@@ -187,13 +214,19 @@ def _floor(device):
 
 @pytest.mark.parametrize("measure", [
     *(pytest.param(lambda device, name=name: measure_opening(device, name), id=name) for name in LOOSE),
-    _floor, measure_gain, measure_outside, pytest.param(measure_frames_gain, marks=pytest.mark.slow),
+    _floor, measure_close, measure_gain, measure_outside, pytest.param(measure_frames_gain, marks=pytest.mark.slow),
     pytest.param(lambda device: measure_open_floor(device, "nee"), id="floor by light samples", marks=pytest.mark.slow),
     pytest.param(measure_room, id="room", marks=pytest.mark.slow),
     pytest.param(measure_paths, id="paths", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_rules_hold(device, measure):
     hold(measure(device))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("restir", [False, True])
+def test_frames_of_a_floor_close_below_portals(device, restir):
+    hold(measure_close_frames(device, restir))
 
 
 @pytest.mark.slow

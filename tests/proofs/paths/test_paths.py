@@ -166,6 +166,18 @@ def _panel_irradiance(renderer):
     return np.asarray(irradiance[settled, :3].mean(axis=0))
 
 
+@pytest.mark.slow
+def test_hit_distances_in_a_room_are_finite(device):
+    """Also where the direction that the lobe gave leads into the surface, as at a ball of few faces."""
+    scene = sv.Scene(sv.Camera.look_at((0, 0, 3), (0, 0, 0), vertical_fov=0.6), sv.PointLight((0, 2, 3), intensity=9.0))
+    scene.add(shapes.box((-4, -4, -4), (4, 4, 4), inward=True), matte(0.5))
+    scene.add(shapes.sphere(1.0, 5), sv.Material(metallic=1.0, roughness=0.5))
+    with make_renderer(device, scene, SIZE, passes=PATHS, **PLAIN) as renderer:
+        distances = [renderer.render()[f"paths_{lobe}"][..., 3] for lobe in ("diffuse", "specular") for _ in range(4)]
+    assert np.isfinite(distances).all()
+    assert np.max(distances) > 3
+
+
 def test_frames_follow_a_sequence(device):
     hold(measure_sequence(device))
 

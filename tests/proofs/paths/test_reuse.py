@@ -104,6 +104,33 @@ def test_many_lights(device):
     hold([realtime.measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)])
 
 
+def coated_floor():
+    """A dark rough floor below a smooth coat, which mirrors an unlit card, a lamp, and a wall that a point lights."""
+    camera = sv.Camera.look_at((0, 0.8, 1.2), (0, 0, 0), vertical_fov=0.5)
+    scene = sv.Scene(camera, sv.PointLight((0, 1.5, -0.5), intensity=3.0))
+    dark = sv.Material(base_color=0.05, roughness=0.8, clearcoat=1.0, clearcoat_roughness=0.0)
+    for mesh, material in (
+        (shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), dark),
+        (shapes.quad((0, 1, -2), (2, 0, 0), (0, 1, 0)), matte(0.8)),
+        (shapes.quad((-0.6, 1, -1.9), (0.5, 0, 0), (0, 0.5, 0)), sv.Material(base_color=1.0, unlit=True)),
+        (shapes.quad((0.6, 1.5, -1.9), (0.1, 0, 0), (0, 0.1, 0)), lamp(2.0)),
+    ):
+        scene.add(mesh, material)
+    return scene
+
+
+def measure_coat(device):
+    scene, effort = coated_floor(), Effort(16, 8, 64)
+    without, found = (observe(device, scene, effort, restir) for restir in (False, True))
+    yield realtime.measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)
+
+
+@pytest.mark.slow
+def test_smooth_coats_over_rough_surfaces(device):
+    """What they mirror is no light that other pixels could take."""
+    hold(measure_coat(device))
+
+
 def observe(device, scene, effort, restir):
     """The reflected light (runs, h, w, 3) of independent runs."""
     with make_renderer(device, scene, SIZE, lighting="paths", restir=restir) as renderer:
@@ -135,6 +162,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
                                  "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
     LESS_NOISE: (measure_noise, Bug(RESERVOIR, "hit_normal", "return -correct(reservoir);")),
     NO_LAG: (measure_lag, Bug(RESERVOIR, "trace_sample_transmittance", "return correct(vertex, reservoir, false);")),
+    "light in a coat": (measure_coat, Bug("passes/paths/candidate.glsl", "has_delta_ray", "return false;")),
     "what was removed: the previous frame counts whole": (check_removal, Bug(
         "passes/paths/temporal.comp", "previous_confidence", "return confidence;")),
 })  # fmt: skip

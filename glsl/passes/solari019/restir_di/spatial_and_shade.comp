@@ -65,7 +65,7 @@ void main() {
             specular = received * evaluate_specular_brdf(brdf, wo, wi);
         }
         // last, when the surface isn't needed any more
-        vec3 arriving = transmittance(surface, resolved);
+        vec3 arriving = transmittance(surface, for_shadow_ray(resolved, light.wi));
         outcome.y = arriving != vec3(0.0) ? 1u : 0u;
         diffuse *= arriving;
         specular *= arriving;

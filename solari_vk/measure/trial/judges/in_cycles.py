@@ -145,8 +145,9 @@ def _hide_backs(material: Any) -> None:
     nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
     passes = any(node.type == "BSDF_TRANSPARENT" or (node.type == "BSDF_PRINCIPLED" and (
         node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1)) for node in nodes)  # fmt: skip
-    for output in [node for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]:
-        links, shown = material.node_tree.links, output.inputs["Surface"].links[0].from_socket
+    outputs = [node.inputs["Surface"] for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]
+    for output in [surface for surface in outputs if surface.is_linked]:
+        links, shown = material.node_tree.links, output.links[0].from_socket
         geometry, rays = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeLightPath")
         both, mix = nodes.new("ShaderNodeMath"), nodes.new("ShaderNodeMixShader")
         both.operation = "MULTIPLY"
@@ -155,7 +156,7 @@ def _hide_backs(material: Any) -> None:
         links.new(both.outputs[0], mix.inputs[0])
         links.new(shown, mix.inputs[1])
         links.new(nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[2])
-        links.new(mix.outputs[0], output.inputs["Surface"])
+        links.new(mix.outputs[0], output)
 
 
 def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:
