@@ -27,6 +27,8 @@ MM = 1000.0
 DEPTH_SCALE = 0.1  # millimeters of a step, while the picture is less deep than 6.5 m
 SAME_SIZE = 1e-4  # difference of a mesh's stretch, over the largest, up to which instances have one model
 NOTHING = [-1, -1, -1, -1]
+UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # models of BOP stand along z
+KINDS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg"}  # by how files begin
 
 
 class _Model(NamedTuple):
@@ -40,19 +42,22 @@ class _Model(NamedTuple):
 class BopWriter:
     """Writes a scene of a BOP data set, picture by picture.
 
-    folder: of the data set; its models go to `models`, the scene to SPLIT/000000. instances: the objects, by their
-    numbers in `instance_id`; labels: their classes, by default their own. Instances with one mesh and one scale are one
-    object. A model's origin is the middle of its box. Raises SolariError for instances whose joints or morph targets
+    folder: of the data set; its models go to `models`, the scene to SPLIT/000000. bop_toolkit looks for .jpg pictures
+    in splits of the type "pbr" ("train_pbr"), and for .png in others. instances: the objects, by their numbers in
+    `instance_id`; labels: their classes, by default their own. Instances with one mesh and one scale are one object. A
+    model's origin is the middle of its box, and z is up. Raises SolariError for instances whose joints or morph targets
     move, which aren't rigid.
     """
 
     def __init__(
         self, folder: str | os.PathLike[str], instances: Mapping[int, Instance], *,
-        labels: Mapping[int, str] | None = None, split: str = "train_pbr", scene_id: int = 0,
+        labels: Mapping[int, str] | None = None, split: str = "train", scene_id: int = 0,
     ) -> None:  # fmt: skip
         self._labels = labels or {}
         self._root = Path(folder)
         self._scene = self._root / split / f"{scene_id:06}"
+        self._kind = ".jpg" if split.endswith("_pbr") else ".png"
+        self._size: tuple[int, int] | None = None
         self._instances = dict(instances)
         self._models = list[_Model]()
         self._of = {number: self._model(number) for number in sorted(self._instances)}
@@ -63,7 +68,7 @@ class BopWriter:
         if instance.posed:
             raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
                               "objects: take its label away")  # fmt: skip
-        stretch = instance.rotation.T @ instance.transform[:3, :3]
+        stretch = UP @ instance.rotation.T @ instance.transform[:3, :3]
         tolerance = SAME_SIZE * np.abs(stretch).max()
         for model in self._models:
             if model.mesh is instance.mesh and np.abs(model.stretch - stretch).max() <= tolerance:
@@ -89,15 +94,19 @@ class BopWriter:
     ) -> None:
         """Add a picture with this number.
 
-        picture: the content of a .png. depth (height, width): along the view axis in meters, inf for nothing.
-        silhouettes: of the instances by number, from `silhouettes(around=1)`; those that aren't visible have none.
-        Raises SolariError for cameras that have no matrix K alone, and for an instance that has another scale than at
-        first.
+        picture: the content of a file of the split's kind. depth (height, width): along the view axis in meters, inf
+        for nothing. silhouettes: of the instances by number, from `silhouettes(around=1)`; those that aren't visible
+        have none. Raises SolariError for cameras that have no matrix K alone, for pictures of another kind, and for an
+        instance that has another scale than at first.
         """
         _check_camera(camera)
+        if not any(picture.startswith(start) for start, kind in KINDS.items() if kind == self._kind):
+            raise SolariError(f"BOP: pictures of the split {self._scene.parent.name} are {self._kind} files, as "
+                              f"bop_toolkit's paths have them: give one, or another split")  # fmt: skip
         for name in ("rgb", "depth", "mask", "mask_visib"):
             make_folder(self._scene / name)
         size = depth.shape[1], depth.shape[0]
+        self._size = self._size or size
         depth_mm = np.where(np.isfinite(depth), depth, 0.0) * MM
         scale = max(DEPTH_SCALE, float(depth_mm.max()) / (2**16 - 1))
         rotation, shift = camera.extrinsics()
@@ -105,7 +114,7 @@ class BopWriter:
             "cam_K": _numbers(camera.intrinsics(size)), "depth_scale": scale, "cam_R_w2c": _numbers(rotation),
             "cam_t_w2c": _numbers(shift * MM),
         }  # fmt: skip
-        write_whole(self._scene / "rgb" / f"{number:06}.png", picture)
+        write_whole(self._scene / "rgb" / f"{number:06}{self._kind}", picture)
         write_whole(self._scene / "depth" / f"{number:06}.png", png_16(np.rint(depth_mm / scale).astype(np.uint16)))
         poses, infos = list[Any](), list[Any]()
         for row in sorted(set(silhouettes) & set(self._instances)):
@@ -113,7 +122,8 @@ class BopWriter:
             self._check_model(row)
             ((_, box),) = boxes_3d([instance], camera, size).items()
             poses.append({
-                "cam_R_m2c": _numbers(box.rotation), "cam_t_m2c": _numbers(box.center * MM), "obj_id": model.number
+                "cam_R_m2c": _numbers(box.rotation @ UP.T), "cam_t_m2c": _numbers(box.center * MM),
+                "obj_id": model.number,
             })  # fmt: skip
             infos.append(_info(silhouette, depth))
             name = f"{number:06}_{len(infos) - 1:06}.png"
@@ -127,6 +137,8 @@ class BopWriter:
         make_folder(self._root / "models")
         for name, table in (("camera", self._cameras), ("gt", self._poses), ("gt_info", self._infos)):
             write_whole(self._scene / f"scene_{name}.json", _json(table))
+        if self._size is not None:
+            write_whole(self._root / "camera.json", json.dumps(self._first_camera(self._size)))
         infos, names = dict[str, Any](), dict[str, Any]()
         for model in self._models:
             points, infos[str(model.number)] = _placed(model)
@@ -134,6 +146,13 @@ class BopWriter:
             write_whole(self._root / "models" / f"obj_{model.number:06}.ply", _ply(points, model))
         write_whole(self._root / "models" / "models_info.json", _json(infos))
         write_whole(self._root / "objects.json", _json(names))
+
+    def _first_camera(self, size: tuple[int, int]) -> dict[str, float]:
+        """The first picture's, as a data set's camera.json has it."""
+        first = next(iter(self._cameras.values()))
+        fx, _, cx, _, fy, cy, *_ = first["cam_K"]
+        return {"width": size[0], "height": size[1], "fx": fx, "fy": fy, "cx": cx, "cy": cy,
+                "depth_scale": first["depth_scale"]}  # fmt: skip
 
 
 def _check_camera(camera: Camera) -> None:
@@ -150,7 +169,7 @@ def _info(silhouette: Silhouette, depth: NDArray[Any]) -> dict[str, Any]:
     return {
         "px_count_all": silhouette.pixel_count, "px_count_visib": len(rows), "visib_fract": silhouette.fraction,
         "px_count_valid": int((silhouette.mask & np.isfinite(depth)).sum()),
-        "bbox_obj": [x, y, width - 1, height - 1] if silhouette.pixel_count else NOTHING,
+        "bbox_obj": [x, y, width - 1, height - 1] if seen else NOTHING,
         "bbox_visib": [*corner, int(np.ptp(columns)), int(np.ptp(rows))] if seen else NOTHING,
     }  # fmt: skip
 

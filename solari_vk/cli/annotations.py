@@ -33,13 +33,15 @@ ANNOTATIONS = {
 
 
 class Annotating:
-    """Writes annotations of all views of a folder. instances: of the scene, by the numbers in instance_id."""
+    """Writes annotations of all views of a folder. instances: of the scene, by the numbers in instance_id. split: of
+    BOP."""
 
     def __init__(
-        self, folder: Path, annotations: Annotations, instances: Mapping[int, Instance], style: Style, scene: Scene
-    ) -> None:
+        self, folder: Path, annotations: Annotations, instances: Mapping[int, Instance], style: Style, scene: Scene,
+        split: str,
+    ) -> None:  # fmt: skip
         self._folder, self._annotations, self._style, self._scene = folder, annotations, style, scene
-        self._labels = annotations.labels
+        self._labels, self._split = annotations.labels, split
         self._instances = {number: instances[number] for number in self._labels}
 
     def check(self, kinds: Sequence[str], cameras: Sequence[Camera]) -> None:
@@ -58,7 +60,7 @@ class Annotating:
     def _bop(self) -> BopWriter:
         """The objects have the sizes of the first view."""
         with self._style.randomized(self._scene, 0):
-            return BopWriter(self._folder / BOP, self._instances, labels=self._labels)
+            return BopWriter(self._folder / BOP, self._instances, labels=self._labels, split=self._split)
 
     def write(self, kinds: Sequence[str], views: Sequence[View]) -> None:
         """Write these of ANNOTATIONS. Raises SolariError for a file that can't be written, and for what a format

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 METERED = 8  # views whose mean exposure is that of all
 FLOWS = {FLOW, FLOW_BACK}
+BOP_SPLITS = {"png": "train", "jpg": "train_pbr"}  # where bop_toolkit looks for such pictures
 JOURNAL = "views.jsonl"
 INSTANCES = "instances.json"
 
@@ -63,7 +64,8 @@ def run(job: DatasetJob) -> int:
     keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
     annotating = None
     if job.annotations:
-        annotating = Annotating(folder, Annotations(labels, keypoints), instances, style, subject.scene)
+        annotations, split = Annotations(labels, keypoints), BOP_SPLITS.get(job.format, "")
+        annotating = Annotating(folder, annotations, instances, style, subject.scene, split)
         annotating.check(job.annotations, cameras)
     with open_pool(job) as pool:
         ev100 = subject.cameras[0].ev100
@@ -102,12 +104,12 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         needed += ANNOTATIONS[name]
     whole = job.format in ("exr", "npz")
     if whole and (needed or SILHOUETTES in job.aov):
-        raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
-    if "bop" in job.annotations and job.format != "png":
-        raise SolariError("--annotations bop: its pictures are .png files: give --format png")
+        raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png, jpg or npy")
+    if "bop" in job.annotations and job.format not in BOP_SPLITS:
+        raise SolariError("--annotations bop: its pictures are .png or .jpg files: give --format png or jpg")
     if FLOWS & set(job.aov) and (job.randomize is not None or whole):
         raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
-                          "leave --randomize out, and give --format png or npy")  # fmt: skip
+                          "leave --randomize out, and give --format png, jpg or npy")  # fmt: skip
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):
         raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
     if job.keypoints is not None:

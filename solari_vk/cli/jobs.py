@@ -237,7 +237,7 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, "
         "albedo, variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
     )
-    format: str = option("of the pictures (png)", choices=("png", "exr", "npz", "npy"), default="png")
+    format: str = option("of the pictures (png)", choices=("png", "jpg", "exr", "npz", "npy"), default="png")
     labels: Path | None = option(
         'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
     )

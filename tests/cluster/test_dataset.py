@@ -94,7 +94,7 @@ def test_annotations(make, copied, tmp_path):
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--annotations", "coco"), "no instance has a label"),
     (("--annotations", "voc"), "--annotations voc: take some of coco, yolo, objects, bop"),
-    (("--annotations", "coco", "--format", "exr"), "give --format png or npy"),
+    (("--annotations", "coco", "--format", "exr"), "give --format png, jpg or npy"),
     (("--labels", "{}/chairs.json"), 'chairs.json: no instance is named \'Chair*\'; names are '),
     (("--labels", "{}/list.json"), "list.json: give a class for each pattern"),
     (("--labels", "{}/none.json"), "none.json"),

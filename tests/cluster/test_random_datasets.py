@@ -112,7 +112,7 @@ def test_boxes_in_space_are_of_the_views_own_scene(recipe, views):
 
 def test_bop_files_fit_the_pictures(views):
     """Depth unprojected by cam_K, then moved into the models' frames, is within their boxes."""
-    bop, scene = views / "bop", views / "bop" / "train_pbr" / "000000"
+    bop, scene = views / "bop", views / "bop" / "train" / "000000"
     cameras, poses, infos = (json.loads((scene / f"scene_{name}.json").read_text())
                              for name in ("camera", "gt", "gt_info"))  # fmt: skip
     models, names = (json.loads((bop / name).read_text()) for name in ("models/models_info.json", "objects.json"))
@@ -299,7 +299,7 @@ def test_distractors_have_neither_labels_nor_keypoints(recipe, tmp_path, any_dev
     names = json.loads((folder / "bop" / "objects.json").read_text())
     (number,) = (number for number, row in names.items() if row["name"] == "tall block")
     model = json.loads((folder / "bop" / "models" / "models_info.json").read_text())[number]
-    assert model["size_y"] == pytest.approx(500 * table["tall block"]["size"][1], rel=1e-3)
+    assert model["size_z"] == pytest.approx(500 * table["tall block"]["size"][1], rel=1e-3)
     scene = sv.builtin("cornell_box")
     (camera,) = cameras_for("random", scene, scene.camera, 1, 40 / 32, 5)
     (frame,) = json.loads((folder / "transforms.json").read_text())["frames"]
