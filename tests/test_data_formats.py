@@ -193,7 +193,7 @@ def test_what_bop_does_not_have(tmp_path):
     picture = png_bytes(np.zeros((*depth.shape, 3), np.uint8))
     with pytest.raises(SolariError, match="perspective and without distortion"):
         writer.add(0, sv.Camera(projection="fisheye"), picture, depth, {})
-    with pytest.raises(SolariError, match="the split train_pbr are [.]jpg files"):
+    with pytest.raises(SolariError, match=r"the split train_pbr are \.jpg files"):
         sv.BopWriter(tmp_path, instances, split="train_pbr").add(0, sv.Camera(), picture, depth, {})
     scene.instances[2].scale = 0.7
     with pytest.raises(SolariError, match="'small ring' has another size"):
