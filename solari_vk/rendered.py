@@ -22,6 +22,7 @@ from solari_vk.output.annotations import boxes
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.passes import pathtracer
+from solari_vk.scene.labels import objects_of
 from solari_vk.scene.model import Camera, Instance, Material
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
@@ -151,6 +152,12 @@ class RenderedFrame(Hints):
     def labels(self) -> dict[int, str]:
         """The labels of the scene's instances by the numbers in `frame["instance_id"]`, "" for those without one."""
         return {number: instance.label for number, instance in self.instances.items()}
+
+    @property
+    def objects(self) -> dict[int, list[int]]:
+        """The numbers in `frame["instance_id"]` of each object's parts (`Instance.part_of`) that have one label, by the
+        first one; an instance alone is an object."""
+        return objects_of(self.instances, self.labels)
 
     def boxes(self) -> dict[Instance, tuple[int, int, int, int]]:
         """The smallest box around each instance's pixels: its left column, top row, width and height in pixels."""

@@ -22,7 +22,7 @@ DELTA = 15  # millimeters, of the script calc_gt_info
 
 def objects():
     """Two rings of one mesh, one of which is partly hidden and the other cut by the picture's edge; one that is
-    hidden; one that is mirrored; and one that no picture shows."""
+    hidden; one that is mirrored; one that no picture shows; and one of two parts."""
     ring, block = sv.shapes.torus(radius=0.3, tube_radius=0.12, segments=16), sv.shapes.box()
     scene = sv.Scene()
     scene.add(ring, name="ring 1", position=(-0.3, 0, 0), rotation=(0.5, 0.5, 0.5, 0.5))
@@ -32,6 +32,9 @@ def objects():
     scene.add(sv.Mesh(ring.positions + np.float32(0.1), ring.triangles), name="mirrored ring",
               transform=np.diag((-0.6, 0.6, 0.6, 1)) + np.eye(4)[3] * np.array([[-0.9, 0.4, 0.2, 0]]).T)  # fmt: skip
     scene.add(block, name="block behind", position=(0, 0, 9), scale=0.4)
+    mug = sv.shapes.cylinder(0.2, 0.4, 16), sv.shapes.torus(0.12, 0.04, 12)
+    for mesh, x, scale in zip(mug, (0.4, 0.6), ((1, 1, 1), (1, 1, 0.5)), strict=True):
+        scene.add(mesh, name=f"mug {x}", position=(x, -0.35, 0.4), scale=scale, rotation=0.2, part_of="mug")
     scene.environment = sv.Environment((1, 1, 1))
     return scene
 
@@ -68,7 +71,7 @@ def test_bop_toolkit_reads_a_data_set(any_device, tmp_path, kind, split_type):
     objects().save(tmp_path / "objects.glb")
     poses = [{"position": [x, 0.3, 2.6], "target": [0, 0, 0]} for x in (-0.3, 0, 0.4)]
     (tmp_path / "poses.json").write_text(json.dumps(poses))
-    (tmp_path / "classes.json").write_text('{"*ring*": "ring", "*block*": "block"}')
+    (tmp_path / "classes.json").write_text('{"*ring*": "ring", "*block*": "block", "mug*": "mug"}')
     options = f"--size 96x64 --samples 2 --format {kind} --annotations bop --labels {tmp_path / 'classes.json'}".split()
     paths = ["--cameras", str(tmp_path / "poses.json"), "-o", str(tmp_path / "views")]
     assert main(["dataset", str(tmp_path / "objects.glb"), *options, *paths]) == 0
@@ -112,7 +115,7 @@ def test_bop_toolkit_reads_a_data_set(any_device, tmp_path, kind, split_type):
                 assert (margins >= 0).all()
                 assert (margins < 2).all()  # a corner may lie between pixels
             fractions.append(info["visib_fract"])
-    assert [pose["obj_id"] for pose in truth[0]] == [1, 1, 2, 3, 4, 5]
+    assert [pose["obj_id"] for pose in truth[0]] == [1, 1, 2, 3, 4, 5, 6]
     assert min(fractions) == 0
     assert sum(0.1 < fraction < 0.9 for fraction in fractions) >= 3
     assert max(fractions) == 1

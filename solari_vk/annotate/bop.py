@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.annotate.boxes import boxes_3d
+from solari_vk.annotate.boxes import box_around
 from solari_vk.annotate.silhouettes import Silhouette
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
 from solari_vk.output.kitti import png_16
 from solari_vk.output.picture import png_bytes
+from solari_vk.scene.labels import objects_of
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import Camera, Instance, Mesh
 
@@ -31,10 +32,21 @@ UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # models of
 KINDS = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg"}  # by how files begin
 
 
-class _Model(NamedTuple):
-    number: int
+class _Part(NamedTuple):
     mesh: Mesh
     stretch: NDArray[np.float64]  # (3, 3), from the mesh's space to the model's axes
+    shift: NDArray[np.float64]  # (3,), there from the first part's origin
+
+    def is_like(self, other: _Part) -> bool:
+        """Whether both have one mesh and one place in the model."""
+        tolerance = SAME_SIZE * max(np.abs(self.stretch).max(), np.abs(self.shift).max())
+        apart = np.abs(self.stretch - other.stretch).max(), np.abs(self.shift - other.shift).max()
+        return self.mesh is other.mesh and max(apart) <= tolerance
+
+
+class _Model(NamedTuple):
+    number: int
+    parts: list[_Part]
     name: str
     label: str
 
@@ -44,50 +56,58 @@ class BopWriter:
 
     folder: of the data set; its models go to `models`, the scene to SPLIT/000000. bop_toolkit looks for .jpg pictures
     in splits of the type "pbr" ("train_pbr"), and for .png in others. instances: the objects, by their numbers in
-    `instance_id`; labels: their classes, by default their own. Instances with one mesh and one scale are one object. A
-    model's origin is the middle of its box, and z is up. Raises SolariError for instances whose joints or morph targets
-    move, which aren't rigid.
+    `instance_id`; labels: their classes, by default their own. Parts of one object (`Instance.part_of`) are one model.
+    What has one mesh and one scale is one object. A model's origin is the middle of its box, and z is up. Raises
+    SolariError for instances whose joints or morph targets move, which aren't rigid.
     """
 
     def __init__(
         self, folder: str | os.PathLike[str], instances: Mapping[int, Instance], *,
         labels: Mapping[int, str] | None = None, split: str = "train", scene_id: int = 0,
     ) -> None:  # fmt: skip
-        self._labels = labels or {}
+        self._labels = {number: instance.label for number, instance in instances.items()} | dict(labels or {})
         self._root = Path(folder)
         self._scene = self._root / split / f"{scene_id:06}"
         self._kind = ".jpg" if split.endswith("_pbr") else ".png"
         self._size: tuple[int, int] | None = None
         self._instances = dict(instances)
         self._models = list[_Model]()
-        self._of = {number: self._model(number) for number in sorted(self._instances)}
+        self._objects = objects_of(self._instances, self._labels)
+        self._of = {number: self._model(number) for number in self._objects}
         self._cameras, self._poses, self._infos = dict[str, Any](), dict[str, Any](), dict[str, Any]()
 
     def _model(self, number: int) -> _Model:
-        instance = self._instances[number]
-        if instance.posed:
-            raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
-                              "objects: take its label away")  # fmt: skip
-        stretch = UP @ instance.rotation.T @ instance.transform[:3, :3]
-        tolerance = SAME_SIZE * np.abs(stretch).max()
+        parts = list[_Part]()
+        for instance in self._parts(number):
+            if instance.posed:
+                raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
+                                  "objects: take its label away")  # fmt: skip
+            if not parts:
+                first = instance
+                axes = UP @ first.rotation.T
+            shift = axes @ (instance.transform[:3, 3] - first.transform[:3, 3])
+            parts.append(_Part(instance.mesh, axes @ instance.transform[:3, :3], shift))
         for model in self._models:
-            if model.mesh is instance.mesh and np.abs(model.stretch - stretch).max() <= tolerance:
+            if len(parts) == len(model.parts) and all(map(_Part.is_like, parts, model.parts)):
                 return model
-        label = self._labels.get(number, instance.label)
-        self._models.append(_Model(len(self._models) + 1, instance.mesh, stretch, instance.name, label))
+        name = first.part_of if len(parts) > 1 else first.name
+        self._models.append(_Model(len(self._models) + 1, parts, name, self._labels[number]))
         return self._models[-1]
+
+    def _parts(self, number: int) -> list[Instance]:
+        return [self._instances[part] for part in self._objects[number]]
 
     def check(self, camera: Camera) -> None:
         """Raise SolariError if `add` would refuse this camera, or the visible instances as they are now."""
         _check_camera(camera)
-        for number, instance in self._instances.items():
-            if instance.visible:
+        for number in self._objects:
+            if any(part.visible for part in self._parts(number)):
                 self._check_model(number)
 
     def _check_model(self, number: int) -> None:
         if self._model(number) is not self._of[number]:
             raise SolariError(f"BOP: {self._instances[number].describe()} has another size than in other pictures, and "
-                              "an object has one: leave its scale as it is")  # fmt: skip
+                              "an object has one: leave its scale, and its parts' places, as they are")  # fmt: skip
 
     def add(
         self, number: int, camera: Camera, picture: bytes, depth: NDArray[Any], silhouettes: Mapping[int, Silhouette]
@@ -95,9 +115,9 @@ class BopWriter:
         """Add a picture with this number.
 
         picture: the content of a file of the split's kind. depth (height, width): along the view axis in meters, inf
-        for nothing. silhouettes: of the instances by number, from `silhouettes(around=1)`; those that aren't visible
-        have none. Raises SolariError for cameras that have no matrix K alone, for pictures of another kind, and for an
-        instance that has another scale than at first.
+        for nothing. silhouettes: of the objects by their first part's number, from `silhouettes(around=1, merge=True)`;
+        those that aren't visible have none. Raises SolariError for cameras that have no matrix K alone, for pictures of
+        another kind, and for an object that has another scale than at first.
         """
         _check_camera(camera)
         if not any(picture.startswith(start) for start, kind in KINDS.items() if kind == self._kind):
@@ -117,10 +137,10 @@ class BopWriter:
         write_whole(self._scene / "rgb" / f"{number:06}{self._kind}", picture)
         write_whole(self._scene / "depth" / f"{number:06}.png", png_16(np.rint(depth_mm / scale).astype(np.uint16)))
         poses, infos = list[Any](), list[Any]()
-        for row in sorted(set(silhouettes) & set(self._instances)):
-            instance, silhouette, model = self._instances[row], silhouettes[row], self._of[row]
+        for row in sorted(set(silhouettes) & set(self._objects)):
+            silhouette, model = silhouettes[row], self._of[row]
             self._check_model(row)
-            ((_, box),) = boxes_3d([instance], camera, size).items()
+            box = box_around(self._parts(row), camera, size)
             poses.append({
                 "cam_R_m2c": _numbers(box.rotation @ UP.T), "cam_t_m2c": _numbers(box.center * MM),
                 "obj_id": model.number,
@@ -176,7 +196,8 @@ def _info(silhouette: Silhouette, depth: NDArray[Any]) -> dict[str, Any]:
 
 def _placed(model: _Model) -> tuple[NDArray[np.float64], dict[str, float]]:
     """The vertices (N, 3) in millimeters about the middle of their box, and their row of models_info.json."""
-    points = model.mesh.positions.astype(np.float64) @ model.stretch.T * MM
+    placed = [part.mesh.positions.astype(np.float64) @ part.stretch.T + part.shift for part in model.parts]
+    points = np.concatenate(placed) * MM
     low, high = points.min(axis=0), points.max(axis=0)
     points = points - (low + high) / 2
     half = (high - low) / 2
@@ -199,23 +220,26 @@ def diameter(points: NDArray[np.float64]) -> float:
     return largest
 
 
-def _normals(model: _Model) -> NDArray[np.float64]:
+def _normals(part: _Part) -> NDArray[np.float64]:
     """Unit normals (N, 3) of the vertices in the model's axes: the mesh's, or the mean of its triangles'."""
-    mesh = model.mesh
+    mesh = part.mesh
     if mesh.normals is not None:
         found = mesh.normals.astype(np.float64)
     else:
         a, b, c = np.moveaxis(mesh.positions.astype(np.float64)[mesh.triangles], 1, 0)
         found = np.zeros(mesh.positions.shape)
         np.add.at(found, mesh.triangles, np.cross(b - a, c - a)[:, None])
-    found = found @ np.linalg.inv(model.stretch)
+    found = found @ np.linalg.inv(part.stretch)
     return unit(found)
 
 
 def _ply(points: NDArray[np.float64], model: _Model) -> str:
     names = ("x", "y", "z", "nx", "ny", "nz")
-    normals, mirrored = _normals(model), np.linalg.det(model.stretch) < 0
-    triangles = model.mesh.triangles[:, ::-1] if mirrored else model.mesh.triangles
+    normals = np.concatenate([_normals(part) for part in model.parts])
+    triangles, before = np.zeros((0, 3), np.int64), 0
+    for part in model.parts:
+        turned = part.mesh.triangles[:, :: -1 if np.linalg.det(part.stretch) < 0 else 1]  # where it mirrors
+        triangles, before = np.concatenate([triangles, turned + before]), before + len(part.mesh.positions)
     head = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property float {name}" for name in names),
             f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header"]  # fmt: skip
     rows = [" ".join(f"{value:.6g}" for value in row) for row in np.concatenate([points, normals], axis=1).tolist()]

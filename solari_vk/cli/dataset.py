@@ -23,7 +23,7 @@ from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
-from solari_vk.scene.labels import find_labels
+from solari_vk.scene.labels import find_labels, objects_of
 from solari_vk.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -64,7 +64,8 @@ def run(job: DatasetJob) -> int:
     keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
     annotating = None
     if job.annotations:
-        annotations, split = Annotations(labels, keypoints), BOP_SPLITS.get(job.format, "")
+        annotations = Annotations(labels, keypoints, objects_of(instances, labels))
+        split = BOP_SPLITS.get(job.format, "")
         annotating = Annotating(folder, annotations, instances, style, subject.scene, split)
         annotating.check(job.annotations, cameras)
     with open_pool(job) as pool:

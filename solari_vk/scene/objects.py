@@ -135,8 +135,9 @@ class Instance(Checked, Scaled):
     show by raster. An instance that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4)
     and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
     `transform`, and how much of each morph target is added. label: a semantic class, such as "chair", for annotations
-    of pictures (`label_instances`). Raises SolariError for a singular transform, and for poses
-    that don't fit the mesh.
+    of pictures (`label_instances`). part_of: the name of an object; instances with one name are its parts, such as the
+    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. Raises
+    SolariError for a singular transform, and for poses that don't fit the mesh.
     """
 
     mesh: Mesh
@@ -149,10 +150,12 @@ class Instance(Checked, Scaled):
     morph_weights: NDArray[np.float64] | None = None
     name: str = ""
     label: str = ""
+    part_of: str = ""
 
     _converters = {
         "name": checks.text,
         "label": checks.line,
+        "part_of": checks.line,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,
