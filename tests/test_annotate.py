@@ -105,6 +105,8 @@ def test_parts_of_an_object_have_one_silhouette(device):
             assert (one.pixel_count, one.box) == (other.pixel_count, other.box)
             assert np.array_equal(one.mask, other.mask)
             assert np.array_equal(one.visible, other.visible)
+            inside = sv.silhouettes(tracer, looking, SIZE, merge=True)[parts[0]]
+            assert inside.pixel_count == inside.mask.sum()
             parts[-1].label = "cushion"
             assert len(sv.silhouettes(tracer, looking, SIZE, merge=True)) == 1 + len(parts)
     assert 0 < one.fraction < 1

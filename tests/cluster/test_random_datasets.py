@@ -252,6 +252,27 @@ def test_realtime_views_are_random_too(recipe, tmp_path, any_device):
         assert (two / f"{number:05}.png").read_bytes() == (three / f"{number:05}.png").read_bytes()
 
 
+def test_objects_of_several_parts(tmp_path, any_device):
+    """A chair of two primitives has one annotation of each kind."""
+    scene = sv.Scene(sv.Environment((1, 1, 1)))
+    for part, x in enumerate((-0.5, 0.5)):
+        scene.add(sv.shapes.box(), name=f"chair/{part}", position=(x, 0.2 * part, 0), part_of="chair")
+    scene.save(tmp_path / "chair.glb")
+    (tmp_path / "classes.json").write_text('{"chair*": "chair"}')
+    options = "--views 1 --size 32x24 --samples 1 --annotations coco,yolo,objects,bop".split()
+    paths = ["--labels", str(tmp_path / "classes.json"), "-o", str(tmp_path / "views")]
+    assert main(["dataset", str(tmp_path / "chair.glb"), *options, *paths]) == 0
+    folder = tmp_path / "views"
+    (row,) = json.loads((folder / "00000.objects.json").read_text())
+    assert (row["name"], row["visible_fraction"]) == ("chair", 1)
+    np.testing.assert_allclose(row["size"], (2, 1.2, 1), atol=1e-6)
+    (one,) = json.loads((folder / "annotations.json").read_text())["annotations"]
+    assert one["area"] == (np.load(folder / "00000.instance_id.npy") < 2).sum()
+    assert (one["bbox"], (folder / "00000.txt").read_text().count("\n")) == (row["box"], 1)
+    (model,) = json.loads((folder / "bop" / "models" / "models_info.json").read_text()).values()
+    np.testing.assert_allclose([model[f"size_{axis}"] for axis in "xyz"], (2000, 1000, 1200), rtol=1e-5)
+
+
 def test_cameras_are_those_of_the_recipe(recipe, views):
     scene = sv.builtin("cornell_box")
     randomizer = sv.Randomizer.load(recipe / "random.yaml", 0)
