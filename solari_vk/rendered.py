@@ -98,8 +98,8 @@ class RenderedFrame(Hints):
     def filtered(self, name: str) -> NDArray[Any]:
         """A result at the centers of pixels as the mean over each pixel's area, of 16 rays that hit rays' meshes.
 
-        name: of `pathtracer.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth is inf, the others are 0.
-        Raises SolariError for another name.
+        name: of `pathtracer.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth and distance are inf, the
+        others are 0. Raises SolariError for another name.
         """
         self._renderer.check_latest(self, name)
         names = [known for known in pathtracer.FIRST_HIT_AOVS if not known.endswith("_id")]

@@ -280,6 +280,9 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         np.testing.assert_allclose(frame["camera_normal"][behind], [(0, 0, -1)] * behind.sum(), atol=1e-6)
         np.testing.assert_allclose(frame["camera_normal"], frame["shading_normal"] @ camera.rotation * (1, -1, -1),
                                    atol=1e-6)  # fmt: skip
+        away = np.linalg.norm(frame["position"] - camera.position, axis=-1)
+        np.testing.assert_allclose(frame["distance"], away, rtol=1e-5)
+        assert frame["depth"][0, 0] < 0.9 * frame["distance"][0, 0]
         left = frame["camera_normal"][15, 14]
         assert left[0] < 0
         assert left[2] < 0

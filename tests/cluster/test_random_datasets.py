@@ -259,7 +259,7 @@ def test_objects_of_several_parts(tmp_path, any_device):
         scene.add(sv.shapes.box(), name=f"chair/{part}", position=(x, 0.2 * part, 0), part_of="chair")
     scene.save(tmp_path / "chair.glb")
     (tmp_path / "classes.json").write_text('{"chair*": "chair"}')
-    options = "--views 1 --size 32x24 --samples 1 --annotations coco,yolo,objects,bop".split()
+    options = ["--views", "1", "--size", "32x24", "--samples", "1", "--annotations", "coco,yolo,objects,bop"]
     paths = ["--labels", str(tmp_path / "classes.json"), "-o", str(tmp_path / "views")]
     assert main(["dataset", str(tmp_path / "chair.glb"), *options, *paths]) == 0
     folder = tmp_path / "views"
