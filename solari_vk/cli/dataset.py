@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import solari_vk as sv
@@ -23,6 +24,7 @@ from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
+from solari_vk.scene.colmap import save_colmap
 from solari_vk.scene.labels import find_labels, objects_of
 from solari_vk.sensors.sensor import Sensor
 
@@ -34,6 +36,7 @@ METERED = 8  # views whose mean exposure is that of all
 FLOWS = {FLOW, FLOW_BACK}
 BOP_SPLITS = {"png": "train", "jpg": "train_pbr"}  # where bop_toolkit looks for such pictures
 JOURNAL = "views.jsonl"
+COLMAP = Path("sparse", "0")
 INSTANCES = "instances.json"
 
 
@@ -85,6 +88,8 @@ def run(job: DatasetJob) -> int:
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
+        if job.colmap:
+            save_colmap(folder / COLMAP, cameras, job.size, [view.name for view in views])
         if "instance_id" in style.layers:
             write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
         if not render_files(pool, subject.scene, tasks, journal, job):

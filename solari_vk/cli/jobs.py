@@ -238,6 +238,7 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "albedo, variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
     )
     format: str = option("of the pictures (png)", choices=("png", "jpg", "exr", "npz", "npy"), default="png")
+    colmap: bool = flag("write the cameras as COLMAP's text files too, into the folder sparse/0")
     labels: Path | None = option(
         'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
     )

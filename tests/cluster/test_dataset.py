@@ -142,7 +142,12 @@ def test_the_example_loads_the_views(views):
 
 
 def test_transforms_are_poses_too(make, views):
-    _, again = make("--cameras", views / "transforms.json")
+    _, again = make("--cameras", views / "transforms.json", "--colmap")
+    frames = json.loads((views / "transforms.json").read_text())["frames"]
+    for image, frame in zip(sv.load_colmap(again / "sparse" / "0"), frames, strict=True):
+        assert image.name == frame["file_path"]
+        np.testing.assert_allclose(image.camera.transform, frame["transform_matrix"], atol=1e-9)
+        assert image.camera.intrinsics(image.size)[1, 1] == pytest.approx(frame["fl_y"])
     first, second = (
         [np.asarray(Image.open(folder / f"0000{n}.png"), np.float64) for n in range(3)] for folder in (views, again)
     )
