@@ -22,8 +22,8 @@ from solari_vk.output.annotations import boxes
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.passes import pathtracer
-from solari_vk.scene.labels import objects_of
 from solari_vk.scene.model import Camera, Instance, Material
+from solari_vk.scene.objects import objects_of
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 DARKEST, BRIGHTEST = 1e-4, 30.0

@@ -20,9 +20,9 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder, write_whole
 from solari_vk.output.kitti import png_16
 from solari_vk.output.picture import png_bytes
-from solari_vk.scene.labels import objects_of
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import Camera, Instance, Mesh
+from solari_vk.scene.objects import objects_of
 
 MM = 1000.0
 DEPTH_SCALE = 0.1  # millimeters of a step, while the picture is less deep than 6.5 m

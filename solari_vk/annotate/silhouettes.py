@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from solari_vk.annotate.surfaces import check_view, peel, pixel_rays
 from solari_vk.errors import SolariError, quoted
-from solari_vk.scene.labels import objects_of
 from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.objects import objects_of
 from solari_vk.tracer import RayTracer
 
 Mask = NDArray[np.bool_]

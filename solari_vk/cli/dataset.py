@@ -25,7 +25,8 @@ from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
 from solari_vk.scene.colmap import save_colmap
-from solari_vk.scene.labels import find_labels, objects_of
+from solari_vk.scene.labels import find_labels
+from solari_vk.scene.objects import objects_of
 from solari_vk.sensors.sensor import Sensor
 
 if TYPE_CHECKING:

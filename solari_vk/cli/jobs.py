@@ -259,8 +259,7 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "what is random in each view: a .yaml file of ranges, or a .py file with a function randomize(scene, random, "
         "number)", "FILE", type=Path
     )
-    shards: int | None = option("write all files of N views each into tar files too, as WebDataset reads them", "N",
-                                type=positive)
+    shards: int | None = option("write the files of N views each into tar files too (WebDataset)", "N", type=positive)
     time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
     samples: int = option("samples per pixel (64)", "N", type=positive, default=64)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)

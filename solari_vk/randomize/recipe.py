@@ -20,9 +20,9 @@ from solari_vk.scene import shapes
 from solari_vk.scene.checks import check_whole
 from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.images.radiance_files import read_radiance
-from solari_vk.scene.labels import objects_of
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture, TextureImage
+from solari_vk.scene.objects import objects_of
 from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import PARTS
 

@@ -16,18 +16,6 @@ from solari_vk.scene.model import Instance, Scene
 Classes = Mapping[str, str] | str | PathLike[str]
 
 
-def objects_of(
-    instances: Mapping[int, Instance], labels: Mapping[int, str] | None = None
-) -> dict[int, list[int]]:
-    """The numbers of each object's parts (`Instance.part_of`), by the first one, and of instances alone. labels: of the
-    instances, by their numbers: parts of other classes are objects of their own."""
-    found, first = dict[int, list[int]](), dict[tuple[str, str], int]()
-    for number, instance in sorted(instances.items()):
-        key = instance.part_of, "" if labels is None else labels[number]
-        found.setdefault(first.setdefault(key, number) if instance.part_of else number, []).append(number)
-    return found
-
-
 def label_instances(scene: Scene, classes: Classes) -> None:
     """Assign `label` of the instances whose names fit a pattern; others stay as they are.
 

@@ -8,6 +8,7 @@ column vectors. Colors are linear Rec. 709.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, field
 from typing import Any, ClassVar
 
@@ -199,3 +200,15 @@ class Instance(Checked, Scaled):
             least *= material.base_color_texture.image.least_alpha
         whole = least >= (1.0 if material.alpha_mode == "blend" else material.alpha_cutoff)
         return "opaque" if whole else material.alpha_mode
+
+
+def objects_of(
+    instances: Mapping[int, Instance], labels: Mapping[int, str] | None = None
+) -> dict[int, list[int]]:
+    """The numbers of each object's parts (`Instance.part_of`), by the first one, and of instances alone. labels: of the
+    instances, by their numbers: parts of other classes are objects of their own."""
+    found, first = dict[int, list[int]](), dict[tuple[str, str], int]()
+    for number, instance in sorted(instances.items()):
+        key = instance.part_of, "" if labels is None else labels[number]
+        found.setdefault(first.setdefault(key, number) if instance.part_of else number, []).append(number)
+    return found

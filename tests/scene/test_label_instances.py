@@ -9,7 +9,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.scene import shapes
-from solari_vk.scene.labels import objects_of
+from solari_vk.scene.objects import objects_of
 
 
 def scene_of(*names):
