@@ -142,10 +142,12 @@ class RenderedFrame(Hints):
         return self._renderer.binder.materials.by_row
 
     def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
-        """Whether pixels show an instance at their center, (height, width). instance: the object or its name."""
-        if isinstance(instance, str):
+        """Whether pixels show an instance at their center, (height, width). instance: the object, its name, or that of
+        an object of several parts."""
+        parts = [number for number, other in self.instances.items() if other.part_of and other.part_of == instance]
+        if isinstance(instance, str) and not parts:
             instance = self._renderer.binder.scene.instances[instance]
-        ids = [number for number, other in self.instances.items() if other is instance]
+        ids = parts or [number for number, other in self.instances.items() if other is instance]
         return np.isin(self["instance_id"], ids)
 
     @property

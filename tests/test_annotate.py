@@ -204,7 +204,9 @@ def test_keypoints(device, tmp_path):
         np.testing.assert_array_equal(found[right]["front"].pixel, looking.project((0.8, 0, 0.5), SIZE))
         read = sv.keypoints(tracer, looking, SIZE, tmp_path / "points.json", tolerance=0.6)
         assert [read[left][name].state for name in ("front", "behind", "back", "middle")] == [2, 1, 1, 2]
-        left.visible = False
+        left.part_of = right.part_of = "wall"
+        assert list(sv.keypoints(tracer, looking, SIZE, {"wall": {"front": 0}})) == [left]
+        left.part_of, left.visible = "", False
         assert list(sv.keypoints(tracer, looking, SIZE, points)) == [right]
         for wrong, words in (
             ({"chair": {"seat": [0, 0, 0]}}, "no instance is named 'chair'"),

@@ -137,7 +137,7 @@ def test_parts_of_an_object_move_together(make):
             scene.add(sv.shapes.box(), name=f"chair {number}/{part}", position=(x + 9 * number, 0, 0), scale=1 + part,
                       part_of=f"chair {number}")  # fmt: skip
     before = [instance.transform for instance in scene.instances]
-    recipe = "instances: {'chair*': {scale: {log: [0.5, 2]}, offset: [[0, 1, 0], [0, 2, 0]], turn: [10, 350]}}"
+    recipe = "instances: {'chair ?': {scale: {log: [0.5, 2]}, offset: [[0, 1, 0], [0, 2, 0]], turn: [10, 350]}}"
     for text, turned in ((recipe, False), ("instances: {'chair*': {turn: [10, 350], visible: false}}", True)):
         randomizer = make(text)
         randomizer.prepare(scene)

@@ -289,6 +289,9 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         names = {number: material.name for number, material in frame.materials.items()}
         assert names[frame["material_id"][0, 0]] == names[frame["material_id"][15, 15]] == "paper"
         assert names[frame["material_id"][16, 26]] == "clay"
+        ball.part_of = other.part_of = "balls"
+        assert np.array_equal(frame.mask("balls"), ~behind)
+        assert np.array_equal(frame.mask(ball), ~behind & (np.arange(32) < 22))
         shares = frame.filtered("camera_normal")[..., 2]
         assert shares[0, 0] == pytest.approx(-1)
         edge = frame.mask(ball) & ~np.roll(frame.mask(ball), 1, axis=1)

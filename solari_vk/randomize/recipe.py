@@ -6,7 +6,6 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.images.radiance_files import read_radiance
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture, TextureImage
-from solari_vk.scene.objects import objects_of
+from solari_vk.scene.objects import is_called, objects_of
 from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import PARTS
 
@@ -147,7 +146,7 @@ class Recipe:
             items = self._items(scene, section)
             for pattern, values in self._recipe.get(section, {}).items():
                 place = f"{self._who}: {section}"
-                fitting = [item for item in items if fnmatchcase(item.name, pattern)]
+                fitting = [item for item in items if is_called(item, pattern)]
                 if not fitting:
                     raise unknown_name(f"{place}: nothing is named", pattern, [item.name for item in items])
                 for item in fitting if section == "lights" else ():
@@ -170,7 +169,7 @@ class Recipe:
         for section in PATTERNS:
             for pattern, values in self._recipe.get(section, {}).items():
                 items = enumerate(self._items(scene, section))
-                fitting = {index: item for index, item in items if fnmatchcase(item.name, pattern)}
+                fitting = {index: item for index, item in items if is_called(item, pattern)}
                 parts = objects_of(fitting) if section == "instances" else {index: [index] for index in fitting}
                 for index, others in parts.items():
                     place = f"{section}/{pattern}/{index}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, field
+from fnmatch import fnmatchcase
 from typing import Any, ClassVar
 
 import numpy as np
@@ -200,6 +201,13 @@ class Instance(Checked, Scaled):
             least *= material.base_color_texture.image.least_alpha
         whole = least >= (1.0 if material.alpha_mode == "blend" else material.alpha_cutoff)
         return "opaque" if whole else material.alpha_mode
+
+
+def is_called(item: Any, pattern: str) -> bool:
+    """Whether a pattern fits an object's name, or that of the object that it is a part of."""
+    whole = item.part_of if isinstance(item, Instance) else ""
+    names = (item.name, whole) if whole else (item.name,)
+    return any(pattern == name or fnmatchcase(name, pattern) for name in names)
 
 
 def objects_of(
