@@ -11,6 +11,8 @@ from hypothesis import HealthCheck, Phase, settings
 # Every Device of the suite validates, also those that tests make through the command line in this process.
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
 
+from support.memory import resident_bytes
+
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import instance as instance_module
 from solari_vk.gpu.device.device import Device, list_devices
@@ -22,6 +24,8 @@ settings.register_profile(
     phases=set(Phase) - {Phase.explain},  # which takes minutes
 )  # fmt: skip
 settings.load_profile("suite")
+
+MOST_MEMORY = 2 << 30  # bytes, after a file's tests
 
 _messages = []
 _devices = []
@@ -83,6 +87,15 @@ def no_validation_messages(request):
         assert not messages, "validation messages:\n" + "\n".join(messages)
     else:
         assert messages, "the test was to provoke validation, but there was no message"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def bounded_memory():
+    """Compiled pipelines take megabytes each on software devices: let them go when a file's tests leave too many."""
+    yield
+    if resident_bytes() > MOST_MEMORY:
+        for opened in _devices:
+            opened.trim()
 
 
 def pytest_sessionfinish(session):

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
-import resource
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 from support.gltf_writer import GltfWriter
+from support.memory import resident_bytes
 
 import solari_vk as sv
-
-
-def resident_bytes() -> int:
-    """Without what the C library keeps of freed memory, whose holes grow where a driver compiles in several threads."""
-    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
-        trim(0)
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize()
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's /proc")
@@ -156,7 +147,8 @@ FORTY = """
 import sys
 sys.path[:0] = sys.argv[1:]
 import solari_vk as sv
-from test_endurance import in_use, resident_bytes
+from support.memory import resident_bytes
+from test_endurance import in_use
 for _ in range(40):
     with sv.Device() as device, sv.PathTracer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
         renderer.render(samples=1)
