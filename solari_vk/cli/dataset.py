@@ -24,7 +24,7 @@ from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
-from solari_vk.scene.colmap import save_colmap
+from solari_vk.scene.colmap import check_colmap, save_colmap
 from solari_vk.scene.labels import find_labels
 from solari_vk.scene.objects import objects_of
 from solari_vk.sensors.sensor import Sensor
@@ -82,6 +82,8 @@ def run(job: DatasetJob) -> int:
                 randomizer.camera(camera, number)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = views_of(cameras, f".{job.format}")
+        if job.colmap:
+            check_colmap(cameras, job.size)
         if FLOWS & set(style.layers):
             ends = [None, *cameras, None]
             views = [dataclasses.replace(view, before=ends[number], after=ends[number + 2])

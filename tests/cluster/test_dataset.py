@@ -154,6 +154,14 @@ def test_transforms_are_poses_too(make, views):
     np.testing.assert_allclose(first, second, atol=2)  # the field of view goes through pixels
 
 
+def test_cameras_that_colmap_lacks_are_refused_first(make, tmp_path):
+    pose = {"position": [1, 1, 1], "target": [1, 1, 0], "projection": "equirectangular"}
+    (tmp_path / "poses.json").write_text(json.dumps([pose]))
+    said, folder = make("--cameras", tmp_path / "poses.json", "--colmap", code=2)
+    assert "COLMAP has no model for this equirectangular camera" in said
+    assert not any(folder.iterdir())
+
+
 def test_a_stopped_run_goes_on(make, copied):
     """Files that are there with their content stay; one that was changed, and new views, are rendered."""
     whole = contents(copied)
