@@ -48,7 +48,29 @@ def checked_pose(scene: Scene, shutter: Any, pose: Any, who: str) -> Pose:
     return found
 
 
-class ShutterRenderer(PictureRenderer):
+class PosingRenderer(PictureRenderer):
+    """A renderer of cameras that a function of the time gives."""
+
+    _metered_camera: Camera | None = None  # of such a function: the latest one whose exposure was chosen
+
+    def _posed(self, pose: Pose, seconds: float, camera: Camera) -> Camera:
+        """The camera at a time, at which the scene then is. What was chosen for one camera that `pose` gave is the
+        exposure of the others with auto_exposure."""
+        given, metered = pose(seconds), self._metered_camera
+        if not isinstance(given, Camera) or given is camera:
+            return camera
+        if given.auto_exposure and metered is not None and given is not metered:
+            given.update(ev100=metered.ev100, auto_exposure=metered.auto_exposure)
+        return given
+
+    def _finish_posed(self, frame: RenderedFrame, camera: Camera, metered: int = 1) -> RenderedFrame:
+        """`_finish`; camera: the one that `render` was given."""
+        if frame.camera.auto_exposure and frame.camera is not camera:
+            self._metered_camera = frame.camera
+        return self._finish(frame, metered)
+
+
+class ShutterRenderer(PosingRenderer):
     """A renderer that accumulates samples, each of which may show the scene at a time of its own."""
 
     settings: pathtracer.Settings
@@ -109,14 +131,14 @@ class ShutterRenderer(PictureRenderer):
             raise
         # The next picture is a new one. This one may have ended early.
         self._shown, self._guides = None, [mean * np.float32(samples / self.samples) for mean in guides] or None
-        frame = self._finish(RenderedFrame(self, shown, self._projection, submission))
+        frame = self._finish_posed(RenderedFrame(self, shown, self._projection, submission), camera)
         if ended is not None:
             raise ended
         return frame
 
     def _show(self, camera: Camera, pose: Pose, seconds: float) -> Camera:
         """Pose the scene, and take up its edits; returns the camera."""
-        shown = _posed(pose, seconds, camera)
+        shown = self._posed(pose, seconds, camera)
         self._note_camera(shown)
         self.binder.update()
         self._warn_of_darkness()
@@ -135,7 +157,7 @@ class ShutterRenderer(PictureRenderer):
             mean[top:below] += share * values[top:below]
 
 
-class ExposureRenderer(PictureRenderer):
+class ExposureRenderer(PosingRenderer):
     """A realtime renderer. With a shutter each frame shows the scene at one time of the exposure, so that surfaces are
     sharp for the denoiser, and the picture is the mean of the frames: Haeberli and Akeley, "The Accumulation Buffer"
     (1990)."""
@@ -171,7 +193,7 @@ class ExposureRenderer(PictureRenderer):
             self._exposure, self._moved = None, False
         else:
             frame = self._expose(camera, shutter, pose)
-        return self._finish(frame, METERING_FRAMES)
+        return self._finish_posed(frame, camera, METERING_FRAMES)
 
     def _expose(self, camera: Camera, shutter: Any, pose: Any) -> RenderedFrame:
         """The next frame of an exposure; the scene stays as in its middle."""
@@ -181,8 +203,8 @@ class ExposureRenderer(PictureRenderer):
         exposure = shutter, poses, Projection.of(camera, self.size).view
         state = LATER if before == exposure else FIRST
         try:
-            _, submission = self._submit(_posed(poses, seconds, camera), Exposed(state, rows))
-            middle = _posed(poses, shutter.middle, camera)
+            _, submission = self._submit(self._posed(poses, seconds, camera), Exposed(state, rows))
+            middle = self._posed(poses, shutter.middle, camera)
         except BaseException:
             self.reset()  # what the device has is the mean of an exposure
             with suppress(Exception):  # the error that is raised is the first one
@@ -196,12 +218,6 @@ class ExposureRenderer(PictureRenderer):
         if self._moved and name in pathtracer.FIRST_HIT_AOVS:
             self.binder.update()
             self._moved = False
-
-
-def _posed(pose: Pose, seconds: float, camera: Camera) -> Camera:
-    """The camera at a time, at which the scene then is."""
-    given = pose(seconds)
-    return given if isinstance(given, Camera) else camera
 
 
 def _raised_by(progress: Callable[[int], None], samples: int) -> BaseException | None:

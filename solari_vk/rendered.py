@@ -23,6 +23,7 @@ from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_cod
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.passes import pathtracer
 from solari_vk.scene.model import Camera, Instance, Material
+from solari_vk.scene.objects import objects_of
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 DARKEST, BRIGHTEST = 1e-4, 30.0
@@ -97,8 +98,8 @@ class RenderedFrame(Hints):
     def filtered(self, name: str) -> NDArray[Any]:
         """A result at the centers of pixels as the mean over each pixel's area, of 16 rays that hit rays' meshes.
 
-        name: of `pathtracer.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth is inf, the others are 0.
-        Raises SolariError for another name.
+        name: of `pathtracer.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth and distance are inf, the
+        others are 0. Raises SolariError for another name.
         """
         self._renderer.check_latest(self, name)
         names = [known for known in pathtracer.FIRST_HIT_AOVS if not known.endswith("_id")]
@@ -141,16 +142,24 @@ class RenderedFrame(Hints):
         return self._renderer.binder.materials.by_row
 
     def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
-        """Whether pixels show an instance at their center, (height, width). instance: the object or its name."""
-        if isinstance(instance, str):
+        """Whether pixels show an instance at their center, (height, width). instance: the object, its name, or that of
+        an object of several parts."""
+        parts = [number for number, other in self.instances.items() if other.part_of and other.part_of == instance]
+        if isinstance(instance, str) and not parts:
             instance = self._renderer.binder.scene.instances[instance]
-        ids = [number for number, other in self.instances.items() if other is instance]
+        ids = parts or [number for number, other in self.instances.items() if other is instance]
         return np.isin(self["instance_id"], ids)
 
     @property
     def labels(self) -> dict[int, str]:
         """The labels of the scene's instances by the numbers in `frame["instance_id"]`, "" for those without one."""
         return {number: instance.label for number, instance in self.instances.items()}
+
+    @property
+    def objects(self) -> dict[int, list[int]]:
+        """The numbers in `frame["instance_id"]` of each object's parts (`Instance.part_of`) that have one label, by the
+        first one; an instance alone is an object."""
+        return objects_of(self.instances, self.labels)
 
     def boxes(self) -> dict[Instance, tuple[int, int, int, int]]:
         """The smallest box around each instance's pixels: its left column, top row, width and height in pixels."""

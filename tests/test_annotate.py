@@ -88,6 +88,31 @@ def test_half_hidden_and_half_outside(device):
         sv.silhouettes(tracer, sv.Camera(projection="fisheye"), (20, 20), around=1)
 
 
+def test_parts_of_an_object_have_one_silhouette(device):
+    """That of a mesh of both, partly hidden and partly outside; a part with another label is apart."""
+    shifted = BLOCK.positions + np.float32(0.4)
+    joined = sv.Mesh(np.concatenate([BLOCK.positions, shifted]),
+                     np.concatenate([BLOCK.triangles, BLOCK.triangles + len(shifted)]))  # fmt: skip
+    looking, found = sv.Camera(position=(0.7, 0, 4), vertical_fov=0.5), []
+    for meshes in ([BLOCK, sv.Mesh(shifted, BLOCK.triangles)], [joined]):
+        scene = sv.Scene()
+        parts = [scene.add(mesh, part_of="chair", position=(-0.4, 0, 0)) for mesh in meshes]
+        scene.add(BLOCK, scale=0.4, position=(0.2, 0, 1))
+        with sv.RayTracer(device, scene) as tracer:
+            found.append(sv.silhouettes(tracer, looking, SIZE, around=1, merge=True))
+            assert len(found[-1]) == 2
+            one, other = found[-1][parts[0]], found[0][next(iter(found[0]))]
+            assert (one.pixel_count, one.box) == (other.pixel_count, other.box)
+            assert np.array_equal(one.mask, other.mask)
+            assert np.array_equal(one.visible, other.visible)
+            inside = sv.silhouettes(tracer, looking, SIZE, merge=True)[parts[0]]
+            assert inside.pixel_count == inside.mask.sum()
+            parts[-1].label = "cushion"
+            assert len(sv.silhouettes(tracer, looking, SIZE, merge=True)) == 1 + len(parts)
+    assert 0 < one.fraction < 1
+    assert one.box[0] < 0
+
+
 def test_pixels_that_another_renderer_sees_count():
     """Runs in and around the picture, and a pixel of the picture that is in none of them."""
     seen = np.zeros((3, 4), bool)
@@ -179,7 +204,9 @@ def test_keypoints(device, tmp_path):
         np.testing.assert_array_equal(found[right]["front"].pixel, looking.project((0.8, 0, 0.5), SIZE))
         read = sv.keypoints(tracer, looking, SIZE, tmp_path / "points.json", tolerance=0.6)
         assert [read[left][name].state for name in ("front", "behind", "back", "middle")] == [2, 1, 1, 2]
-        left.visible = False
+        left.part_of = right.part_of = "wall"
+        assert list(sv.keypoints(tracer, looking, SIZE, {"wall": {"front": 0}})) == [left]
+        left.part_of, left.visible = "", False
         assert list(sv.keypoints(tracer, looking, SIZE, points)) == [right]
         for wrong, words in (
             ({"chair": {"seat": [0, 0, 0]}}, "no instance is named 'chair'"),

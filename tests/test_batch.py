@@ -17,6 +17,7 @@ from solari_vk.cli import main
 from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.measure import dataset as measure_dataset
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.path_sampling import numbered_seed
@@ -412,6 +413,17 @@ def test_bench(device, tmp_path):
     assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
                     "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip
     assert main(["bench", "batch", "--renderers", "labels,none"]) == 2
+
+
+def test_a_bench_that_fails_frees_everything(device, monkeypatch):
+    monkeypatch.setattr(measure_dataset, "warm", lambda *_: 1 / 0)
+    held = []
+    for _ in range(2):  # the first one leaves the device's memory for uploads
+        with pytest.raises(ZeroDivisionError):
+            measure_dataset.measured(device, sv.builtin("cornell_box"), 1, (16, 8))
+        device.wait_idle()
+        held.append(device.memory.bytes_used)
+    assert held[0] == held[1]
 
 
 def test_bench_of_outputs(tmp_path, monkeypatch):

@@ -117,7 +117,7 @@ def silhouette(*, shift=0):
 
 def read_bop(folder):
     """The tables as bop_toolkit_lib.inout reads them: matrices by rows."""
-    scene = folder / "train_pbr" / "000000"
+    scene = folder / "train" / "000000"
     cameras, poses, infos = (json.loads((scene / f"scene_{name}.json").read_text())
                              for name in ("camera", "gt", "gt_info"))  # fmt: skip
     for row in cameras.values():
@@ -155,7 +155,7 @@ def test_bop_models_are_where_the_instances_are(tmp_path):
         assert info["diameter"] == pytest.approx(apart.max(), rel=1e-4)
         np.testing.assert_allclose(model.bounds[0], [info[f"min_{axis}"] for axis in "xyz"], atol=1e-2)
         np.testing.assert_allclose(np.ptp(model.bounds, axis=0), [info[f"size_{axis}"] for axis in "xyz"], atol=1e-2)
-    folder = tmp_path / "train_pbr" / "000000"
+    folder = tmp_path / "train" / "000000"
     millimeters = np.asarray(Image.open(folder / "depth" / "000003.png"), float) * cameras["3"]["depth_scale"]
     np.testing.assert_allclose(millimeters, np.where(np.isfinite(depth), depth * 1000, 0), atol=0.1)
     assert (folder / "rgb" / "000003.png").read_bytes() == picture
@@ -190,11 +190,14 @@ def test_what_bop_does_not_have(tmp_path):
     scene = bop_scene()
     instances = dict(enumerate(scene.instances))
     writer, depth = sv.BopWriter(tmp_path, instances), np.ones(SIZE[::-1])
+    picture = png_bytes(np.zeros((*depth.shape, 3), np.uint8))
     with pytest.raises(SolariError, match="perspective and without distortion"):
-        writer.add(0, sv.Camera(projection="fisheye"), b"", depth, {})
+        writer.add(0, sv.Camera(projection="fisheye"), picture, depth, {})
+    with pytest.raises(SolariError, match=r"the split train_pbr are \.jpg files"):
+        sv.BopWriter(tmp_path, instances, split="train_pbr").add(0, sv.Camera(), picture, depth, {})
     scene.instances[2].scale = 0.7
     with pytest.raises(SolariError, match="'small ring' has another size"):
-        writer.add(0, sv.Camera(), b"", depth, {2: silhouette()})
+        writer.add(0, sv.Camera(), picture, depth, {2: silhouette()})
     mesh = sv.Mesh(np.eye(3), deformation=sv.Deformation(targets=np.ones((1, 3, 3))))
     with pytest.raises(SolariError, match="rigid"):
         sv.BopWriter(tmp_path, {0: sv.Instance(mesh, morph_weights=[1])})

@@ -93,6 +93,18 @@ def test_npy_and_layers_beside_it(tmp_path):
     np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), RADIANCE[..., 0])
 
 
+def test_layers_have_any_name_but_the_pictures(tmp_path):
+    layers = {"file": RADIANCE[..., 0], "allow_pickle": RADIANCE}
+    save_image(tmp_path / "a.npz", RADIANCE, layers=layers)
+    with np.load(tmp_path / "a.npz") as found:
+        for name, expected in (layers | {"radiance": RADIANCE}).items():
+            np.testing.assert_array_equal(found[name], expected)
+    for path, name in ((tmp_path / "b.npz", "radiance"), (tmp_path / "b.exr", "G")):
+        with pytest.raises(SolariError, match=f"{path.name}: the picture itself has the name '{name}' there"):
+            save_image(path, RADIANCE, layers={name: RADIANCE[..., 0]})
+        assert not path.exists()
+
+
 def test_exr_holds_everything_exactly(tmp_path):
     ids = np.linspace(0, 2**32 - 1, 54).astype(np.uint32).reshape(6, 9)
     layers = {

@@ -129,6 +129,30 @@ def test_what_a_recipe_does(make):
     assert -10 <= min(turns) < -3 < 3 < max(turns) <= 10
 
 
+def test_parts_of_an_object_move_together(make):
+    """By one draw, about the middle of all; other objects by their own; what isn't a place is assigned to each part."""
+    scene = sv.Scene()
+    for number in range(2):
+        for part, x in enumerate((0.0, 2.0)):
+            scene.add(sv.shapes.box(), name=f"chair {number}/{part}", position=(x + 9 * number, 0, 0), scale=1 + part,
+                      part_of=f"chair {number}")  # fmt: skip
+    before = [instance.transform for instance in scene.instances]
+    recipe = "instances: {'chair ?': {scale: {log: [0.5, 2]}, offset: [[0, 1, 0], [0, 2, 0]], turn: [10, 350]}}"
+    for text, turned in ((recipe, False), ("instances: {'chair*': {turn: [10, 350], visible: false}}", True)):
+        randomizer = make(text)
+        randomizer.prepare(scene)
+        with randomizer.applied(scene, 3):
+            moves = [instance.transform @ np.linalg.inv(was)
+                     for instance, was in zip(scene.instances, before, strict=True)]  # fmt: skip
+            visible = [instance.visible for instance in scene.instances]
+        np.testing.assert_allclose(moves[0], moves[1], atol=1e-9)
+        np.testing.assert_allclose(moves[2], moves[3], atol=1e-9)
+        assert np.abs(moves[0] - moves[2])[:3, :3].max() > 0.1
+        assert visible == [not turned] * 4
+        if turned:
+            np.testing.assert_allclose(transform_points(moves[0], np.array((1.25, 0, 0))), (1.25, 0, 0), atol=1e-9)
+
+
 def test_a_further_key_leaves_the_others_values(make):
     first = make("materials: {red: {roughness: [0, 1]}}")
     more = make("materials: {red: {metallic: [0, 1], roughness: [0, 1]}, '*': {alpha: 1}}", "more.yaml")

@@ -280,12 +280,18 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         np.testing.assert_allclose(frame["camera_normal"][behind], [(0, 0, -1)] * behind.sum(), atol=1e-6)
         np.testing.assert_allclose(frame["camera_normal"], frame["shading_normal"] @ camera.rotation * (1, -1, -1),
                                    atol=1e-6)  # fmt: skip
+        away = np.linalg.norm(frame["position"] - camera.position, axis=-1)
+        np.testing.assert_allclose(frame["distance"], away, rtol=1e-5)
+        assert frame["depth"][0, 0] < 0.9 * frame["distance"][0, 0]
         left = frame["camera_normal"][15, 14]
         assert left[0] < 0
         assert left[2] < 0
         names = {number: material.name for number, material in frame.materials.items()}
         assert names[frame["material_id"][0, 0]] == names[frame["material_id"][15, 15]] == "paper"
         assert names[frame["material_id"][16, 26]] == "clay"
+        ball.part_of = other.part_of = "balls"
+        assert np.array_equal(frame.mask("balls"), ~behind)
+        assert np.array_equal(frame.mask(ball), ~behind & (np.arange(32) < 22))
         shares = frame.filtered("camera_normal")[..., 2]
         assert shares[0, 0] == pytest.approx(-1)
         edge = frame.mask(ball) & ~np.roll(frame.mask(ball), 1, axis=1)

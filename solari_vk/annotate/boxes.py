@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +35,14 @@ def boxes_3d(instances: Iterable[Instance], camera: Camera, size: tuple[int, int
 
     They are exact for what joints and morph targets move, and for transforms that scale, mirror or shear.
     """
-    to_camera, shift = camera.extrinsics()
-    found = {}
-    for instance in instances:
-        turn = instance.rotation
-        along = transform_points(instance.transform, instance.posed_mesh().positions) @ turn
-        bounds = Bounds(along.min(axis=0), along.max(axis=0))
-        corners = bounds.corners @ turn.T
-        center = to_camera @ (turn @ bounds.center) + shift
-        found[instance] = Box3D(center, to_camera @ turn, bounds.size, corners, camera.project(corners, size))
-    return found
+    return {instance: box_around([instance], camera, size) for instance in instances}
+
+
+def box_around(parts: Sequence[Instance], camera: Camera, size: tuple[int, int]) -> Box3D:
+    """The box of an object, along the axes of its first part."""
+    (to_camera, shift), turn = camera.extrinsics(), parts[0].rotation
+    along = np.concatenate([transform_points(part.transform, part.posed_mesh().positions) for part in parts]) @ turn
+    bounds = Bounds(along.min(axis=0), along.max(axis=0))
+    corners = bounds.corners @ turn.T
+    center = to_camera @ (turn @ bounds.center) + shift
+    return Box3D(center, to_camera @ turn, bounds.size, corners, camera.project(corners, size))

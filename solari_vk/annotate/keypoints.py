@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.files import read_json
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.objects import is_called, objects_of
 from solari_vk.tracer import RayTracer
 
 OUTSIDE, OCCLUDED, VISIBLE = range(3)
@@ -44,9 +44,10 @@ def keypoints(
 
     points: for patterns of instances' names, such as "Chair*", the points by name: (3,) in meters in the mesh's own
     space, or the number of a vertex, which follows joints and morph targets; or a JSON file of that. Of several
-    patterns that fit, the first counts. tolerance: how far before a point, in meters, a surface counts as its own, as
-    for joints below skin; always a thousandth of the distance. instances: those whose names count; None: all.
-    Raises SolariError for a pattern that fits no name, and for a point that is neither.
+    patterns that fit, the first counts, and of an object's parts the first that fits has them. tolerance: how far
+    before a point, in meters, a surface counts as its own, as for joints below skin; always a thousandth of the
+    distance. instances: those whose names count; None: all. Raises SolariError for a pattern that fits no name, and for
+    a point that is neither.
     """
     check_view("keypoints", tracer, camera, size)
     positions, names = list[NDArray[np.float64]](), list[tuple[Instance, str]]()
@@ -88,7 +89,8 @@ def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance,
     for pattern, named in points.items():
         if not isinstance(pattern, str):
             raise SolariError(f"{who}: a pattern of names is text, not {quoted(pattern)}")
-        fitting = [instance for instance in instances if fnmatchcase(instance.name, pattern)]
+        numbered = dict(enumerate(instance for instance in instances if is_called(instance, pattern)))
+        fitting = [numbered[first] for first in objects_of(numbered)]
         if not fitting:
             raise unknown_name(f"{who}: no instance is named", pattern, [instance.name for instance in instances])
         for instance in fitting:

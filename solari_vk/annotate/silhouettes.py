@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.annotate.surfaces import check_view, peel, pixel_rays
 from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.objects import objects_of
 from solari_vk.tracer import RayTracer
 
 Mask = NDArray[np.bool_]
@@ -36,17 +38,22 @@ class Silhouette(NamedTuple):
 
 
 def silhouettes(
-    tracer: RayTracer, camera: Camera, size: tuple[int, int], *, around: float = 0.0
+    tracer: RayTracer, camera: Camera, size: tuple[int, int], *, around: float = 0.0, merge: bool = False
 ) -> dict[Instance, Silhouette]:
     """The silhouette of each instance that the camera would see if nothing were before it.
 
     size: of the picture, (width, height). around: how far the whole silhouettes reach beyond the picture's edges, in
-    shares of its size; 1 as in BOP, for perspective and orthographic cameras without distortion. Rays pass on through
+    shares of its size; 1 as in BOP, for perspective and orthographic cameras without distortion. merge: parts of one
+    object (`Instance.part_of`) with one label have one silhouette, that of the first. Rays pass on through
     every surface, so that a pixel costs as many rays as there are surfaces behind it. Blended surfaces count with the
     probability alpha. Rays hit an instance's ray_mesh where it has one. Raises SolariError for another `around`.
     """
     runs, ids = trace_silhouettes(tracer, camera, size, around=around)
-    found = read_runs(runs, {number: ids == number for number in np.unique(runs[:, 0]).tolist()})
+    seen = {number: tracer.instances[number] for number in np.unique(runs[:, 0]).tolist()}
+    labels = {number: instance.label for number, instance in seen.items()}
+    objects = objects_of(seen, labels) if merge else {number: [number] for number in seen}
+    masks = {number: np.isin(ids, parts) for number, parts in objects.items()}
+    found = read_runs(merge_runs(runs, objects), masks)
     return {tracer.instances[number]: silhouette for number, silhouette in found.items()}
 
 
@@ -67,14 +74,37 @@ def trace_silhouettes(
     for rays, hits in peel(tracer, *pixel_rays(camera, pixels, size)):
         met.append(hits.instance.astype(np.int64) * len(pixels) + rays)
         ids[rays] = np.where(ids[rays] < 0, hits.instance, ids[rays])
-    # One number for each instance and pixel, in order: a run ends where the next one doesn't follow, or a row ends.
-    places = np.unique(np.concatenate(met))
+    runs = _runs(np.concatenate(met), shape, (-left, -top))
+    return runs, ids.reshape(shape)[top : top + height, left : left + width]
+
+
+def _runs(places: NDArray[np.int64], shape: tuple[int, int], corner: tuple[int, int]) -> Runs:
+    """Runs of pixels from numbers of instances, times the number of pixels, plus a pixel's number in an area of this
+    shape, whose first column and row are `corner`."""
+    places = np.unique(places)
+    # A run ends where the next pixel doesn't follow, or a row ends.
     begins = np.flatnonzero((np.diff(places, prepend=-2) != 1) | (places % shape[1] == 0))
-    number, pixel = np.divmod(places[begins], len(pixels))
+    number, pixel = np.divmod(places[begins], shape[0] * shape[1])
     row, column = np.divmod(pixel, shape[1])
     lengths = np.diff(begins, append=len(places))
-    runs = np.stack([number, column - left, row - top, lengths], axis=1).astype(np.int32)
-    return runs, ids.reshape(shape)[top : top + height, left : left + width]
+    return np.stack([number, column + corner[0], row + corner[1], lengths], axis=1).astype(np.int32)
+
+
+def merge_runs(runs: Runs, objects: Mapping[int, Sequence[int]]) -> Runs:
+    """The runs of objects from those of their parts. objects: the numbers of each one's parts, by its own."""
+    whole = {part: number for number, parts in objects.items() for part in parts if len(parts) > 1}
+    mine = np.isin(runs[:, 0], list(whole))
+    parts, others = runs[mine].astype(np.int64), runs[~mine]
+    if not len(parts):
+        return others
+    index = np.repeat(np.arange(len(parts)), parts[:, 3])
+    begins = np.cumsum(parts[:, 3]) - parts[:, 3]
+    number = np.array([whole[part] for part in parts[:, 0].tolist()])[index]
+    column, row = parts[index, 1] + np.arange(len(index)) - begins[index], parts[index, 2]
+    left, top = int(column.min()), int(row.min())
+    shape = int(row.max()) - top + 1, int(column.max()) - left + 1
+    places = (number * shape[0] + row - top) * shape[1] + column - left
+    return np.concatenate([others, _runs(places, shape, (left, top))])
 
 
 def read_runs(runs: Runs, visible: dict[int, Mask]) -> dict[int, Silhouette]:

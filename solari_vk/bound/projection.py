@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.scene.calibrated import LENS_FIELDS, lens_of
 from solari_vk.scene.model import Camera
+from solari_vk.scene.quasirandom import PLASTIC_STEPS, additive, radical_inverse
 
 Numbers = tuple[float, ...]
 # Of struct Camera.
@@ -23,28 +24,17 @@ PARALLEL_RANGE = 4096.0
 """How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
 
 
-def _halton(index: int, base: int) -> float:
-    """The radical inverse of a number: Halton (1964)."""
-    result, part = 0.0, 1.0
-    while index:
-        part /= base
-        result += part * (index % base)
-        index //= base
-    return result
-
-
 def jitters(count: int) -> list[tuple[float, float]]:
     """Sample positions in `count` successive frames, relative to the pixel's center, in pixels."""
-    return [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, count + 1)]
+    return [(radical_inverse(index, 2) - 0.5, radical_inverse(index, 3) - 0.5) for index in range(1, count + 1)]
 
 
 def lens_point(camera: Camera, number: int) -> tuple[float, float]:
     """A point of a camera's lens in meters from its middle, (0, 0) without an aperture: those of successive numbers
-    cover it evenly. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018); the same points of disks
-    and polygons as sample_aperture of glsl/scene/camera.glsl."""
+    cover it evenly; the same points of disks and polygons as sample_aperture of glsl/scene/camera.glsl."""
     if not camera.aperture:
         return 0.0, 0.0
-    u, v = (0.5 + number * PLASTIC) % 1, (0.5 + number * PLASTIC**2) % 1
+    u, v = (additive(number, step) for step in PLASTIC_STEPS)
     blades, radius = camera.aperture_blades, camera.aperture / 2
     if not blades:
         return radius * math.sqrt(u) * math.cos(2 * math.pi * v), radius * math.sqrt(u) * math.sin(2 * math.pi * v)
@@ -56,7 +46,6 @@ def lens_point(camera: Camera, number: int) -> tuple[float, float]:
 
 SEED_STRIDE = 7919
 """Between the numbers of the points of the lens, and of times of an exposure, of frames with successive seeds."""
-PLASTIC = 0.7548776662466927  # the inverse of the real root of x^3 = x + 1
 JITTERS = jitters(32)
 """The sample positions of pictures that aren't upscaled. The sequence repeats."""
 

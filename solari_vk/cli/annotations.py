@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.annotate.bop import BopWriter
-from solari_vk.annotate.boxes import boxes_3d
-from solari_vk.annotate.silhouettes import Silhouette, read_runs
+from solari_vk.annotate.boxes import box_around
+from solari_vk.annotate.silhouettes import Silhouette, merge_runs, read_runs
 from solari_vk.cluster import Style, View
 from solari_vk.cluster.dataset import NAME
 from solari_vk.cluster.tasks import KEYPOINTS, SILHOUETTES
@@ -33,13 +33,15 @@ ANNOTATIONS = {
 
 
 class Annotating:
-    """Writes annotations of all views of a folder. instances: of the scene, by the numbers in instance_id."""
+    """Writes annotations of all views of a folder. instances: of the scene, by the numbers in instance_id. split: of
+    BOP."""
 
     def __init__(
-        self, folder: Path, annotations: Annotations, instances: Mapping[int, Instance], style: Style, scene: Scene
-    ) -> None:
+        self, folder: Path, annotations: Annotations, instances: Mapping[int, Instance], style: Style, scene: Scene,
+        split: str,
+    ) -> None:  # fmt: skip
         self._folder, self._annotations, self._style, self._scene = folder, annotations, style, scene
-        self._labels = annotations.labels
+        self._labels, self._split = annotations.labels, split
         self._instances = {number: instances[number] for number in self._labels}
 
     def check(self, kinds: Sequence[str], cameras: Sequence[Camera]) -> None:
@@ -58,7 +60,7 @@ class Annotating:
     def _bop(self) -> BopWriter:
         """The objects have the sizes of the first view."""
         with self._style.randomized(self._scene, 0):
-            return BopWriter(self._folder / BOP, self._instances, labels=self._labels)
+            return BopWriter(self._folder / BOP, self._instances, labels=self._labels, split=self._split)
 
     def write(self, kinds: Sequence[str], views: Sequence[View]) -> None:
         """Write these of ANNOTATIONS. Raises SolariError for a file that can't be written, and for what a format
@@ -82,10 +84,11 @@ class Annotating:
             if "yolo" in kinds:
                 write_whole(self._folder / f"{Path(view.name).stem}.txt", self._annotations.yolo(ids))
             if bop is not None or "objects" in kinds:
-                masks = {row: ids == row for row in self._instances}
+                objects = self._annotations.objects
                 with self._style.randomized(self._scene, number):
-                    shown = {row: mask for row, mask in masks.items() if self._instances[row].visible}
-                    silhouettes = read_runs(self._layer(view, SILHOUETTES), shown)
+                    shown = {row: np.isin(ids, parts) for row, parts in objects.items()
+                             if any(self._instances[part].visible for part in parts)}  # fmt: skip
+                    silhouettes = read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
                     if "objects" in kinds:
                         rows = self._objects(view.camera, silhouettes, points)
                         write_whole(self._folder / f"{Path(view.name).stem}.{OBJECTS}.json", json.dumps(rows))
@@ -113,17 +116,19 @@ class Annotating:
         rows = []
         for number, silhouette in silhouettes.items():
             if silhouette.pixel_count:
-                instance = self._instances[number]
-                ((_, box),) = boxes_3d([instance], camera, self._style.size).items()
+                parts = [self._instances[part] for part in self._annotations.objects[number]]
+                box = box_around(parts, camera, self._style.size)
+                name = parts[0].part_of if len(parts) > 1 else parts[0].name
                 rows.append({
-                    "id": number, "name": instance.name, "label": self._labels[number],
+                    "id": number, "name": name, "label": self._labels[number],
                     "center": box.center.tolist(), "rotation": box.rotation.tolist(), "size": box.size.tolist(),
                     "corners": [corner if np.isfinite(corner).all() else None for corner in box.pixels.tolist()],
                     "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
                     "whole_box": silhouette.box, "visible_fraction": silhouette.fraction,
                 })  # fmt: skip
-                if number in points:
-                    places = [row if np.isfinite(row).all() else [None, None, 0] for row in points[number].tolist()]
+                named = self._annotations.points_of(number, points)
+                if len(named):
+                    places = [row if np.isfinite(row).all() else [None, None, 0] for row in named.tolist()]
                     names = self._annotations.keypoints[self._labels[number]]
                     rows[-1]["keypoints"] = dict(zip(names, places, strict=True))
         return rows

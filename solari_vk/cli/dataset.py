@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import solari_vk as sv
@@ -23,7 +24,9 @@ from solari_vk.files import make_folder, read_json, write_whole
 from solari_vk.output import oidn
 from solari_vk.output.annotations import Annotations, instance_table
 from solari_vk.randomize.randomizer import Randomizer
+from solari_vk.scene.colmap import check_colmap, save_colmap
 from solari_vk.scene.labels import find_labels
+from solari_vk.scene.objects import objects_of
 from solari_vk.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -32,7 +35,9 @@ if TYPE_CHECKING:
 
 METERED = 8  # views whose mean exposure is that of all
 FLOWS = {FLOW, FLOW_BACK}
+BOP_SPLITS = {"png": "train", "jpg": "train_pbr"}  # where bop_toolkit looks for such pictures
 JOURNAL = "views.jsonl"
+COLMAP = Path("sparse", "0")
 INSTANCES = "instances.json"
 
 
@@ -63,7 +68,9 @@ def run(job: DatasetJob) -> int:
     keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
     annotating = None
     if job.annotations:
-        annotating = Annotating(folder, Annotations(labels, keypoints), instances, style, subject.scene)
+        annotations = Annotations(labels, keypoints, objects_of(instances, labels))
+        split = BOP_SPLITS.get(job.format, "")
+        annotating = Annotating(folder, annotations, instances, style, subject.scene, split)
         annotating.check(job.annotations, cameras)
     with open_pool(job) as pool:
         ev100 = subject.cameras[0].ev100
@@ -75,6 +82,8 @@ def run(job: DatasetJob) -> int:
                 randomizer.camera(camera, number)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = views_of(cameras, f".{job.format}")
+        if job.colmap:
+            check_colmap(cameras, job.size)
         if FLOWS & set(style.layers):
             ends = [None, *cameras, None]
             views = [dataclasses.replace(view, before=ends[number], after=ends[number + 2])
@@ -82,6 +91,8 @@ def run(job: DatasetJob) -> int:
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
+        if job.colmap:
+            save_colmap(folder / COLMAP, cameras, job.size, [view.name for view in views])
         if "instance_id" in style.layers:
             write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
         if not render_files(pool, subject.scene, tasks, journal, job):
@@ -102,12 +113,12 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         needed += ANNOTATIONS[name]
     whole = job.format in ("exr", "npz")
     if whole and (needed or SILHOUETTES in job.aov):
-        raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png or npy")
-    if "bop" in job.annotations and job.format != "png":
-        raise SolariError("--annotations bop: its pictures are .png files: give --format png")
+        raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png, jpg or npy")
+    if "bop" in job.annotations and job.format not in BOP_SPLITS:
+        raise SolariError("--annotations bop: its pictures are .png or .jpg files: give --format png or jpg")
     if FLOWS & set(job.aov) and (job.randomize is not None or whole):
         raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
-                          "leave --randomize out, and give --format png or npy")  # fmt: skip
+                          "leave --randomize out, and give --format png, jpg or npy")  # fmt: skip
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):
         raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
     if job.keypoints is not None:

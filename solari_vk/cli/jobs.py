@@ -237,7 +237,8 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, "
         "albedo, variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
     )
-    format: str = option("of the pictures (png)", choices=("png", "exr", "npz", "npy"), default="png")
+    format: str = option("of the pictures (png)", choices=("png", "jpg", "exr", "npz", "npy"), default="png")
+    colmap: bool = flag("write the cameras as COLMAP's text files too, into the folder sparse/0")
     labels: Path | None = option(
         'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
     )
@@ -258,8 +259,7 @@ class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
         "what is random in each view: a .yaml file of ranges, or a .py file with a function randomize(scene, random, "
         "number)", "FILE", type=Path
     )
-    shards: int | None = option("write all files of N views each into tar files too, as WebDataset reads them", "N",
-                                type=positive)
+    shards: int | None = option("write the files of N views each into tar files too (WebDataset)", "N", type=positive)
     time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
     samples: int = option("samples per pixel (64)", "N", type=positive, default=64)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -64,16 +65,20 @@ def run(
 
 def measured(device: Device, scene: Scene, views: int, size: tuple[int, int]) -> dict[str, float]:
     """The seconds that a view takes, by the set of outputs."""
-    binder = SceneBinder(device, scene)
-    found = {}
-    for name, work in _works(device, binder, views, size):
-        warm(device, work, 2, 0.2)
-        found[name] = float(np.median([seconds(work) for _ in range(ROUNDS)])) / views
-    binder.destroy()
+    binder, found = SceneBinder(device, scene), {}
+    try:
+        with closing(_works(device, binder, views, size)) as works:
+            for name, work in works:
+                warm(device, work, 2, 0.2)
+                found[name] = float(np.median([seconds(work) for _ in range(ROUNDS)])) / views
+    finally:
+        binder.destroy()
     return found
 
 
-def _works(device: Device, binder: SceneBinder, views: int, size: tuple[int, int]) -> Iterator[tuple[str, Work]]:
+def _works(
+    device: Device, binder: SceneBinder, views: int, size: tuple[int, int]
+) -> Generator[tuple[str, Work], None, None]:
     """What gives each set for all views, while it is needed."""
     scene = binder.scene
     cameras: list[Camera] = orbit(scene.camera_for(size[0] / size[1]), scene.bounds.center, views, 40.0)

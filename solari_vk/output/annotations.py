@@ -49,8 +49,9 @@ def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str])
     for number, instance in sorted(instances.items()):
         low, high = (bound(instance.posed_mesh().positions, axis=0) for bound in (np.min, np.max))
         rows.append({
-            "id": number, "name": instance.name, "label": labels[number], "material": instance.material.name,
-            "transform": instance.transform.tolist(), "lowest": low.tolist(), "size": (high - low).tolist(),
+            "id": number, "name": instance.name, "label": labels[number], "part_of": instance.part_of,
+            "material": instance.material.name, "transform": instance.transform.tolist(), "lowest": low.tolist(),
+            "size": (high - low).tolist(),
         })  # fmt: skip
     return {"no_instance": NO_INSTANCE, "instances": rows}
 
@@ -58,9 +59,14 @@ def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str])
 class Annotations:
     """Annotations of pictures of one scene. Classes are the labels in alphabetical order; instances without one have
     no annotation. labels: of instances by number, such as `frame.labels`. keypoints: the names of instances' keypoints
-    by number. Raises SolariError if there is no label, and if instances of a class have other keypoints."""
+    by number. objects: the numbers of each object's parts, such as `frame.objects`, which have one annotation; by
+    default instances have their own. Raises SolariError if there is no label, and if objects of a class have other
+    keypoints."""
 
-    def __init__(self, labels: Mapping[int, str], keypoints: Mapping[int, Sequence[str]] | None = None) -> None:
+    def __init__(
+        self, labels: Mapping[int, str], keypoints: Mapping[int, Sequence[str]] | None = None,
+        objects: Mapping[int, Sequence[int]] | None = None,
+    ) -> None:  # fmt: skip
         if not isinstance(labels, Mapping):
             raise SolariError(f"Annotations: labels are by number, such as frame.labels, not {quoted(labels)}")
         self.labels = {number: label for number, label in labels.items() if label}
@@ -70,30 +76,47 @@ class Annotations:
             raise SolariError("annotations: no instance has a label: assign instance.label, or give a file of classes "
                               "by --labels (label_instances)")  # fmt: skip
 
-        self.keypoints = {self.labels[n]: tuple(names) for n, names in (keypoints or {}).items() if n in self.labels}
+        self.objects = {first: [*parts] for first, parts in (objects or {}).items()}
+        """The numbers of the parts of each annotated object, by that of the first one, which is the annotation's."""
+        parted = {part for parts in self.objects.values() for part in parts}
+        self.objects |= {number: [number] for number in self.labels if number not in parted}
+        self.objects = {first: parts for first, parts in self.objects.items() if first in self.labels}
+        named = {first: self.points_of(first, keypoints or {}) for first in self.objects}
+        self.keypoints = {self.labels[first]: tuple(names) for first, names in named.items() if len(names)}
         """The names of the keypoints of each class that has any."""
-        for number, label in self.labels.items():
-            own = tuple((keypoints or {}).get(number, ()))
-            if own != self.keypoints.get(label, ()):
+        for number, own in named.items():
+            label = self.labels[number]
+            if tuple(own) != self.keypoints.get(label, ()):
                 raise SolariError(f"annotations: instances of the class {label!r} have other keypoints than "
                                   f"{', '.join(self.keypoints[label])}: give all of a class the same ones, in the same "
                                   "order")  # fmt: skip
+
+    def points_of(self, number: int, points: Mapping[int, Any]) -> Any:
+        """The keypoints of an object, of those of all instances by number: of the first part that has any, or none."""
+        return next((points[part] for part in self.objects[number] if part in points), ())
+
+    def merged(self, ids: Ids) -> Ids:
+        """The ids (height, width), with one number for all parts of an object."""
+        first = {part: number for number, parts in self.objects.items() for part in parts}
+        numbers, of_pixel = np.unique(ids, return_inverse=True)
+        return np.array([first.get(n, n) for n in numbers.tolist()], np.uint32)[of_pixel].reshape(np.shape(ids))
 
     def _found(self, ids: Ids) -> Iterable[tuple[int, int, tuple[int, int, int, int]]]:
         """Number, class and box of each annotated instance in a picture. Raises SolariError for several pictures."""
         if np.ndim(ids) != 2:
             raise SolariError(f"Annotations: instance_id of one picture is (height, width), not {np.shape(ids)}")
         for number, box in boxes(ids).items():
-            if number in self.labels:
+            if number in self.objects:
                 yield number, self.classes.index(self.labels[number]), box
 
     def coco(self, pictures: Iterable[tuple[str, Ids] | tuple[str, Ids, Points]]) -> dict[str, Any]:
         """Images, annotations and categories in COCO's format, for a JSON file. pictures: names of files, ids (height,
         width), and perhaps keypoints by instance's number, (count, 3): u, v and state, as of `keypoints`. Categories
-        are counted from 1. Masks are run lengths; `instance_id` is the instance's number.
+        are counted from 1. Masks are run lengths; `instance_id` is the number of an object's first part.
         """
         images, found = [], list[dict[str, Any]]()
         for image, (name, ids, *points) in enumerate(pictures, 1):
+            ids = self.merged(ids)
             annotated = list(self._found(ids))
             height, width = ids.shape
             images.append({"id": image, "file_name": name, "width": width, "height": height})
@@ -104,8 +127,9 @@ class Annotations:
                     "bbox": list(box), "area": int(mask.sum()), "instance_id": number,
                     "segmentation": {"size": [height, width], "counts": run_lengths(mask)},
                 })  # fmt: skip
-                if points and number in points[0]:
-                    rows = np.where(points[0][number][:, 2:] > 0, points[0][number], 0.0)
+                named = self.points_of(number, points[0] if points else {})
+                if len(named):
+                    rows = np.where(named[:, 2:] > 0, named, 0.0)
                     found[-1] |= {"keypoints": rows.ravel().tolist(), "num_keypoints": int((rows[:, 2] > 0).sum())}
         categories = [{"id": n, "name": name, **self._category(name)} for n, name in enumerate(self.classes, 1)]
         return {"images": images, "annotations": found, "categories": categories}
@@ -116,7 +140,7 @@ class Annotations:
 
     def yolo(self, ids: Ids) -> str:
         """A picture's lines: class from 0, then center and size of the box relative to the picture."""
-        lines, annotated = [], list(self._found(ids))
+        lines, annotated = [], list(self._found(self.merged(ids)))
         height, width = ids.shape
         for _, category, (x, y, across, down) in annotated:
             box = (x + across / 2) / width, (y + down / 2) / height, across / width, down / height

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,10 @@ def save_image(
     if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise SolariError(f"{target}: a picture has the shape (height, width, 3), not {picture.shape}")
     layers = {name: np.asarray(layer) for name, layer in (layers or {}).items()}
+    taken = {".npz": ("radiance",), ".exr": ("R", "G", "B")}.get(target.suffix.lower(), ())
     for name, layer in layers.items():
+        if name in taken:
+            raise SolariError(f"{target}: the picture itself has the name '{name}' there: call the layer otherwise")
         if layer.shape[:2] != picture.shape[:2] or layer.ndim not in (2, 3) or layer.shape[2:] > (4,):
             raise SolariError(f"{target}: layer '{name}' has the shape {layer.shape}, the picture {picture.shape}")
     suffix = target.suffix.lower()
@@ -67,7 +71,10 @@ def save_image(
         return
     if suffix == ".npz":
         content = io.BytesIO()
-        np.savez_compressed(content, **({"radiance": picture} | layers))
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, array in ({"radiance": picture} | layers).items():  # numpy.savez takes some names for options
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                    np.lib.format.write_array(part, array, allow_pickle=False)
         write_whole(target, content.getbuffer())
         return
     if suffix == ".npy":

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from solari_vk.gpu.frame.stages import Pass, Stage
 
-GEOMETRY = ("depth", "position", "geometric_normal", "instance_id", "primitive")
+GEOMETRY = ("depth", "distance", "position", "geometric_normal", "instance_id", "primitive")
 """What the surface at each pixel's center gives without its material: `pathtracer.AOVS` says what those of a picture
 are. primitive: the index of the triangle in the ray_mesh or mesh, -1 without a surface."""
 MOTION = ("motion_vectors",)

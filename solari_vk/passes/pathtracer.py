@@ -23,17 +23,17 @@ MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of the block whose halves have numbers of samples of their own
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
 FIRST_HIT_AOVS = (
-    "depth", "position", "geometric_normal", "shading_normal", "camera_normal", "uv", "albedo", "roughness_metallic",
-    "emissive", "instance_id", "material_id",
+    "depth", "distance", "position", "geometric_normal", "shading_normal", "camera_normal", "uv", "albedo",
+    "roughness_metallic", "emissive", "instance_id", "material_id",
 )  # fmt: skip
 AOVS = (*FIRST_HIT_AOVS, "variance")
 """Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
-view axis, of wide lenses along the ray (meters, inf without a surface), position (meters), geometric_normal and
-shading_normal (world space, towards the camera), camera_normal (shading_normal in the camera's axes as OpenCV has them:
-x right, y down, z forward), uv (the first set, 0 without one), albedo, roughness_metallic (perceptual roughness),
-emissive (radiance), instance_id and material_id (rows, 2^32 - 1 without a surface). variance is that of the mean
-luminance if all samples of the pixel were independent; they are points of low-discrepancy sequences, so the mean's own
-variance is smaller."""
+view axis, of wide lenses along the ray, and distance along the ray (meters, inf without a surface), position (meters),
+geometric_normal and shading_normal (world space, towards the camera), camera_normal (shading_normal in the camera's
+axes as OpenCV has them: x right, y down, z forward), uv (the first set, 0 without one), albedo, roughness_metallic
+(perceptual roughness), emissive (radiance), instance_id and material_id (rows, 2^32 - 1 without a surface). variance is
+that of the mean luminance if all samples of the pixel were independent; they are points of low-discrepancy sequences,
+so the mean's own variance is smaller."""
 
 
 @dataclass(frozen=True)

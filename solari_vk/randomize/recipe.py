@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,9 @@ from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.images.radiance_files import read_radiance
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture, TextureImage
+from solari_vk.scene.objects import is_called, objects_of
 from solari_vk.scene.observed import Checked
+from solari_vk.scene.placement import PARTS
 
 MOST_DISTRACTORS = 1000
 PREFIX = "distractor "  # of the names of those, by which workers know them
@@ -73,8 +74,8 @@ def check_recipe(recipe: Any, who: str) -> None:
 
 
 def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:
-    return (*RELATIVE[section], *(name for name in kind._names if name not in ("name", "label")), *kind._aliases,
-            *kind._derived)  # fmt: skip
+    fields = (name for name in kind._names if name not in ("name", "label", "part_of"))
+    return (*RELATIVE[section], *fields, *kind._aliases, *kind._derived)
 
 
 def _mapping(given: Any, place: str) -> Mapping[str, Any]:
@@ -145,7 +146,7 @@ class Recipe:
             items = self._items(scene, section)
             for pattern, values in self._recipe.get(section, {}).items():
                 place = f"{self._who}: {section}"
-                fitting = [item for item in items if fnmatchcase(item.name, pattern)]
+                fitting = [item for item in items if is_called(item, pattern)]
                 if not fitting:
                     raise unknown_name(f"{place}: nothing is named", pattern, [item.name for item in items])
                 for item in fitting if section == "lights" else ():
@@ -167,9 +168,12 @@ class Recipe:
         """Change a prepared scene as picture `number` has it."""
         for section in PATTERNS:
             for pattern, values in self._recipe.get(section, {}).items():
-                for index, item in enumerate(self._items(scene, section)):
-                    if fnmatchcase(item.name, pattern):
-                        self._apply(item, values, number, f"{section}/{pattern}/{index}")
+                items = enumerate(self._items(scene, section))
+                fitting = {index: item for index, item in items if is_called(item, pattern)}
+                parts = objects_of(fitting) if section == "instances" else {index: [index] for index in fitting}
+                for index, others in parts.items():
+                    place = f"{section}/{pattern}/{index}"
+                    self._apply(fitting[index], values, number, place, [fitting[other] for other in others[1:]])
         if "environment" in self._recipe:
             self._apply(scene.environment, self._recipe["environment"], number, "environment")
         if "distractors" in self._recipe:
@@ -182,7 +186,10 @@ class Recipe:
     def _draw(self, value: Any, number: int, place: str) -> Any:
         return draw(value, stream(self._seed, number, place))
 
-    def _apply(self, item: Any, values: Mapping[str, Any], number: int, place: str) -> None:
+    def _apply(
+        self, item: Any, values: Mapping[str, Any], number: int, place: str, others: Sequence[Instance] = ()
+    ) -> None:
+        """others: further parts of an instance's object, which move with it."""
         drawn = {name: self._draw(value, number, f"{place}/{name}") for name, value in values.items()}
         fields = {name: value for name, value in drawn.items() if name not in _RELATIVELY}
         for name, value in fields.items():
@@ -190,10 +197,14 @@ class Recipe:
                 read = _radiance if name == "image" else _texture
                 fields[name] = read(self._folder / value, self._files[value], f"{self._who}: {value}")
         with self._blame(place):
-            item.update(**fields)
+            with _followed(item, others):
+                item.update(**fields)
+            for other in others:
+                other.update(**{name: value for name, value in fields.items() if name not in ("transform", *PARTS)})
             for name in drawn:
                 if name in _RELATIVELY:
-                    _RELATIVELY[name](item, drawn[name])
+                    with _followed(item, others):
+                        _RELATIVELY[name](item, drawn[name], *others)
 
     @contextmanager
     def _blame(self, place: str) -> Iterator[None]:
@@ -227,17 +238,28 @@ def _bounds(items: Iterable[Instance]) -> Any:
     return Scene(*(Instance(item.mesh, transform=item.transform) for item in items)).bounds
 
 
-def _move(item: Any, offset: Any) -> None:
+@contextmanager
+def _followed(item: Any, others: Sequence[Instance]) -> Iterator[None]:
+    """Move the others as the item is moved within."""
+    back = np.linalg.inv(item.transform) if others else np.eye(4)
+    yield
+    for other in others:
+        other.transform = item.transform @ back @ other.transform
+
+
+def _move(item: Any, offset: Any, *_: Instance) -> None:
     item.position = np.asarray(item.position, np.float64) + offset
 
 
-def _turn(item: Any, degrees: float) -> None:
-    """About the vertical axis through the middle of an instance's box: files may have it far from its origin."""
+def _turn(item: Any, degrees: float, *others: Instance) -> None:
+    """About the vertical axis through the middle of an object's box: files may have it far from its origin."""
     about = rotation((0, 1, 0), math.radians(degrees))
     if not isinstance(item, Instance):
         item.rotation = about @ item.rotation
         return
-    points = item.posed_mesh().positions.astype(np.float64)
+    into = np.linalg.inv(item.transform)
+    points = np.concatenate([transform_points(into @ part.transform, part.posed_mesh().positions.astype(np.float64))
+                             for part in (item, *others)])  # fmt: skip
     middle = transform_points(item.transform, (points.min(axis=0) + points.max(axis=0)) / 2)
     move = np.eye(4)
     move[:3, :3], move[:3, 3] = about, middle - about @ middle
@@ -257,7 +279,7 @@ def _expose(camera: Any, stops: float) -> None:
     camera.ev100 = camera.ev100 + stops
 
 
-_RELATIVELY: dict[str, Callable[[Any, Any], None]] = {
+_RELATIVELY: dict[str, Callable[..., None]] = {
     "offset": _move, "turn": _turn, "roll": _roll, "brightness": _brighten, "ev": _expose
 }  # fmt: skip
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -124,11 +124,17 @@ def save_colmap(
     write_whole(Path(folder) / "points3D.txt", "")
 
 
+def check_colmap(cameras: Iterable[Camera], size: tuple[int, int]) -> None:
+    """Raise SolariError for a camera that COLMAP has no model for."""
+    for camera in cameras:
+        _lens(camera, size)
+
+
 def _lens(camera: Camera, size: tuple[int, int]) -> str:
     """Model, size and parameters."""
     given = camera.distortion.tolist()
     if camera.projection not in ("perspective", "fisheye") or len(given) > 8:
-        raise SolariError(f"save_colmap: {camera.describe()}: COLMAP has no model for a {camera.projection} camera "
+        raise SolariError(f"save_colmap: {camera.describe()}: COLMAP has no model for this {camera.projection} camera "
                           f"with {len(given)} numbers of distortion")  # fmt: skip
     fisheye, distortion = camera.projection == "fisheye", [*given, *[0.0] * 8][:8]
     model = "OPENCV_FISHEYE" if fisheye else "FULL_OPENCV" if any(distortion[4:]) else "OPENCV" if given else "PINHOLE"

@@ -20,7 +20,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.matrices import quaternion_rotation, transform_points
-from solari_vk.scene.objects import Instance
+from solari_vk.scene.objects import Instance, objects_of
 
 Floats = NDArray[np.float64]
 SLAB = 0.05  # meters behind the front of a triangle that isn't part of a convex mesh
@@ -44,7 +44,8 @@ def drop(
     moved = set(falling)
     supports = [one for one in on if one.visible and one not in moved]
     low, high = _region(region, supports)
-    bodies = [_Body(one) for one in falling]
+    numbered = dict(enumerate(falling))
+    bodies = [_Body([numbered[part] for part in parts]) for parts in objects_of(numbered).values()]
     _place(bodies, low, high, np.random.default_rng(seed), upright)
     still = _still(supports, high[1])
     # Where nothing of a thing can touch what lies still any more.
@@ -72,25 +73,32 @@ def drop(
 
 
 class _Body:
-    """A thing that falls: its points about their middle, in the world's scale, and where it starts."""
+    """A thing that falls, of one part or several: their points about the middle of all, in the world's scale, and where
+    it starts."""
 
-    def __init__(self, instance: Instance) -> None:
-        self.instance = instance
-        self.axes = instance.transform[:3, :3].copy()
-        points = np.unique(instance.posed_mesh().positions.astype(np.float64) @ self.axes.T, axis=0)
-        self.middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        self.points = points - self.middle
-        self.radius = float(np.linalg.norm(self.points, axis=1).max())
-        spread = np.linalg.svd(self.points - self.points.mean(axis=0), compute_uv=False)
-        if len(points) < 4 or spread[-1] < 1e-6 * spread[0]:
-            raise SolariError(f"Scene.drop: {instance.describe()} is flat: only things with a volume fall")
+    def __init__(self, parts: list[Instance]) -> None:
+        self.parts, self.instance, start = parts, parts[0], parts[0].transform[:3, 3]
+        hulls = [np.unique(part.posed_mesh().positions.astype(np.float64) @ part.transform[:3, :3].T
+                           + (part.transform[:3, 3] - start), axis=0) for part in parts]  # fmt: skip
+        points = np.concatenate(hulls)
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        self.middle = start + middle
+        self.hulls = [hull - middle for hull in (hulls if all(map(_has_volume, hulls)) else [points])]
+        self.radius = float(np.linalg.norm(points - middle, axis=1).max())
+        if not _has_volume(points):
+            raise SolariError(f"Scene.drop: {self.instance.describe()} is flat: only things with a volume fall")
         self.position, self.quaternion = np.zeros(3), np.array((0.0, 0.0, 0.0, 1.0))
 
     def apply(self, position: Floats, turn: Floats) -> None:
-        transform = np.eye(4)
-        transform[:3, :3] = turn @ self.axes
-        transform[:3, 3] = position - turn @ self.middle
-        self.instance.transform = transform
+        move = np.eye(4)
+        move[:3, :3], move[:3, 3] = turn, position - turn @ self.middle
+        for part in self.parts:
+            part.transform = move @ part.transform
+
+
+def _has_volume(points: Floats) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return len(points) >= 4 and bool(spread[-1] >= 1e-6 * spread[0])
 
 
 def _of_mujoco(text: str, bodies: list[_Body], still: list[tuple[Instance, Floats]]) -> str:
@@ -192,11 +200,12 @@ def _document(bodies: list[_Body], still: list[Floats], low: Floats, high: Float
         world += [f'<geom type="plane" size="1 1 1" pos="{at}" euler="{_numbers(turn)}"/>' for turn in turns]
     for number, body in enumerate(bodies):
         x, y, z, w = body.quaternion
-        assets.append(f'<mesh name="body{number}" inertia="convex" vertex="{_numbers(body.points)}"/>')
-        world.append(
-            f'<body pos="{_numbers(body.position)}" quat="{_numbers((w, x, y, z))}"><freejoint/>'
-            f'<geom type="mesh" mesh="body{number}"/></body>'
-        )
+        geoms = ""
+        for part, points in enumerate(body.hulls):
+            assets.append(f'<mesh name="body{number}_{part}" inertia="convex" vertex="{_numbers(points)}"/>')
+            geoms += f'<geom type="mesh" mesh="body{number}_{part}"/>'
+        place = f'pos="{_numbers(body.position)}" quat="{_numbers((w, x, y, z))}"'
+        world.append(f"<body {place}><freejoint/>{geoms}</body>")
     return (
         f'<mujoco><compiler angle="degree"/><option timestep="{STEP}" gravity="0 -9.81 0" integrator="implicitfast" '
         'density="1.2" viscosity="0.5"/>'
@@ -216,16 +225,18 @@ class Dropping:
     ) -> None:  # fmt: skip
         """Let things fall until they rest on what is there and on each other, without meeting.
 
-        items: instances or their names, which are in the scene; a Group's instances fall one by one. on: what they fall
-        on, likewise, by default all other visible instances. region: a box, its lowest and its highest corner (2, 3) in
-        meters; things start at random places above its top and stay within its sides, and what lies above it, such as a
-        ceiling, doesn't count. By default it is the bounds of what they fall on. seed: of the places, and of the
-        rotations, with upright about the vertical axis only. seconds: the longest that they may take.
+        items: instances or names, of those in the scene; a Group's instances fall one by one, but parts of one object
+        (`Instance.part_of`, whose name means all) together. on: what they fall on, likewise, by default all other
+        visible instances. region: a box, its lowest and its highest corner (2, 3) in meters; things start at random
+        places above its top and stay within its sides, and what lies above it, such as a ceiling, doesn't count. By
+        default it is the bounds of what they fall on. seed: of the places, and of the rotations, with upright about the
+        vertical axis only. seconds: the longest that they may take.
 
-        Things collide as their convex hulls, all of one density, with friction, and rest within 1 mm. The same seed
-        gives the same transforms on one machine. Needs the extra `physics` (MuJoCo). Raises SolariError for things that
-        are named twice, aren't in the scene, are flat, don't fit into the region, find nothing below them or don't
-        rest, and what MuJoCo says of a thing; all is then as it was.
+        Things, and parts of them, collide as their convex hulls, all of one density, with friction, and rest within
+        1 mm; an object with a flat part is one hull. The same seed gives the same transforms on one machine. Needs the
+        extra `physics` (MuJoCo). Raises SolariError for things that are named twice, aren't in the scene, are flat,
+        don't fit into the region, find nothing below them or don't rest, and what MuJoCo says of a thing; all is then
+        as it was.
         """
         checks.check_whole("Scene.drop: seed", seed)
         try:
@@ -244,8 +255,9 @@ class Dropping:
         """The instances of the scene that items are or hold."""
         found = list[Instance]()
         for item in items:
-            one = self.instances[item] if isinstance(item, str) else item
-            held = one.items if isinstance(one, Group) else [one]
+            parts = [thing for thing in self.instances if isinstance(item, str) and thing.part_of == item]
+            one = self.instances[item] if isinstance(item, str) and not parts else item
+            held = parts or (one.items if isinstance(one, Group) else [one])
             things = [thing for thing in held if isinstance(thing, Instance)]
             if not things:
                 raise SolariError(f"{self.describe()}: drop takes instances, not {quoted(item)}")

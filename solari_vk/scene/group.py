@@ -143,12 +143,28 @@ def _move(item: Any, move: NDArray[np.float64]) -> None:
         item.update(**{name: transform_directions(move, getattr(item, name)).astype(np.float32) for name in item.axes})
 
 
-def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str) -> list[Any]:
+def distinct(name: str, taken: dict[str, int]) -> str:
+    """The name, with a number if it is taken; then it is. taken: names, and the last number that each got."""
+    number, found = taken.get(name, 0), name
+    while found in taken:
+        number += 1
+        found = f"{name} {number}"
+    taken[name], taken[found] = max(number, 1), 1
+    return found
+
+
+def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str, taken: Iterable[str] = ()) -> list[Any]:
     """Copies of instances, which share meshes and materials, and of lights that have a place or a direction.
 
-    name: of a single instance; it precedes those of several.
+    name: of a single instance; it precedes those of several. taken: the names of objects that they aren't parts of.
     """
     made: list[Any] = [dataclasses.replace(instance) for instance in instances]
+    used, objects = dict.fromkeys(taken, 1), {"": ""}
+    for instance in made:
+        whole = instance.part_of
+        if whole not in objects:
+            objects[whole] = distinct(f"{name}/{whole}" if name else whole, used)
+        instance.part_of = objects[whole]
     for instance in made if name else ():
         instance.name = name if len(made) == 1 else f"{name}/{instance.name}"
     return made + [dataclasses.replace(light) for light in lights if isinstance(light, KINDS)]

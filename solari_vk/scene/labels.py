@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,14 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_json
 from solari_vk.scene import checks
 from solari_vk.scene.model import Instance, Scene
+from solari_vk.scene.objects import is_called
 
 Classes = Mapping[str, str] | str | PathLike[str]
 
 
 def label_instances(scene: Scene, classes: Classes) -> None:
-    """Assign `label` of the instances whose names fit a pattern; others stay as they are.
+    """Assign `label` of the instances whose names, or objects' names (`Instance.part_of`), fit a pattern; others stay
+    as they are.
 
     classes: the class for each pattern, such as {"Chair*": "chair"}, or a JSON file of them. `*` stands for any
     characters, `?` for one, `[ab]` for one of some; of several patterns that fit a name the first counts. Raises
@@ -44,7 +45,7 @@ def find_labels(instances: Sequence[Instance], classes: Classes) -> dict[Instanc
             raise SolariError(f"{who}: a class {error}") from None
     found, unused = dict[Instance, str](), dict(given)
     for instance in instances:
-        fitting = [pattern for pattern in given if pattern == instance.name or fnmatchcase(instance.name, pattern)]
+        fitting = [pattern for pattern in given if is_called(instance, pattern)]
         for pattern in fitting:
             unused.pop(pattern, None)
         if fitting:

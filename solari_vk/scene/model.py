@@ -181,7 +181,7 @@ class Scene(Dropping, Observable):
         shown = [instance for instance in source if instance is not source.backdrop]
         sky = source.environment.lights if source.environment else ()  # with the sun of a Sky
         lights = [light for light in source.lights if not any(light is part for part in sky)]
-        group = Group(copies(shown, lights, name), name=name or source.name)
+        group = Group(copies(shown, lights, name, {one.part_of for one in self}), name=name or source.name)
         group.update(**where)
         for item in group:
             self.add(item)

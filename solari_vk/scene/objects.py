@@ -8,7 +8,9 @@ column vectors. Colors are linear Rec. 709.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, field
+from fnmatch import fnmatchcase
 from typing import Any, ClassVar
 
 import numpy as np
@@ -135,8 +137,9 @@ class Instance(Checked, Scaled):
     show by raster. An instance that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4)
     and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
     `transform`, and how much of each morph target is added. label: a semantic class, such as "chair", for annotations
-    of pictures (`label_instances`). Raises SolariError for a singular transform, and for poses
-    that don't fit the mesh.
+    of pictures (`label_instances`). part_of: the name of an object; instances with one name are its parts, such as the
+    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. Raises
+    SolariError for a singular transform, and for poses that don't fit the mesh.
     """
 
     mesh: Mesh
@@ -149,10 +152,12 @@ class Instance(Checked, Scaled):
     morph_weights: NDArray[np.float64] | None = None
     name: str = ""
     label: str = ""
+    part_of: str = ""
 
     _converters = {
         "name": checks.text,
         "label": checks.line,
+        "part_of": checks.line,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,
@@ -196,3 +201,22 @@ class Instance(Checked, Scaled):
             least *= material.base_color_texture.image.least_alpha
         whole = least >= (1.0 if material.alpha_mode == "blend" else material.alpha_cutoff)
         return "opaque" if whole else material.alpha_mode
+
+
+def is_called(item: Any, pattern: str) -> bool:
+    """Whether a pattern fits an object's name, or that of the object that it is a part of."""
+    whole = item.part_of if isinstance(item, Instance) else ""
+    names = (item.name, whole) if whole else (item.name,)
+    return any(pattern == name or fnmatchcase(name, pattern) for name in names)
+
+
+def objects_of(
+    instances: Mapping[int, Instance], labels: Mapping[int, str] | None = None
+) -> dict[int, list[int]]:
+    """The numbers of each object's parts (`Instance.part_of`), by the first one, and of instances alone. labels: of the
+    instances, by their numbers: parts of other classes are objects of their own."""
+    found, first = dict[int, list[int]](), dict[tuple[str, str], int]()
+    for number, instance in sorted(instances.items()):
+        key = instance.part_of, "" if labels is None else labels[number]
+        found.setdefault(first.setdefault(key, number) if instance.part_of else number, []).append(number)
+    return found

@@ -13,7 +13,7 @@ import numpy as np
 
 from solari_vk.errors import Hints, SolariError, check_count, shortened, unknown_name
 
-_UNSEEN = {"name", "label"}  # no picture depends on them
+_UNSEEN = {"name", "label", "part_of"}  # no picture depends on them
 
 
 class Watcher(Protocol):

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
+from solari_vk.scene.quasirandom import GOLDEN_STEP, additive, radical_inverse
 
 STILL = 1e-9  # radians
-INVERSE_GOLDEN_RATIO = 0.6180339887498949
+AT_ONCE = 1e-12  # seconds: of shorter readouts
 
 
 class Moment(NamedTuple):
@@ -71,7 +72,7 @@ class Shutter:
         evenly as it can: in the order of van der Corput's sequence."""
         times = min(self.time_samples, samples)
         bands = min(self.row_bands, height) if self.readout else 1
-        parts = np.argsort(np.argsort([_radical_inverse(number) for number in range(times)]))
+        parts = np.argsort(np.argsort([radical_inverse(number, 2) for number in range(times)]))
         within = np.random.default_rng((seed, 0x5407)).uniform(size=(times, bands))
         for number, part in enumerate(parts.tolist()):
             shared = samples * number // times, samples * (number + 1) // times
@@ -85,22 +86,19 @@ class Shutter:
         """The time that a realtime frame shows, and the rows of a picture of this height whose exposure it is part of:
         the first one, and the one after the last.
 
-        Times of successive numbers cover the exposures of all rows evenly: Roberts, "The Unreasonable Effectiveness of
-        Quasirandom Sequences" (2018). A rolling shutter exposes rows for `readout` / `row_bands` at least.
+        Times of successive numbers cover the exposures of all rows evenly. A rolling shutter exposes rows for
+        `readout` / `row_bands` at least.
         """
-        share = (0.5 + number * INVERSE_GOLDEN_RATIO) % 1
-        if not self.readout:
-            return self.open + share * (self.close - self.open), (0, height)
-        longer = max(abs(self.readout) / min(self.row_bands, height) - (self.close - self.open), 0.0) / 2
-        opens, closes = self.open - longer, self.close + longer
-        time = opens + min(self.readout, 0.0) + share * (closes - opens + abs(self.readout))
-        first, last = sorted(height * (time - edge) / self.readout - 0.5 for edge in (opens, closes))
-        return time, (max(math.ceil(first), 0), max(min(math.floor(last) + 1, height), 0))
-
-
-def _radical_inverse(number: int) -> float:
-    """Van der Corput (1935)."""
-    return int(f"{number:b}"[::-1], 2) / 2 ** number.bit_length() if number else 0.0
+        share = additive(number, GOLDEN_STEP)
+        lasts = self.close - self.open
+        if abs(self.readout) < AT_ONCE:
+            return self.open + share * lasts, (0, height)
+        longer = max(abs(self.readout) / min(self.row_bands, height) - lasts, 0.0)
+        lasts += longer
+        later = min(self.readout, 0.0) + share * (lasts + abs(self.readout))  # than the first row's exposure begins
+        first, last = sorted(height * (later - edge) / self.readout - 0.5 for edge in (0.0, lasts))
+        rows = max(math.ceil(first), 0), max(min(math.floor(last) + 1, height), 0)
+        return self.open - longer / 2 + later, rows
 
 
 def between(first: Camera, second: Camera, share: float) -> Camera:

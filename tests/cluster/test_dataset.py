@@ -94,7 +94,7 @@ def test_annotations(make, copied, tmp_path):
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--annotations", "coco"), "no instance has a label"),
     (("--annotations", "voc"), "--annotations voc: take some of coco, yolo, objects, bop"),
-    (("--annotations", "coco", "--format", "exr"), "give --format png or npy"),
+    (("--annotations", "coco", "--format", "exr"), "give --format png, jpg or npy"),
     (("--labels", "{}/chairs.json"), 'chairs.json: no instance is named \'Chair*\'; names are '),
     (("--labels", "{}/list.json"), "list.json: give a class for each pattern"),
     (("--labels", "{}/none.json"), "none.json"),
@@ -142,11 +142,24 @@ def test_the_example_loads_the_views(views):
 
 
 def test_transforms_are_poses_too(make, views):
-    _, again = make("--cameras", views / "transforms.json")
+    _, again = make("--cameras", views / "transforms.json", "--colmap")
+    frames = json.loads((views / "transforms.json").read_text())["frames"]
+    for image, frame in zip(sv.load_colmap(again / "sparse" / "0"), frames, strict=True):
+        assert image.name == frame["file_path"]
+        np.testing.assert_allclose(image.camera.transform, frame["transform_matrix"], atol=1e-9)
+        assert image.camera.intrinsics(image.size)[1, 1] == pytest.approx(frame["fl_y"])
     first, second = (
         [np.asarray(Image.open(folder / f"0000{n}.png"), np.float64) for n in range(3)] for folder in (views, again)
     )
     np.testing.assert_allclose(first, second, atol=2)  # the field of view goes through pixels
+
+
+def test_cameras_that_colmap_lacks_are_refused_first(make, tmp_path):
+    pose = {"position": [1, 1, 1], "target": [1, 1, 0], "projection": "equirectangular"}
+    (tmp_path / "poses.json").write_text(json.dumps([pose]))
+    said, folder = make("--cameras", tmp_path / "poses.json", "--colmap", code=2)
+    assert "COLMAP has no model for this equirectangular camera" in said
+    assert not any(folder.iterdir())
 
 
 def test_a_stopped_run_goes_on(make, copied):

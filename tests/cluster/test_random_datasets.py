@@ -112,7 +112,7 @@ def test_boxes_in_space_are_of_the_views_own_scene(recipe, views):
 
 def test_bop_files_fit_the_pictures(views):
     """Depth unprojected by cam_K, then moved into the models' frames, is within their boxes."""
-    bop, scene = views / "bop", views / "bop" / "train_pbr" / "000000"
+    bop, scene = views / "bop", views / "bop" / "train" / "000000"
     cameras, poses, infos = (json.loads((scene / f"scene_{name}.json").read_text())
                              for name in ("camera", "gt", "gt_info"))  # fmt: skip
     models, names = (json.loads((bop / name).read_text()) for name in ("models/models_info.json", "objects.json"))
@@ -252,6 +252,27 @@ def test_realtime_views_are_random_too(recipe, tmp_path, any_device):
         assert (two / f"{number:05}.png").read_bytes() == (three / f"{number:05}.png").read_bytes()
 
 
+def test_objects_of_several_parts(tmp_path, any_device):
+    """A chair of two primitives has one annotation of each kind."""
+    scene = sv.Scene(sv.Environment((1, 1, 1)))
+    for part, x in enumerate((-0.5, 0.5)):
+        scene.add(sv.shapes.box(), name=f"chair/{part}", position=(x, 0.2 * part, 0), part_of="chair")
+    scene.save(tmp_path / "chair.glb")
+    (tmp_path / "classes.json").write_text('{"chair*": "chair"}')
+    options = ["--views", "1", "--size", "32x24", "--samples", "1", "--annotations", "coco,yolo,objects,bop"]
+    paths = ["--labels", str(tmp_path / "classes.json"), "-o", str(tmp_path / "views")]
+    assert main(["dataset", str(tmp_path / "chair.glb"), *options, *paths]) == 0
+    folder = tmp_path / "views"
+    (row,) = json.loads((folder / "00000.objects.json").read_text())
+    assert (row["name"], row["visible_fraction"]) == ("chair", 1)
+    np.testing.assert_allclose(row["size"], (2, 1.2, 1), atol=1e-6)
+    (one,) = json.loads((folder / "annotations.json").read_text())["annotations"]
+    assert one["area"] == (np.load(folder / "00000.instance_id.npy") < 2).sum()
+    assert (one["bbox"], (folder / "00000.txt").read_text().count("\n")) == (row["box"], 1)
+    (model,) = json.loads((folder / "bop" / "models" / "models_info.json").read_text()).values()
+    np.testing.assert_allclose([model[f"size_{axis}"] for axis in "xyz"], (2000, 1000, 1200), rtol=1e-5)
+
+
 def test_cameras_are_those_of_the_recipe(recipe, views):
     scene = sv.builtin("cornell_box")
     randomizer = sv.Randomizer.load(recipe / "random.yaml", 0)
@@ -299,7 +320,7 @@ def test_distractors_have_neither_labels_nor_keypoints(recipe, tmp_path, any_dev
     names = json.loads((folder / "bop" / "objects.json").read_text())
     (number,) = (number for number, row in names.items() if row["name"] == "tall block")
     model = json.loads((folder / "bop" / "models" / "models_info.json").read_text())[number]
-    assert model["size_y"] == pytest.approx(500 * table["tall block"]["size"][1], rel=1e-3)
+    assert model["size_z"] == pytest.approx(500 * table["tall block"]["size"][1], rel=1e-3)
     scene = sv.builtin("cornell_box")
     (camera,) = cameras_for("random", scene, scene.camera, 1, 40 / 32, 5)
     (frame,) = json.loads((folder / "transforms.json").read_text())["frames"]

@@ -58,6 +58,11 @@ def test_choice_by_nothing_index_name_kind_and_uuid(select: str | int | None, in
     assert physical.choose(MACHINE, select).index == index
 
 
+def test_gpu_and_cpu_are_kinds_whatever_names_say() -> None:
+    machine = [fake(0, "GPU simulator", "cpu"), fake(1, "Card of the CPU's maker", "discrete gpu")]
+    assert [physical.choose(machine, kind).index for kind in ("cpu", "gpu")] == [0, 1]
+
+
 @pytest.mark.parametrize("select", ["2", "old", 17, "00000009-0000-0000-0000-000000000009"])
 def test_refused_choice_lists_every_device_and_what_it_lacks(select: str | int) -> None:
     with pytest.raises(DeviceError) as caught:

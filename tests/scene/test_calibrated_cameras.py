@@ -211,7 +211,7 @@ def test_colmap_files(tmp_path):
         pixels = random_pixels(100)
         for one, other in zip(camera.rays(pixels, SIZE), image.camera.rays(pixels, SIZE), strict=True):
             np.testing.assert_allclose(one, other, atol=1e-9)
-    with pytest.raises(SolariError, match="no model for a stereographic camera"):
+    with pytest.raises(SolariError, match="no model for this stereographic camera"):
         sv.save_colmap(tmp_path, [sv.Camera(projection="stereographic")], SIZE, ["a"])
 
 

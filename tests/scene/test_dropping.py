@@ -97,6 +97,25 @@ def test_scales_mirrors_and_what_lies_above():
     assert np.abs(corners[:, [0, 2]]).max() < 1
 
 
+def test_parts_of_an_object_fall_together():
+    """A bench stands on its legs around a pole, on which the hull of all its parts would lie. A flat part falls too."""
+    scene = sv.Scene(sv.Instance(shapes.quad((0, 0, 0), (0, 0, 2), (2, 0, 0)), name="floor"))
+    scene.add(shapes.box((-0.02, 0, -0.02), (0.02, 0.2, 0.02)), name="pole")
+    sizes = [((x, -0.3, -0.2), (x + 0.02, 0, 0.2)) for x in (-0.2, 0.18)] + [((-0.2, 0, -0.2), (0.2, 0.02, 0.2))]
+    parts = [scene.add(shapes.box(*size), name=f"bench/{number}", part_of="bench", position=(3, 1, 0))
+             for number, size in enumerate(sizes)]  # fmt: skip
+    for flat in (False, True):
+        if flat:
+            parts.append(scene.add(shapes.quad((0, 0.03, 0), (0, 0, 0.1), (0.1, 0, 0)), part_of="bench"))
+        before = [part.transform for part in parts]
+        scene.drop("bench", region=[(-0.34, 0, -0.34), (0.34, 0.5, 0.34)], upright=True)
+        moves = [part.transform @ np.linalg.inv(was) for part, was in zip(parts, before, strict=True)]
+        np.testing.assert_allclose(moves, [moves[0]] * len(parts), atol=1e-9)
+        if not flat:
+            points = [transform_points(part.transform, part.mesh.positions.astype(np.float64)) for part in parts]
+            assert 0 <= np.concatenate(points)[:, 1].min() < GAP
+
+
 def test_what_lies_far_below_the_region():
     scene = table_scene()
     scene.add(shapes.box((1, -9, 1), (4, -8, 4)), name="cellar")

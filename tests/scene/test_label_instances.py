@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 import solari_vk as sv
 from solari_vk.scene import shapes
+from solari_vk.scene.objects import objects_of
 
 
 def scene_of(*names):
@@ -48,6 +50,47 @@ def test_files(tmp_path, extras, label):
     assert len(wrong) == (extras == {"label": 3})
     loaded.save(path)
     assert labels(sv.load(path)) == [label]
+
+
+@pytest.fixture
+def chairs(tmp_path):
+    """A file with two nodes of a mesh of two primitives."""
+    path = tmp_path / "chairs.gltf"
+    sv.Scene(sv.Instance(shapes.box(), name="a"), sv.Instance(shapes.sphere(), name="b")).save(path)
+    content = json.loads(path.read_text())
+    content["meshes"][0]["primitives"] += content["meshes"].pop()["primitives"]
+    content["nodes"] = [{"mesh": 0, "name": "chair", "translation": [5 * n, 0, 0]} for n in range(2)]
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_primitives_are_parts_of_an_object(chairs, tmp_path):
+    """Of one for each node, and each time that the file is added; saved scenes keep them."""
+    scene = sv.load(chairs)
+    assert [one.name for one in scene.instances] == ["chair/0", "chair/1"] * 2
+    assert [one.part_of for one in scene.instances] == ["chair"] * 2 + ["chair 2"] * 2
+    scene.save(tmp_path / "again.glb")
+    assert [one.part_of for one in sv.load(tmp_path / "again.glb").instances] == ["chair"] * 2 + ["chair 2"] * 2
+    several = sv.Scene()
+    for name in ("", "", "b"):
+        several.add(chairs, name=name)
+    assert list(objects_of(dict(enumerate(several.instances)))) == [0, 2, 4, 6, 8, 10]
+    assert several.instances[8].part_of == "b/chair"
+
+
+def test_parts_with_one_label_have_one_annotation(chairs):
+    scene = sv.load(chairs)
+    numbered = dict(enumerate(scene.instances))
+    ids = np.array([[0, 1, 2, 9], [0, 1, 3, 3]], np.uint32)
+    for classes, expected in (({"chair": "chair", "chair 2": "chair"}, [(0, 4), (2, 3)]),
+                              ({"chair/0": "seat", "chair/1": "back"}, [(0, 2), (1, 2), (2, 1), (3, 2)])):  # fmt: skip
+        sv.label_instances(scene, classes)
+        labelled = {number: instance.label for number, instance in numbered.items()}
+        annotations = sv.Annotations(labelled, objects=objects_of(numbered, labelled))
+        coco = annotations.coco([("a.png", ids)])
+        assert [(one["instance_id"], one["area"]) for one in coco["annotations"]] == expected
+        assert annotations.yolo(ids).count("\n") == len(expected)
+        assert coco["annotations"][0]["bbox"] == [0, 0, 3 - len(expected) // 2, 2]
 
 
 def test_labels_change_no_picture(device):

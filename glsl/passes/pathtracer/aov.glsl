@@ -17,6 +17,7 @@ uint instance_number(uint row) {
 void store_empty_aovs(uint index) {
     aov_instance_id.at[index] = NO_INDEX;
     aov_depth.at[index] = INFINITY;
+    aov_distance.at[index] = INFINITY;
     aov_position.at[index] = vec3(0.0);
     aov_geometric_normal.at[index] = vec3(0.0);
     aov_shading_normal.at[index] = vec3(0.0);
@@ -34,6 +35,7 @@ void store_aovs(uint index, CameraRay ray, Hit hit, Mesh mesh) {
         resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     aov_instance_id.at[index] = instance_number(hit.instance);
     aov_depth.at[index] = hit.t * ray.depth_per_t;
+    aov_distance.at[index] = hit.t;
     aov_position.at[index] = surface.world_position;
     aov_geometric_normal.at[index] = surface.geometric_world_normal;
     aov_shading_normal.at[index] = surface.world_normal;

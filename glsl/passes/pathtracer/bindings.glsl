@@ -27,6 +27,7 @@ layout(set = 1, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminanc
 layout(set = 1, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // rays of the pixel so far
 
 layout(set = 1, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
+layout(set = 1, scalar) buffer DistanceBlock { float at[]; } aov_distance;  // along the ray, inf: nothing
 layout(set = 1, scalar) buffer PositionBlock { vec3 at[]; } aov_position;
 layout(set = 1, scalar) buffer GeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
 layout(set = 1, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_normal;

@@ -271,10 +271,10 @@ def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice
     by_uuid = [d for d in devices if d.properties.uuid.replace("-", "") == wanted.replace("-", "")]
     if by_uuid or not select:
         return by_uuid
+    if wanted in ("cpu", "gpu"):  # kinds: names may have these words too
+        return [device for device in devices if device.properties.kind.endswith(wanted)]
     by_index = [device for device in devices if select == str(device.index)]
-    by_name = [d for d in devices if wanted in d.properties.name.lower()]
-    by_kind = [d for d in devices if wanted in ("cpu", "gpu") and d.properties.kind.endswith(wanted)]
-    return by_index or by_name or by_kind
+    return by_index or [device for device in devices if wanted in device.properties.name.lower()]
 
 
 def _describe(devices: list[PhysicalDevice], rays: str) -> str:

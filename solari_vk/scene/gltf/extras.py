@@ -7,6 +7,7 @@ from collections.abc import Container, Iterable
 from typing import Any
 
 from solari_vk.scene import checks
+from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.saving.content import plain
 from solari_vk.scene.gltf.values import Entry
 
@@ -21,15 +22,16 @@ def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
     return {name: found[name] for name in names if name in found} if isinstance(found, dict) else {}
 
 
-def read_label(entry: Entry) -> str:
-    """The semantic class of a node's meshes: ours, or else the text `label` in the extras of files of others. Raises
-    SolariError for one that isn't text."""
+def read_label(entry: Entry, report: Report, name: str = "label") -> str:
+    """The `label` or `part_of` of a node's meshes: ours, or else the text in the extras of files of others."""
     extras = entry.data.get("extras")
-    found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, ("label",))}.get("label", "")
-    try:
-        return checks.line(found)
-    except (TypeError, ValueError) as error:
-        raise entry.error(f"has extras whose label {error}") from None
+    found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, (name,))}.get(name, "")
+    with report.costs("wrong labels are left out"):
+        try:
+            return checks.line(found)
+        except (TypeError, ValueError) as error:
+            raise entry.error(f"has extras whose {name} {error}") from None
+    return ""
 
 
 def write_own(item: Any, names: Container[str]) -> dict[str, Any]:

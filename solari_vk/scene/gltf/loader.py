@@ -31,6 +31,7 @@ from solari_vk.scene.gltf.skies import EXTENSION as SKY
 from solari_vk.scene.gltf.skies import read_sky
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
+from solari_vk.scene.group import distinct
 from solari_vk.scene.libraries import warn_of_missing
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
@@ -87,6 +88,7 @@ class _Loader:
         self._variants = Variants(document, self._report)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
+        self._objects = dict[str, int]()  # of which instances are parts
         self._lights = Lights(document, self._report)
         self._animatable: dict[tuple[str, int], list[tuple[PlacedNode, Camera | Light]]] = {}
         self._strict = strict
@@ -238,9 +240,8 @@ class _Loader:
         skin = None
         with self._report.costs("wrong skins are left out"):
             skin = skin_of(self._document, self._accessors, node, placed, self._report)
-        name, label = node.entry.name or mesh.name or mesh.place, ""
-        with self._report.costs("wrong labels are left out"):
-            label = read_label(node.entry)
+        name, label = node.entry.name or mesh.name or mesh.place, read_label(node.entry, self._report)
+        part_of = read_label(node.entry, self._report, "part_of")
         pose = Pose(self._animations, node, mesh, skin, placed)
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -260,9 +261,12 @@ class _Loader:
                     self._report.add("nodes whose transform is singular or not affine have no surface", place)
                     continue
                 world, visible = np.eye(4), False  # until an animation gives it a size
+            plain = "" if part_of or len(parts) == 1 else "".join(filter(str.isprintable, name))
+            whole = part_of or (plain and distinct(plain, self._objects))
             for suffix, shape, material, others in parts:
                 shape = rig.inside_out(shape) if mirrored else shape
                 instance = Instance(shape, material, world, visible=visible, name=name + suffix, label=label)
+                instance.part_of = whole
                 try:
                     pose.give(instance)
                 except SolariError as error:

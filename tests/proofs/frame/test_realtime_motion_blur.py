@@ -207,6 +207,31 @@ def test_a_failed_pose_leaves_the_middle(device):
                 renderer.render(**options)
 
 
+def test_the_exposure_of_cameras_that_move_is_chosen_once(device):
+    """It is that of the first four frames, and not metered anew for each camera that `pose` makes."""
+    cameras = []
+
+    def pose(seconds):
+        cameras.append(sv.Camera(position=(0.01 * seconds, 0, 4), auto_exposure=True))
+        return cameras[-1]
+
+    with sv.Renderer(device, edge_scene()[0], SIZE) as renderer, sv.PathTracer(device, renderer.binder, SIZE) as tracer:
+        frames = [renderer.render(shutter=sv.Shutter(close=1.0), pose=pose) for _ in range(6)]
+        assert [frame.camera.auto_exposure for frame in frames] == [True] * 3 + [False] * 3
+        assert frames[3].camera.ev100 != 0
+        assert {camera.ev100 for camera in cameras[-4:]} == {frames[3].camera.ev100}
+        pictures = [tracer.render(samples=2, shutter=sv.Shutter(close=1.0), pose=pose) for _ in range(2)]
+        assert pictures[1].camera.ev100 == pictures[0].camera.ev100 != 0
+        assert not cameras[-1].auto_exposure
+
+
+@pytest.mark.parametrize("close", [0.0, 1.0])
+def test_a_readout_of_no_time_exposes_all_rows(close):
+    for readout in (5e-324, -5e-324):
+        shutter = sv.Shutter(close=close, readout=readout)
+        assert {shutter.frame(number, 48)[1] for number in range(64)} <= {(0, 48)}
+
+
 @pytest.mark.parametrize("readout", [0.3, -0.3, 0.0])
 def test_times_cover_the_exposure_of_each_row(readout):
     """As the path tracer's moments do."""
@@ -220,7 +245,8 @@ def test_times_cover_the_exposure_of_each_row(readout):
     for row, found in zip(opens, times, strict=True):
         assert len(found) == pytest.approx(4096 * 0.1 / (0.1 + abs(readout)), rel=0.03)
         np.testing.assert_allclose(np.quantile(found, (0, 0.5, 1)), row + np.array((0, 0.05, 0.1)), atol=0.002)
-    assert len({shutter.frame(number, height)[0] for number in range(16)}) == 16
+    for start in (0, 7919 * 2**32):  # the largest seed's
+        assert len({shutter.frame(start + number, height)[0] for number in range(4096)}) == 4096
 
 
 RESOLVE = "passes/taa/resolve.comp"

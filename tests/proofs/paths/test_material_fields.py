@@ -122,12 +122,13 @@ def measure_fields(device, names, effort=EFFORT):
 def test_layers_over_smooth_metal_show_points(device, layer):
     """Which no ray meets, so that smooth metals alone need no light samples."""
     metal = sv.Material(metallic=1.0, perceptual_roughness=0.0, **layer)
-    scene = sv.Scene(sv.Instance(shapes.plane(2), metal), camera=sv.Camera.look_at((0, 2, 2), (0, 0, 0), vertical_fov=0.5))
+    camera = sv.Camera.look_at((0, 2, 2), (0, 0, 0), vertical_fov=0.5)
+    scene = sv.Scene(camera, sv.Instance(shapes.plane(2), metal))
     scene.add(sv.PointLight(position=(0, 2, -2), intensity=100.0))
     with make_renderer(device, scene, (8, 8), passes=PATHS, **PLAIN) as renderer:
-        found = run_pictures(renderer, scene.camera, Effort(16, 0, 16, 256), read_radiance)
+        found = run_pictures(renderer, camera, Effort(16, 0, 16, 256), read_radiance)
     with path_tracer_at_centers():
-        expected = trace(device, scene, 256, (8, 8))
+        expected = trace(device, scene, 256, (8, 8), camera)
     error, half_width = relative_interval(found[..., 0], expected[..., 0])
     assert abs(error) + half_width < 0.05
 

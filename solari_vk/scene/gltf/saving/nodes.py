@@ -184,7 +184,8 @@ class Nodes:
 
 def node_extras(scene: Any, instance: Instance) -> dict[str, Any]:
     """The extras of an instance's node."""
-    own = write_own(instance, ("label",)).get(EXTRAS, {}) | ({"backdrop": True} if instance is scene.backdrop else {})
+    own = write_own(instance, ("label", "part_of")).get(EXTRAS, {})
+    own |= {"backdrop": True} if instance is scene.backdrop else {}
     return {EXTRAS: own} if own else {}
 
 
