@@ -7,8 +7,10 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_nonuniform_qualifier : require
 
-// generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_LAYERS: some material has a coat, sheen,
-// anisotropy or a specular weight.
+// generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_X: the scene has a feature X, by
+// solari_vk/bound/features.py. SCENE_LAYERS: a coat, sheen, anisotropy or a specular weight; SCENE_LOBES: layers,
+// glass, diffuse transmission or a film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode
+// "blend", or walls of thin smooth glass.
 #include "generated/bound/constants.glsl"
 #include "generated/bound/features.glsl"
 #include "generated/bound/material_record.glsl"

@@ -9,6 +9,7 @@
 
 bool is_parallel(Camera from) { return from.parallel_range > 0.0; }
 
+// Whether the projection isn't a pinhole's: distorted, fisheye or panoramic. Depth of field is lens_radius > 0.
 bool has_lens(Camera from) { return SCENE_LENSES && from.lens.kind != PINHOLE; }
 
 // Whether depth is measured along the ray, since the camera may see more than half of what is around it.

@@ -99,11 +99,13 @@ float portal_choice_ratio(uint index, Receiver receiver) {
     return leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
 }
 
-// How much of an environment's light along a ray each strategy of light samples stands for, by MIS against them: one
-// that has the direction with the density `own`, which receivers choose `ratio` times as often, of all, `density`.
-float weighted_share(float own, float ratio, float density, float mis_pdf) {
-    float share = density > 0.0 ? own / density : 1.0;  // 0 of lights without power
-    return share * power_heuristic(mis_pdf, ratio * own);
+// The MIS weight, for a ray's radiance of an environment, of the part of it that one strategy of light samples (the
+// map, or one portal) stands for: its share by the balance heuristic, times the power heuristic of the ray's direction
+// against that strategy. strategy_pdf, pdf_sum: of this strategy and of all, where leaves are chosen by power;
+// choice_ratio: how often the receiver chooses the strategy, over how often it is chosen by power.
+float strategy_weight(float strategy_pdf, float choice_ratio, float pdf_sum, float mis_pdf) {
+    float share = pdf_sum > 0.0 ? strategy_pdf / pdf_sum : 1.0;  // the sum is 0 for lights without power
+    return share * power_heuristic(mis_pdf, choice_ratio * strategy_pdf);
 }
 
 // The radiance of an environment along a ray that leaves a receiver, by MIS against samples of itself and of portals.
@@ -112,16 +114,16 @@ vec3 mis_weighted_environment(
     LightSource light, LightHit light_hit, vec3 direction, float mis_pdf, Receiver receiver
 ) {
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
-    float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
-    float density = own, through_portals = 0.0;
+    float map_pdf = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
+    float pdf_sum = map_pdf, through_portals = 0.0;
     for (uint i = 0u; i < portal_count(); i++) {
-        float of_portal = density_of_opening(i, receiver.position, direction);
-        if (!(of_portal > 0.0)) { continue; }
-        density += of_portal;
-        through_portals += weighted_share(of_portal, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
+        float portal_pdf = density_of_opening(i, receiver.position, direction);
+        if (!(portal_pdf > 0.0)) { continue; }
+        pdf_sum += portal_pdf;
+        through_portals += strategy_weight(portal_pdf, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
     }
-    float weight = weighted_share(own, 1.0, density, mis_pdf);
-    return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / density : weight);
+    float weight = strategy_weight(map_pdf, 1.0, pdf_sum, mis_pdf);
+    return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / pdf_sum : weight);
 }
 
 // The radiance of all lights at infinity along a ray that hit no surface. `receiver`: where the light samples were

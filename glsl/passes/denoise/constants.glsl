@@ -54,7 +54,8 @@ const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples dif
 
 // ---- edge-stopping weights --------------------------------------------------------------------------
 
-// A tolerance is the difference that makes a weight 1/e. PLANE_TOLERANCE: in pixel widths, beyond the sagitta.
+// A tolerance is the difference that makes a weight 1/e. PLANE_TOLERANCE: distance from the plane in pixel widths,
+// beyond what the curvature that the normals show explains (the sagitta).
 const float PLANE_TOLERANCE = 1.0;
 const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
@@ -63,7 +64,7 @@ const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe,
 // to blur reflections of smooth surfaces than to show their noise, but little in pixels with so short a history that
 // the edges of bright reflections aren't known (REFLECTION_EDGES_UNKNOWN).
 const float MIN_ALPHA_CONVERGED = 0.003, MIN_ALPHA_NOISY = 0.4, MIN_ALPHA_UNKNOWN_EDGES = 0.04;
-const float MATERIAL_TOLERANCE = 0.1;
+const float MATERIAL_TOLERANCE = 0.1;  // of Guide.roughness_or_albedo
 
 // ---- the blur: Dammertz et al. (HPG 2010) ------------------------------------------------------------
 

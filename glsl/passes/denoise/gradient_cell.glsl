@@ -39,7 +39,7 @@ struct GradientCell {
 // light leave valid (a power of A-SVGF's 1 - lambda), and the luminance by which variance.comp clamps fireflies.
 struct CellNeighborhood {
     vec2 confidence;
-    vec2 luminance_limit;
+    vec2 trimmed_mean_luminance;
 };
 
 layout(set = 1, scalar) buffer DenoiseCellsBlock { GradientCell at[]; } denoise_cells;

@@ -25,8 +25,9 @@ void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
     sum.pixels += other.pixels;
 }
 
-// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. The squares' sum is a variance too,
-// as histories may miss outliers.
+// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. `variance` is that of the difference's sum by
+// the histories' moments; the sum of the squared differences estimates it too, and counts where it is larger, as
+// histories may miss outliers.
 float confidence(Gradient sum, float variance, vec2 sigmas) {
     float deviation = sqrt(max(sum.sum_of_squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
@@ -39,8 +40,9 @@ float confidence(LobeGradient sum, vec2 sigmas) {
     return min(confidence(sum.current, sum.variance_sum, sigmas), fast);
 }
 
-// The share of a cell's light that may have changed in recent frames: by lights near it, or with the power of all.
-// Demodulated radiance is about irradiance / pi.
+// The share of a cell's light that may have changed in recent frames: the larger of what the changed lights send to
+// the cell's position, and of the share of all lights' power that changed. Demodulated radiance is about
+// irradiance / pi.
 float cell_light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance_sum / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
@@ -52,7 +54,7 @@ vec2 change_sigmas(float change) {
 
 // By which variance.comp clamps fireflies: the mean without the brightest pixel. Of few pixels their sum, which none
 // exceeds, so none is clamped.
-float firefly_limit_luminance(LobeGradient sum) {
+float trimmed_mean_luminance_of(LobeGradient sum) {
     if (sum.pixels <= MIN_TRIMMED_PIXELS) { return sum.luminance_sum; }
     return max(sum.luminance_sum - sum.max_luminance, 0.0) / (sum.pixels - 1.0);
 }
@@ -67,7 +69,7 @@ void main() {
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
     vec2 sigmas = change_sigmas(cell_light_change(unpack_gradient(own.diffuse), position));
     vec2 specular_sigmas = change_sigmas(cell_light_change(unpack_gradient(own.specular), position));
-    vec2 lobe_confidence = vec2(1.0), luminance_limit = vec2(0.0);
+    vec2 lobe_confidence = vec2(1.0), trimmed_mean_luminance = vec2(0.0);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= MAX_RING; ring++) {
         for (int y = -ring; y <= ring; y++) {
@@ -83,9 +85,11 @@ void main() {
         lobe_confidence = min(
             lobe_confidence, vec2(confidence(diffuse, sigmas), confidence(specular, specular_sigmas))
         );
-        if (ring == 1) { luminance_limit = vec2(firefly_limit_luminance(diffuse), firefly_limit_luminance(specular)); }
+        if (ring == 1) {
+            trimmed_mean_luminance = vec2(trimmed_mean_luminance_of(diffuse), trimmed_mean_luminance_of(specular));
+        }
     }
     // Within an exposure the mean over its times is what is asked for.
     if (this_frame.shutter_state == LATER_OF_EXPOSURE) { lobe_confidence = vec2(1.0); }
-    denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, luminance_limit);
+    denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, trimmed_mean_luminance);
 }

@@ -6,8 +6,8 @@
 #include "passes/denoise/lobe_history.glsl"
 #include "passes/paths/bindings.glsl"
 
-// Demodulated radiance, and the hit distance in meters: 0 where the other lobe proposed the path's first ray, infinite
-// where that ray hit no surface.
+// Demodulated radiance, and the hit distance in meters: of the first path of the pixel whose first ray this lobe
+// proposed; 0 if it proposed none, infinite where that ray hit no surface; with restir see paths/bindings.glsl.
 vec4 noisy_diffuse(uint index) { return paths_diffuse.at[index]; }
 
 // Where the guides are of a PSR surface, all light of it is in the specular sample, and the diffuse one is empty.

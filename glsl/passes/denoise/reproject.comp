@@ -21,7 +21,8 @@ LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
     );
 }
 
-// The mean curvature of the surface, in 1/m; positive if convex.
+// The mean curvature of the surface along both axes of the picture, in 1/m; positive if convex. An axis along which
+// the neighbor shows another surface, or the same normal, counts as flat.
 float curvature(ivec2 pixel, Guide guide) {
     float sum = 0.0;
     for (int i = 0; i < 2; i++) {

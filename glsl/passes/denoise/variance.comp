@@ -41,14 +41,14 @@ void extend(inout Range range, LobeHistory lobe) {
 // Clamps fireflies: pixels with short histories that are far brighter than their neighbors and the 3 x 3 cells around,
 // unless these are black or no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The
 // history isn't clamped, so that the light is shown when more frames confirm it.
-Signal estimate_signal(LobeHistory lobe, Moments sum, float luminance_limit) {
+Signal estimate_signal(LobeHistory lobe, Moments sum, float trimmed_mean_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float local_mean = sum.luminance_sum / sum.weight_sum, value = luminance(lobe.radiance);
     float neighbor_weight = sum.weight_sum - CENTER_MOMENTS_WEIGHT;
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
-    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * lobe.frames * luminance_limit);
+    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * lobe.frames * trimmed_mean_luminance);
     if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
@@ -95,11 +95,11 @@ void main() {
         if (weights.x > MIN_NEIGHBOR_WEIGHT && i != 4) { extend(range, other_specular); }
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
-    vec2 luminance_limit = denoise_neighborhoods.at[cell_at(pixel)].luminance_limit;
+    vec2 trimmed_mean_luminance = denoise_neighborhoods.at[cell_at(pixel)].trimmed_mean_luminance;
     uint state = reflection_edges_known ? FILTERING : REFLECTION_EDGES_UNKNOWN;
     Signals signals = Signals(
-        estimate_signal(own_diffuse, diffuse, luminance_limit.x),
-        estimate_signal(own_specular, specular, luminance_limit.y), state
+        estimate_signal(own_diffuse, diffuse, trimmed_mean_luminance.x),
+        estimate_signal(own_specular, specular, trimmed_mean_luminance.y), state
     );
     // At the edge of a bright reflection the samples of a pixel show both sides of it, so that they differ without
     // noise. A pixel with a brighter neighbor may be on the dark side. Its standard error is clamped to the luminance

@@ -7,8 +7,9 @@
 #include "passes/paths/per_lobe.glsl"
 #include "passes/rows.glsl"
 
-// Demodulated radiance of a lobe at the pixel's surface, and its hit distance: the length of the first ray of the first
-// path that this lobe proposed, 0 when it proposed none; with restir, the distance to the reservoir's sample.
+// Demodulated radiance of a lobe at the pixel's surface, and its hit distance: the length of the first ray of the
+// first path whose first ray this lobe proposed (infinite without a hit), 0 if it proposed none; with restir, the
+// distance to the reservoir's sample, for the specular lobe only where that is reused.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 // Radiance before the denoiser.
@@ -30,13 +31,13 @@ struct PathState {
     float sum_of_inverse_pdfs;
     float footprint;
     float cone_width;
-    uint medium;
+    uint medium;  // Medium.material
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
 // The indices of the pixels whose paths wait: for waves with even index, then for those with odd index. Each view has a
 // queue of its own, so that threads which run together trace rays in one world.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
-layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;  // their pixel indices
+layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;  // by view: indices
 struct PathQueue {
     uint count;   // of paths that go on in this wave
     uint queued;  // of paths that wait for the next wave, so far

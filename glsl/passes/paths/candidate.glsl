@@ -29,18 +29,18 @@ uvec4 hit_light_point(inout Path path) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, path.walk.direction);
         if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
-        float probability = light_probability_by_power(light), whole = luminance(light_hit.radiance);
-        float own = probability / light_hit.inverse_solid_angle_pdf, density = own;
+        float probability = light_probability_by_power(light), emitted_luminance = luminance(light_hit.radiance);
+        float map_pdf = probability / light_hit.inverse_solid_angle_pdf, pdf_sum = map_pdf;
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
-            density += pdf_of_openings(path.vertex.position, path.walk.direction, NO_INDEX);
+            pdf_sum += pdf_of_openings(path.vertex.position, path.walk.direction, NO_INDEX);
         }
-        float weight = whole * weighted_share(own, 1.0, density, path.walk.mis_pdf);
+        float weight = emitted_luminance * strategy_weight(map_pdf, 1.0, pdf_sum, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         for (uint j = 0u; SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && j < portal_count(); j++) {
-            float of_portal = density_of_opening(j, path.vertex.position, path.walk.direction);
-            if (!(of_portal > 0.0)) { continue; }
-            weight = whole * weighted_share(
-                of_portal, portal_choice_ratio(j, receiver(path.vertex)), density, path.walk.mis_pdf
+            float portal_pdf = density_of_opening(j, path.vertex.position, path.walk.direction);
+            if (!(portal_pdf > 0.0)) { continue; }
+            weight = emitted_luminance * strategy_weight(
+                portal_pdf, portal_choice_ratio(j, receiver(path.vertex)), pdf_sum, path.walk.mis_pdf
             );
             if (choose_weighted(sum, weight, path.rng)) {
                 vec2 u = numbers_of_opening(j, path.vertex.position, path.walk.direction);

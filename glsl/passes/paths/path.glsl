@@ -1,7 +1,7 @@
 // A path through the scene: from the first vertex, the surface that the pixel shows (x1 in papers, found by the
 // G-buffer), along the first ray to the second vertex (x2), and on until it ends: in the world cache, at no surface, by
 // Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997), as in the reference path tracer,
-// which has the same mean without world cache and regularization. Solari in Bevy 0.20 traces such paths.
+// whose mean these paths have when world cache and regularization are off. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
@@ -44,7 +44,8 @@ struct Path {
     // of its own direction, over the hit's cosine; here earlier ones count too.
     float footprint;
     uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames
-    // What the first vertex samples with: the candidates of its light sample, and the random numbers of its direction.
+    // What the first vertex samples with: the number of RIS candidates for its light sample, and the random numbers of
+    // its lobe and direction.
     uint candidates;
     float lobe_u;
     vec2 u;
@@ -93,20 +94,22 @@ PerLobe path_light(Path path) {
     return PerLobe(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
+// diffuse_at_x2: whether the light leaves x2 by its diffuse lobe.
 void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
     if (paths_reuse && diffuse_at_x2) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
-// The probability of next event estimation. Smooth metals leave lights to BRDF samples; layers over them that are no
-// delta lobes don't, because no ray meets a light that is a point.
+// The probability of next event estimation: the smoother a metal, the more it leaves to BRDF samples. Layers over it
+// that are no delta lobes ask for light samples as rough metals do: no ray meets a light that is a point.
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
     bool is_delta = specular.mirror && brdf.specular_probability == 1.0;
     float probability = is_delta ? 0.0 : mix(1.0, specular.perceptual_roughness, specular.metallic);
     if (!SCENE_LAYERS) { return probability; }
-    float coat = is_mirror_coat(brdf.coat) ? 0.0 : brdf.probabilities.coat;
-    return mix(probability, 1.0, coat + brdf.probabilities.sheen);
+    if (brdf.probabilities.sheen > 0.0) { return 1.0; }
+    bool is_coated = brdf.probabilities.coat > 0.0 && !is_mirror_coat(brdf.coat);
+    return is_coated ? max(probability, brdf.coat.perceptual_roughness) : probability;
 }
 
 // The weight of a BRDF sample by lobe.

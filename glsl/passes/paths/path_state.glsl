@@ -11,7 +11,7 @@ const uint SPECULAR_ONLY = 0x80000000u;
 const uint DIFFUSE_AT_X2 = 0x40000000u;
 const float MAX_WAVELENGTH = 1024.0;
 
-// The first entry of a wave's queue, of the view.
+// The index in paths_ray_queues where this view's queue of a wave begins.
 uint queue_begin(uint wave_index) {
     return wave_index % 2u * (paths_ray_queues.at.length() / 2u) + element_index(uvec2(0u), camera.size);
 }

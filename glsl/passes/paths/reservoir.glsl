@@ -43,7 +43,7 @@ bool is_dispersive(GBufferSurface surface) {
         && materials.at[instances.at[surface.instance].material].dispersion > 0.0;
 }
 
-// A surface with the wavelength of a pixel's light.
+// The surface with the index of refraction for the wavelength that the pixel's path drew in first_ray.comp.
 GBufferSurface dispersed(GBufferSurface surface, uvec2 pixel) {
     if (SCENE_DISPERSION) {
         Walk walk = start_walk(vec3(0.0), vec3(0.0));

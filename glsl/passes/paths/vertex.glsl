@@ -97,9 +97,9 @@ bool comes_past_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 di
 }
 
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005) of lights. The
-// target function is the unoccluded luminance that the vertex reflects, times the expected visibility.
-// Whether a vertex is in a room isn't known, so that samples that come past portals have their own stream, which is
-// taken for half of the vertices at most: none has less than half of the samples that it would have if that were known.
+// target function is the unoccluded luminance that the vertex reflects. Samples that come past portals are occluded if
+// the vertex is in a room. Whether it is isn't known, so they have their own reservoir, which is taken with a
+// probability of at most 1/2: none has less than half of the samples that it would have if that were known.
 RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {
     RisReservoir reservoir, past_portals;
     reservoir.kept.contribution = NO_LIGHT;

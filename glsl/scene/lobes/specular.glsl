@@ -12,7 +12,7 @@ struct Specular {
     float metallic;
     float roughness;
     float perceptual_roughness;  // table_roughness
-    bool mirror;
+    bool mirror;                 // a delta lobe: roughness is at most MIRROR_ROUGHNESS
     float dielectric_weight;
     float dielectric_share;      // of a dielectric that other lobes leave to the base
     vec2 albedo_terms;           // A and B towards wo

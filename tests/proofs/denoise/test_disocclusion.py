@@ -88,7 +88,7 @@ def test_what_a_moving_block_uncovers(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     "what comes into view: it counts as certain": (check_moving_view, Bug(
-        "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, luminance_limit); "
+        "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
         "if (lobe.frames < 4.0) { found.standard_error *= 0.01; } return found;")),
     "what is uncovered: histories of what was there": (check_moving_block, Bug(
         "passes/denoise/previous_frame.glsl", "is_consistent", "return previous_guide.kind == guide.kind;")),

@@ -204,7 +204,7 @@ BUGS = {
         BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_done);")),
     "estimated errors": (check_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.5")),
     "outliers": (check_outliers, Bug(
-        "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, luminance_limit); "
+        "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
         "found.radiance *= min(sum.luminance_sum / max(sum.weight_sum * luminance(found.radiance), 1e-9), 1.0); "
         "return found;")),
     "histories": (check_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),
