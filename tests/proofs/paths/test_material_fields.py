@@ -118,6 +118,7 @@ def measure_fields(device, names, effort=EFFORT):
         yield Measurement(RULES[name], abs(error) + half_width, 0.01, f"relative error, {effort}", note)
 
 
+@pytest.mark.slow  # compiles for a minute
 @pytest.mark.parametrize("layer", [COAT, {"sheen_color": (1, 1, 1), "sheen_roughness": 0.5}], ids=["coat", "sheen"])
 def test_layers_over_smooth_metal_show_points(device, layer):
     """Which no ray meets, so that smooth metals alone need no light samples."""
