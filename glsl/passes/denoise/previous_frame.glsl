@@ -45,17 +45,15 @@ PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     // The motion of the guides' surface, for both lobes: of PSR surfaces that of the virtual position, else
     // guides_motion.
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
+    uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
+    bool has_plane = guide.kind == PRIMARY_SURFACE && !has_new_pose(instance);
     // Light is averaged over the lens as over the pixel: what is seen through another point of it counts as unmoved.
-    if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) {
-        return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal, true);
+    if (rests_behind_lens(instance)) {
+        return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal, has_plane);
     }
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
-    bool is_primary = guide.kind == PRIMARY_SURFACE;
-    uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
-    if (!is_primary || !moved || has_new_pose(instance)) {
-        return PreviousSurface(
-            vec2(pixel) + 0.5 + motion, guide.position, guide.normal, is_primary && !has_new_pose(instance)
-        );
+    if (!has_plane || !moved) {
+        return PreviousSurface(vec2(pixel) + 0.5 + motion, guide.position, guide.normal, has_plane);
     }
     vec3 origin = camera.world_from_view[3];
     SurfacePlane plane = previous_plane(instance, SurfacePlane(origin + guide.position, guide.normal));

@@ -144,6 +144,7 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 // Whether joints or morph targets moved the vertices of a mesh since the previous frame.
 bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
 
+// The same for the mesh that an instance shows.
 bool has_new_pose(uint instance_index) {
     if (!SCENE_POSES || instance_index == NO_INDEX) { return false; }
     uint mesh = instances.at[instance_index].mesh;

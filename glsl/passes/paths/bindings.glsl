@@ -37,7 +37,8 @@ layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states
 // The indices of the pixels whose paths wait: for waves with even index, then for those with odd index. Each view has a
 // queue of its own, so that threads which run together trace rays in one world.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
-layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;  // by view: indices
+// By view: the indices of the pixels with a short history.
+layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;
 struct PathQueue {
     uint count;   // of paths that go on in this wave
     uint queued;  // of paths that wait for the next wave, so far
