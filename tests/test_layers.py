@@ -63,7 +63,7 @@ MAY_IMPORT = {
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},
     "motion_blur": RENDERING,
-    "sample_control": {"output", "passes", "gpu.frame"},
+    "sample_control": {"errors", "output", "passes", "gpu.frame"},
     "reference": {"motion_blur", "sample_control", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
     "renderer": {"motion_blur", "settings", *RENDERING},
