@@ -266,13 +266,23 @@ class Frame:
         Waits if no frame has finished yet. Empty as well on a device without timestamps. Sets `timed_value` to the
         timeline value that `submit` returned for that frame.
         """
-        done = [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
-        slot = max(done, key=lambda item: item.value) if done else self._latest
+        slot = self._latest_done() or self._latest
         if not slot.value:
             return {}
         self.device.await_value(slot.value)
         self.timed_value = slot.value
         return slot.read_timings()
+
+    def timings_so_far(self) -> tuple[int, dict[str, float]]:
+        """As `timings`, with the timeline value, but waiting for no frame that the next `submit` doesn't wait for;
+        (0, {}) if there is none yet."""
+        self.device.await_value(self._slots[self.frame_count % SLOTS].value)
+        slot = self._latest_done()
+        return (slot.value, slot.read_timings()) if slot else (0, {})
+
+    def _latest_done(self) -> Slot | None:
+        done = [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
+        return max(done, key=lambda slot: slot.value, default=None)
 
     def describe(self) -> list[Row]:
         """The steps: the resources they read and write, the reasons for their barriers, and their GPU times. A buffer
