@@ -49,7 +49,8 @@ class FrameTimeControl:
 
     def choose_for(self, frame: Frame, settings: Settings, is_cut: bool) -> float:
         """As `choose`, for the next submission of a frame, after a look at the times of those before."""
-        self.note_times(*frame.timings_so_far())
+        times = frame.timings_so_far()
+        self.note_times(frame.timed_value, times)
         return self.choose(settings.frame_ms, settings.paths_short_history_samples, is_cut)
 
     def choose(self, frame_ms: float, short_history_samples: int, is_cut: bool) -> float:

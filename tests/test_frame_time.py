@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from support.frames import settle
 from support.measured import hold
-from support.realtime import Effort, make_renderer, measure_mean, measure_significance
-from support.replication import observe_runs
+from support.realtime import Effort, make_renderer, measure_mean, measure_significance, read_radiance, run_pictures
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -77,13 +76,12 @@ def with_share(device, share, **settings):
 
 def check_mean(device):
     """Denoised frames with half of the paths against those with all."""
-    effort, found = Effort(runs=16, warm_up=24, observed=8), []
+    effort, found = Effort(), []
     for share in (0.5, 1.0):
         with with_share(device, share) as renderer:
-            camera = renderer.binder.scene.camera
-            found.append(observe_runs(renderer, camera, "sample_radiance", warm_up=24, observed=8))
+            found.append(run_pictures(renderer, renderer.binder.scene.camera, effort, read_radiance))
     half, whole = found
-    return [measure_mean(MEAN, half, whole.mean(axis=0), 0.01, effort), measure_significance(TILES, half, whole)]
+    return [measure_mean(MEAN, half, whole.mean(axis=0), 0.005, effort), measure_significance(TILES, half, whole)]
 
 
 def test_half_of_the_paths_have_the_same_mean(device):
@@ -91,7 +89,8 @@ def test_half_of_the_paths_have_the_same_mean(device):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    MEAN: (check_mean, Bug("passes/denoise/noisy_input.glsl", "has_no_path", "return false;")),
+    MEAN: (check_mean, Bug(
+        "passes/denoise/noisy_input.glsl", "has_no_path", "return correct(radiance_hit_distance) && false;")),
 })  # fmt: skip
 
 

@@ -33,12 +33,14 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     of_list = Pass("paths/first_ray", indirect="paths_wave", constants=traced)
     first = of_list if timed else Pass("paths/first_ray", threads=size, constants=traced)
     later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
+    chosen = {"pixels_are_chosen": timed}
     passes = [
         part
         for sample, index in itertools.product(range(samples), range(WAVES + 1))
         for part in (
-            Pass("paths/next_wave", threads=GROUP_SIZE, constants={
-                "sample_index": sample, "wave_index": index, "pixels_are_chosen": timed}),
+            Pass(
+                "paths/next_wave", threads=GROUP_SIZE, constants=chosen | {"sample_index": sample, "wave_index": index}
+            ),
             later if index else of_list if sample else first,
         )
     ]

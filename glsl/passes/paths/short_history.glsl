@@ -26,8 +26,8 @@ uint samples_per_pixel(uint index) {
     float frames = history_length(index);
     uint samples = frames < long_enough ? short_history_samples : 1u;
     if (max_timed_samples == 0u) { return samples; }
-    // Rounded up or down by a number that is uniform over pixels and, within a pixel, evenly spaced over frames, so that
-    // the chance of a path depends on nothing that paths have found. Pixels without a history take a path at least.
+    // Rounded up or down by a number that is uniform over pixels and, within a pixel, evenly spaced over frames. So the
+    // chance of a path doesn't depend on what paths have found. Pixels without a history take a path at least.
     uint offset = seed_rng(uvec2(index, 0u), 0u, this_frame.seed ^ SHARE_SALT);
     float expected = min(path_share.value * float(samples), float(max_timed_samples));
     return max(uint(expected + unit_float(offset + this_frame.index * GOLDEN_RATIO)), frames == 0.0 ? 1u : 0u);
