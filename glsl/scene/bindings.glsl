@@ -97,8 +97,6 @@ struct LightNode {
     vec3 center;
     vec3 half_size;  // of the bounds around the center
     float power;   // share of all lights in the tree
-    vec3 axis;     // of a cone of the lights' normals
-    float spread;  // the cosine of its half angle; -1: any
     uint child_count;
     uint first;    // child, which the others follow; without a child, the leaf's index in light_leaves
     uint parent;   // 0 for the root too

@@ -25,26 +25,8 @@ struct ChosenLeaf {
 };
 
 const float MIN_COSINE = 0.02;
-const float MIN_EMISSION_COSINE = 0.001;
 const float MIN_SQUARED_RATIO = 0.002;  // of the smallest distance to the largest
 const float MIN_IMPORTANCE = 1e-37;
-
-// cos(max(a - b, 0))
-float cos_of_difference(float sin_a, float cos_a, float sin_b, float cos_b) {
-    return cos_a > cos_b ? 1.0 : cos_a * cos_b + sin_a * sin_b;
-}
-
-float sin_from_cos(float cosine) { return sqrt(max(1.0 - cosine * cosine, 0.0)); }
-
-// The largest cosine of emission towards the receiver, for lights within the bounds with normals within the cone.
-float emission_cosine(LightNode node, vec3 to_center) {
-    float squared = max(dot(to_center, to_center), 1e-30), size = dot(node.half_size, node.half_size);
-    if (node.spread <= -1.0 || size >= squared) { return 1.0; }
-    float cos_axis = -dot(node.axis, to_center) * inversesqrt(squared), sin_bounds = sqrt(size / squared);
-    float sin_axis = sin_from_cos(cos_axis), sin_spread = sin_from_cos(node.spread);
-    float cosine = cos_of_difference(sin_axis, cos_axis, sin_spread, node.spread);
-    return cos_of_difference(sin_from_cos(cosine), cosine, sin_bounds, sin_from_cos(sin_bounds));
-}
 
 // How much light a node may send to a receiver, up to a factor: its power over the product of the smallest and the
 // largest distance, which is near the mean of 1 / distance^2 over the bounds, times a cosine at the receiver. Never 0,
@@ -56,8 +38,7 @@ float importance(LightNode node, Receiver receiver) {
     float nearest_squared = max(dot(nearest, nearest), MIN_SQUARED_RATIO * squared);
     float inverse = inversesqrt(squared) * inversesqrt(nearest_squared);
     float height = dot(to_center, receiver.normal) + dot(node.half_size, abs(receiver.normal));
-    float emitted = max(emission_cosine(node, to_center), MIN_EMISSION_COSINE);
-    return max(node.power * inverse * emitted * clamp(height * sqrt(inverse), MIN_COSINE, 1.0), MIN_IMPORTANCE);
+    return max(node.power * inverse * clamp(height * sqrt(inverse), MIN_COSINE, 1.0), MIN_IMPORTANCE);
 }
 
 ChosenLeaf descend_light_tree(Receiver receiver, inout uint rng) {

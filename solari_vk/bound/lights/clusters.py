@@ -51,14 +51,6 @@ class Clusters:
         shares = np.add.reduceat(weights, self.starts)
         self.shares: Floats = shares / shares.sum() if shares.sum() > 0 else self.sizes / len(triangles)
         """How much of the light each cluster sends out (C,)."""
-        a, b, c = (mesh.positions[corner].astype(np.float64) for corner in triangles.T)
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        sums = np.add.reduceat(normals * areas[:, None], self.starts)
-        self.axes = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
-        owners = np.repeat(np.arange(len(self.starts)), self.sizes)
-        cosines = np.einsum("ij,ij->i", normals, self.axes[owners])
-        self.spreads = np.minimum.reduceat(cosines, self.starts)
         self._mesh = mesh
         self._triangles = triangles
         low, high = _extremes(mesh.positions, triangles, self.starts)

@@ -36,7 +36,6 @@ class Emission:
     joint_areas: NDArray[np.float64] | None = None
     """The parts of `area` that each joint moves; the last one is moved by none."""
     clusters: Clusters | None = None
-    cone: object = None
 
     def area_in(self, joint_matrices: NDArray[np.float64] | None) -> float:
         """The area in a pose, roughly: of triangles that one joint turns and scales evenly, exactly."""
@@ -113,7 +112,7 @@ class Emissions:
             table = alias_tables(weights, clusters.starts, self._row)
             choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
             choices.upload(table)
-        return Emission(area, len(triangles), choices, joint_areas, clusters if len(clusters.starts) > 1 else None, None if mesh.deformation is not None else clusters)
+        return Emission(area, len(triangles), choices, joint_areas, clusters if len(clusters.starts) > 1 else None)
 
     def end_update(self) -> None:
         """Free what only acquires in the same update share."""

@@ -72,10 +72,6 @@ class LightLeaves:
         self._bounds[whole] = bounds[self._lights[whole]]
         for light, of_clusters in boxes.items():
             self._bounds[self.leaves(light)] = of_clusters
-        axes, spreads = np.zeros((count, 3)), np.full(count, -1.0)
-        for light, (found, cosines) in self.cones.items():
-            axes[self.leaves(light)], spreads[self.leaves(light)] = found, cosines
-        self._nodes.cones = axes, spreads
         before = self._nodes.leaves
         changed = self._nodes.update(ids[lights], self._bounds[:count], powers[lights] * self._shares[:count])
         self.tree.reserve(len(self._nodes.nodes))

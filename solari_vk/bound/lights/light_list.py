@@ -98,8 +98,6 @@ class LightList:
         """
         index = self._index.get(instance)
         self._set_clusters(instance, None if emission is None else emission.clusters)
-        self._cone = getattr(self, '_cone', {})
-        self._cone[instance] = None if emission is None or instance.material.double_sided else emission.cone
         if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
@@ -258,16 +256,6 @@ class LightList:
         self.places = bounds.mean(axis=1)
         boxes = {self._index[instance]: self._boxes[instance] for instance in self._moved}
         self._moved.clear()
-        cones = {}
-        for instance, index in self._index.items():
-            cone = self._cone.get(instance)
-            if cone is None: continue
-            m = instance.transform[:3, :3]
-            g = m @ m.T
-            if not np.allclose(g, np.eye(3) * g[0, 0], rtol=1e-4, atol=1e-6 * g[0, 0]): continue
-            if np.linalg.det(m) < 0: continue
-            cones[index] = cone.axes @ (m / np.sqrt(g[0, 0])).T, cone.spreads
-        self.leaves.cones = cones
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], boxes)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)

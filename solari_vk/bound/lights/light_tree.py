@@ -50,7 +50,7 @@ class LightTree:
             changed = _refit(self.nodes, changed)
             if self._size() <= MAX_GROWTH * self._new_size:
                 return changed
-        self.nodes, self.leaves = light_tree(bounds, powers, self.nodes.dtype, *self.cones)
+        self.nodes, self.leaves = light_tree(bounds, powers, self.nodes.dtype)
         self._ids, self._new_size = ids, self._size()
         return np.arange(len(self.nodes), dtype=np.uint32)
 
@@ -84,7 +84,7 @@ def _shares(powers: Floats) -> Floats:
     return shares
 
 
-def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any], axes=None, spreads=None) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """The nodes, root first and siblings side by side, and each light's leaf (N,).
 
     bounds: of the lights, (N, 2, 3) in meters, min before max. powers (N,): from 0 to 1e300. record: the shaders'
@@ -101,11 +101,6 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any], axes=None,
         nodes["center"][level], nodes["half_size"][level] = (low + high) / 2, (high - low) / 2
         nodes["power"][level] = np.add.reduceat(shares[order], starts)
         counts = np.diff(starts, append=len(order))
-        sums = np.add.reduceat(axes[order] * shares[order, None], starts)
-        sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
-        turned = np.arccos(np.clip(np.einsum("ij,ij->i", axes[order], np.repeat(sums, counts, axis=0)), -1, 1))
-        angle = np.maximum.reduceat(turned + np.arccos(np.clip(spreads[order], -1, 1)), starts)
-        nodes["axis"][level], nodes["spread"][level] = sums, np.where(angle < np.pi, np.cos(np.minimum(angle, np.pi)), -1.0)
         single = counts == 1
         lights = order[starts[single]]
         nodes["first"][level[single]] = lights
