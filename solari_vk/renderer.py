@@ -87,7 +87,7 @@ class Renderer(ExposureRenderer):
             self._has_history, self._blended_changes = False, 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            self.frame_time = FrameTimeControl()
+            self.frame_time = FrameTimeControl()  # of the setting frame_ms
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())

@@ -52,6 +52,13 @@ def test_the_percentile_holds(case, noise):
         assert control.limit == ""
 
 
+def test_slower_frames_are_followed_at_once():
+    """Their times are known two frames later."""
+    times = device_times(FrameTimeControl(), 6.0, frames=220, paths=lambda frame: 4.0 if frame < 200 else 9.0, noise=0.0)
+    assert (times[200:202] > 1.1 * 6.0).all()
+    assert (times[203:] < 1.1 * 6.0).all()
+
+
 def test_it_says_what_it_cannot_hold():
     control = FrameTimeControl()
     for target, share, limit in ((1.0, MIN_SHARE, "fewest paths"), (20.0, MAX_SHARE, "most paths"), (5.0, None, "")):
@@ -107,6 +114,7 @@ def test_pixels_take_no_one_or_two_paths(device):
         assert shown[later[1]].all(), "pixels without a path show their history"
 
 
+@pytest.mark.slow
 def test_all_of_the_paths_are_the_frame_without_it(device):
     """Bit by bit, while histories are short and later."""
     with with_share(device, 1.0) as timed, make_renderer(device, builtin("cornell_box"), SIZE, **PLAIN) as plain:
