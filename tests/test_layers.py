@@ -28,7 +28,7 @@ LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
     "batch_options", "view_renderers", "annotate", "randomize", "sensors", "motion_blur", "host_array",
-    "sample_control",
+    "sample_control", "frame_time",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -66,7 +66,8 @@ MAY_IMPORT = {
     "sample_control": {"errors", "output", "passes", "gpu.frame"},
     "reference": {"motion_blur", "sample_control", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
-    "renderer": {"motion_blur", "settings", *RENDERING},
+    "frame_time": {"errors", "settings", "gpu.device", "gpu.frame"},
+    "renderer": {"frame_time", "motion_blur", "settings", *RENDERING},
     "bands": {"reference", *RENDERING},
     "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
     "batch_options": {"host_array", "renderer", "gpu.acceleration", *RENDERING},

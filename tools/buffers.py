@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = 64, 64
-# Counters in all passes that trace rays; an attachment; a list that the further dispatches of a pass read.
-NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories"}
+# Counters in all passes that trace rays; an attachment; lists that further dispatches of a pass read.
+NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories", "paths_chosen"}
 HEAD = """\
 # Buffers and images
 
