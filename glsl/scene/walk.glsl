@@ -116,7 +116,8 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     segment.hit = find_surface(walk, rng);
     bool tinted = SCENE_BLEND && !walk.is_camera_ray;
     float t_end = min(segment.hit.t, walk.t_max);
-    uint lights = HAS_PASS_THROUGH_LIGHTS ? scene_info.first_light_at_infinity - scene_info.first_pass_through_light : 0u;
+    uint lights = HAS_PASS_THROUGH_LIGHTS
+        ? scene_info.first_light_at_infinity - scene_info.first_pass_through_light : 0u;
     // One place for all rays, because drivers inline it: to lights on the way, and then to the surface.
     for (uint i = 0u; i <= lights; i++) {
         vec3 radiance = vec3(1.0);

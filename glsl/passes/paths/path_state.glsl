@@ -29,8 +29,8 @@ void store_path_state(Path path, uint pixel_index, uint wave_index) {
     );
 }
 
-// The path as it was, but for the light that it has found, which is already in the pixel, and for its vertex: it arrives
-// there again.
+// The path as it was, but for the light that it has found, which is already in the pixel, and for its vertex: it
+// arrives there again.
 Path load_path_state(uint pixel_index) {
     PathState state = paths_states.at[pixel_index];
     Path path = start_path(state.rng);

@@ -8,7 +8,7 @@ number of textures requires.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -82,11 +82,13 @@ def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
 
 
 class Interface:
-    """The set layouts and the pipeline layout for a group of modules."""
+    """The set layouts and the pipeline layout for a group of modules. bindings: theirs, numbered already."""
 
-    def __init__(self, device: Device, modules: Sequence[Module]) -> None:
+    def __init__(
+        self, device: Device, modules: Collection[Module], bindings: Mapping[str, Binding] | None = None
+    ) -> None:
         self.device = device
-        self.bindings = merge_bindings(modules)
+        self.bindings = merge_bindings(modules) if bindings is None else dict(bindings)
         self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
         self.bindless_limit = min(
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSampledImages,
