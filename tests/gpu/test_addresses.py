@@ -45,6 +45,11 @@ COUNT = 21
 # What the frame of cornell_box has: instructions once functions are inlined, of all passes and of the largest, and
 # accesses of buffers by descriptor. A driver's compiler takes time for each. A change that raises them says why.
 REALTIME = 155_000, 34_000, 45
+# Instructions of modules for scenes with any features. One place for each lobe, light sample and ray counts most.
+WITH_FEATURES = {
+    "passes/paths/first_ray.comp": 142_000, "passes/paths/later_rays.comp": 121_000,
+    "passes/world_cache/sample.comp": 118_000, "passes/pathtracer/trace.comp": 30_000,
+}  # fmt: skip
 
 
 def compiled(shaders):
@@ -160,3 +165,8 @@ def test_a_realtime_frame_is_little_to_compile(any_device, monkeypatch):
     sizes = [inlined(spirv) for spirv in seen.values()]
     found = sum(sizes), max(sizes), sum(map(bound_accesses, seen.values()))
     assert all(have <= allowed for have, allowed in zip(found, REALTIME, strict=True)), found
+
+
+@pytest.mark.parametrize("path", WITH_FEATURES)
+def test_modules_with_features_are_no_more_to_compile(path):
+    assert inlined(compile_shader(path)) <= WITH_FEATURES[path]
