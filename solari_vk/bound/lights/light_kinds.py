@@ -194,6 +194,7 @@ def glsl_header() -> str:
     every = list(LIGHT_KINDS)
     met = {place: [kind for kind in LIGHT_KINDS if kind.met_by_rays == place] for place in PLACES}
     places = [kind.met_by_rays for kind in LIGHT_KINDS]
+    dependent = [kind for kind in LIGHT_KINDS if kind.depends_on_receiver]
     masks = {
         "KINDS_AT_INFINITY": sum(1 << i for i, place in enumerate(places) if place in (BEYOND, AT_INFINITY)),
         "KINDS_HIT_BY_RAYS": sum(1 << i for i, place in enumerate(places) if place != NEVER),
@@ -210,10 +211,9 @@ def glsl_header() -> str:
         _choose("uint debug_color_id", "", every),
         _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
         _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
-        _for_receiver("light_sample", [kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
+        _for_receiver("light_sample", dependent),
         # after for_shadow_ray, which makes a direction of what is at infinity
-        _for_receiver("shadow_sample", [kind for kind in LIGHT_KINDS if kind.depends_on_receiver
-                                        and kind.met_by_rays not in (BEYOND, AT_INFINITY)]),  # fmt: skip
+        _for_receiver("shadow_sample", [kind for kind in dependent if kind.met_by_rays not in (BEYOND, AT_INFINITY)]),
     ])
 
 
