@@ -278,7 +278,7 @@ def test_meshes_are_in_the_world_with_the_uvs_of_their_texture():
 def test_cameras_with_a_lens_are_refused(tmp_path):
     scene = sv.load(floor(tmp_path / "floor.glb"))
     for camera in (sv.Camera(aperture=0.1), sv.Camera(principal_point=(0.6, 0.5))):
-        with pytest.raises(SolariError, match=r"floor\.glb: the trial has perspective and orthographic cameras without"):
+        with pytest.raises(SolariError, match=r"floor\.glb: the trial has perspective and orthographic cameras"):
             subject.write(Subject("floor", tmp_path / "floor.glb", scene, camera), Conditions(SIZE), tmp_path)
 
 

@@ -90,7 +90,8 @@ class Builder:
         half = camera["orthographic_height"] / 2
         window = (half or 1) * np.array([-width / height, width / height, -1 - 2 / height, 1 - 2 / height])
         self.parse("camera", {
-            "type": "orthographic" if half else "perspective", "lookat.orig": place[:3, 3], "lookat.target": place[:3, 3] - place[:3, 2],
+            "type": "orthographic" if half else "perspective",
+            "lookat.orig": place[:3, 3], "lookat.target": place[:3, 3] - place[:3, 2],
             "up": place[:3, 1], "fieldofview": float(np.degrees(camera["vertical_fov"])),
             "screenwindow": window, "cliphither": camera["near"], "clipyon": 1e6,
             "autovolume.enable": 0, "shutteropen": 0.0, "shutterclose": 0.0,
