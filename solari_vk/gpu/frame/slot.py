@@ -116,7 +116,8 @@ class Slot:
         steps = [(step.pipeline, step.item.name) for step in self._program.steps if step.pipeline is not None]
         graphics = raw.VK_PIPELINE_BIND_POINT_GRAPHICS
         new = {made: name for made, name in steps if made.bind_point != graphics and not made.has_run}
-        order = sorted(new, key=lambda made: -len(made.info.modules[0].spirv))
+        # The smallest first, so that a viewer can show something between two of them.
+        order = sorted(new, key=lambda made: len(made.info.modules[0].spirv))
         interface, modules = self._program.interface, self._program.modules.values()
         with compiling_ahead(interface, modules, self._sets.counts, order) as wait_for:
             names = [new[pipeline] for pipeline in order]
