@@ -54,7 +54,8 @@ def test_the_percentile_holds(case, noise):
 
 def test_slower_frames_are_followed_at_once():
     """Their times are known two frames later."""
-    times = device_times(FrameTimeControl(), 6.0, frames=220, paths=lambda frame: 4.0 if frame < 200 else 9.0, noise=0.0)
+    paths = lambda frame: 4.0 if frame < 200 else 9.0  # noqa: E731
+    times = device_times(FrameTimeControl(), 6.0, frames=220, paths=paths, noise=0.0)
     assert (times[200:202] > 1.1 * 6.0).all()
     assert (times[203:] < 1.1 * 6.0).all()
 
