@@ -14,7 +14,8 @@ from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.triangle_orders import TriangleOrders
-from solari_vk.bound.worlds import Worlds, WorldTransforms
+from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
+from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import whole_number
@@ -48,7 +49,8 @@ class Batch(SceneUser):
     for more with the setting world_cache=off.
 
     worlds: their number, of which N is a multiple: `transforms` moves instances in each. View i shows world
-    i // (N / worlds). All worlds have the scene's lights.
+    i // (N / worlds). `world_materials` and `world_lights` give instances other materials and the scene other lights in
+    each.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
@@ -115,6 +117,18 @@ class Batch(SceneUser):
         `batch.transforms["box"] = poses`."""
         return self._worlds.transforms
 
+    @property
+    def world_materials(self) -> WorldMaterials:
+        """The materials of instances in each world, a list by the name of an instance: assign them, as in
+        `batch.world_materials["box"] = [red, blue]`."""
+        return self._worlds.materials
+
+    @property
+    def world_lights(self) -> WorldLights:
+        """What takes the place of a light of the scene in each world, a list by the name of the light: assign them, as
+        in `batch.world_lights["sun"] = [low_sun, None]`."""
+        return self._worlds.lights
+
     # ---- rendering ----------------------------------------------------------------------------------
 
     @checked_keywords()
@@ -151,6 +165,9 @@ class Batch(SceneUser):
             check_realtime(cameras)
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
+        if self._worlds.count > 1:
+            self.binder.update()  # which the worlds' records depend on, and what features they have on these
+            self._worlds.update()
         if self._labels is not None or self._paths is not None:
             self._show(current, cut, seeds)
         if self._labels is not None:
@@ -165,9 +182,7 @@ class Batch(SceneUser):
     def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
-        if self._worlds.count > 1:
-            self.binder.update()  # the rows of worlds depend on it
-        self._worlds.number(table.records)
+        self._worlds.number(table)
         table.show(current, cut)
         table.records["frame"]["seed"] = seeds
         table.upload()

@@ -8,6 +8,7 @@ to the change, not to the scene, but for lights: bound/lights/light_list.py says
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry, Shape
-from solari_vk.bound.lights.emissive_meshes import Emissions
-from solari_vk.bound.lights.light_list import ORIGIN, LightList
+from solari_vk.bound.lights.emissive_meshes import Emission, Emissions
+from solari_vk.bound.lights.light_list import ORIGIN, LightList, Position
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.table import Rows, Table, upload
 from solari_vk.bound.texture_table import TextureTable
@@ -176,7 +177,7 @@ class SceneBinder:
         elif isinstance(item, Camera):
             self._features.note(item)
         elif isinstance(item, Material):
-            self._write_rows.update(dict.fromkeys(self.materials.change(item)))
+            self._write_again(self.materials.change(item))
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
             for instance in users:
@@ -187,8 +188,11 @@ class SceneBinder:
                     self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
-            for users in (self._emissions.change(item), self.materials.users_of_image(item)):
-                self._write_rows.update(dict.fromkeys(users))
+            self._write_again([*self._emissions.change(item), *self.materials.users_of_image(item)])
+
+    def _write_again(self, users: Iterable[Instance]) -> None:
+        """Worlds of a batch use materials for instances that may have left, and lamps of their own."""
+        self._write_rows.update({user: None for user in users if user in self._uses})
 
     def _take_up_instance(self, instance: Instance) -> None:
         self.blended_changes += instance.alpha_mode == "blend"
@@ -240,16 +244,46 @@ class SceneBinder:
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
         emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
         if emits:
-            _, mesh, _ = self._uses[instance]
-            box = self._geometry.centers[mesh], self._geometry.half_sizes[mesh]
-            position, half_size, volume = placed_box(instance.transform, *box)
-            emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
-            area = volume ** (2 / 3) * emission.area_in(instance.joint_matrices)
+            emission, area, position, half_size = self.emission_of(instance, instance)
         else:
             self._emissions.release(instance)
         moved = self.lights.set_emissive(instance, row, emission, area, position, half_size)
         if moved is not None:
             self._write_rows[moved] = None
+
+    def emission_of(self, instance: Instance, of: Instance) -> tuple[Emission, float, Position, Position]:
+        """What `LightList.set_emissive` is told of an instance that emits light: its emission, which is kept until
+        `forget_emission`, area, position and half size. of: the scene's instance with its meshes."""
+        _, mesh, _ = self._uses[of]
+        position, half_size, volume = placed_box(
+            instance.transform, self._geometry.centers[mesh], self._geometry.half_sizes[mesh]
+        )
+        emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
+        return emission, volume ** (2 / 3) * emission.area_in(instance.joint_matrices), position, half_size
+
+    def forget_emission(self, instance: Instance) -> None:
+        """Undo `emission_of`."""
+        self._emissions.release(instance)
+
+    def note_variant(self, instance: Instance) -> bool:
+        """Take note of features of an instance with another material, as another world has it; returns whether
+        another `update` is needed."""
+        before, mesh, mode = self.features, instance.ray_mesh or instance.mesh, instance.alpha_mode
+        if mode == "opaque":
+            return False
+        self._features.note(instance)
+        self.version += self.features != before
+        self.blended_changes += mode == "blend"
+        if mode != "blend" or not self._geometry.meet_once(mesh):
+            return False
+        self.note(mesh)
+        return True
+
+    def note_light(self, light: Light) -> None:
+        """The same for a light."""
+        before = self.features
+        self._features.note(light)
+        self.version += self.features != before
 
     def _note_alpha(self) -> None:
         for instance in self._write_rows:

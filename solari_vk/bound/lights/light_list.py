@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, 
 from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
 from solari_vk.bound.lights.portal_maps import PortalMaps
-from solari_vk.bound.table import Table
+from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
@@ -30,27 +31,31 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 class LightList:
-    """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
+    """The tables `light_sources` and `scene_infos`, and one for each kind that has a buffer of records.
 
     An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
+
+    own: given for a list in the host's memory alone, which leaves bodies and the buffers of images to its maker.
     """
 
-    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
-        self.sources = Table(device, "light_sources", layout["light_sources"])
-        self.info = Table(device, "scene_info", layout["scene_info"])
-        self.leaves = LightLeaves(device, layout)
+    def __init__(self, device: Device, layout: dict[str, Any], own: OwnBuffers | None = None) -> None:
+        table: MakeTable = partial(Table, device) if own is None else HostTable
+        self.sources = table("light_sources", layout["light_sources"])
+        self.info = table("scene_infos", layout["scene_infos"])
+        self.leaves = LightLeaves(table, layout)
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
         with_records.sort(key=lambda kind: PLACES.index(kind.met_by_rays))
-        self._records = {kind: Table(device, str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
+        self._records = {kind: table(str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.bodies = Bodies()
-        self._own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype)
+        self._has_bodies = own is None
+        self.own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype) if own is None else own
         self._portal_maps = PortalMaps(device)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
@@ -78,9 +83,28 @@ class LightList:
         array."""
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[Any, ...]:
         """All tables."""
         return self.sources, self.info, self.leaves.table, self.leaves.tree, *self._records.values()
+
+    @property
+    def emissive(self) -> list[Instance]:
+        """The emissive instances, in the order of the list."""
+        return list(self._emissive)
+
+    @property
+    def others(self) -> dict[LightKind, list[Light]]:
+        """The other lights of each kind, which follow in this order."""
+        return {kind: list(lights) for kind, lights in self._others.items()}
+
+    def id_of(self, light: Instance | Light) -> int | None:
+        """The light's number in `ids`, if it is in the list."""
+        return self._id_of.get(light)
+
+    def records(self, kind: LightKind) -> NDArray[Any]:
+        """The records of the lights of a kind."""
+        records: NDArray[Any] = self._records[kind].records[: len(self._others[kind])]
+        return records
 
     def index(self, instance: Instance) -> int | None:
         """An instance's row in `sources`, None if it is no light."""
@@ -146,16 +170,16 @@ class LightList:
         if not present:
             for known in (self._id_of, self._power_of, self._edited):
                 known.pop(light, None)
-            self._own.set(light, None)
+            self.own.set(light, None)
         elif light not in self._others[own]:
             self._others[own][light] = None
             self.renew(light)
         else:
             self._edited[light] = own
         self._changed |= not present
-        if present and self._own.set(light, own_data(light)):
+        if present and self.own.set(light, own_data(light)):
             self.renew(light)
-        return self.bodies.follow(light, present)
+        return self.bodies.follow(light, present) if self._has_bodies else None
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):
@@ -275,17 +299,18 @@ class LightList:
             if kind.source is EnvironmentLight:
                 info["first_environment"] = row
             for index, light in enumerate(lights):
-                found = self._own.get(light)
+                found = self.own.get(light)
                 self._write_source(row, kind, index, found.emission if found else ONE_PART)
                 self._write_record(kind, index, light)
                 row += 1
-        info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
+        info["light_count"] = info["light_end"] = light_count
+        info["first_light_at_infinity"] = first_at_infinity
         info["first_pass_through_light"] = first_at_infinity - counts[PASSED]
         info["first_portal"] = first_at_infinity - counts[PASSED] - counts[BEYOND]
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
-        table, found = self._records[kind], self._own.get(light)
+        table, found = self._records[kind], self.own.get(light)
         own = self._portal_maps.get(light) or (found.record if found else {})
         for field, value in (kind.record(light) | own).items():
             table.records[index][field] = value
@@ -295,5 +320,5 @@ class LightList:
         """Free the tables."""
         for table in self.tables:
             table.destroy()
-        self._own.destroy()
+        self.own.destroy()
         self._portal_maps.destroy()
