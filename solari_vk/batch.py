@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.batch_options import LIGHT, check_realtime, checked_mask, checked_names, checked_size, checked_worlds
+from solari_vk.batch_frames import WHERE as MANY
+from solari_vk.batch_frames import ManyFrames, Result, cameras_of, cuts_of, seeds_of
+from solari_vk.batch_options import (
+    LIGHT,
+    check_realtime,
+    checked_mask,
+    checked_names,
+    checked_results,
+    checked_size,
+    checked_worlds,
+)
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
@@ -77,6 +88,8 @@ class Batch(SceneUser):
             self._names = (*LIGHT[renderer], *names)
             self._rendered = self._closed = False
             self._tensors = 0  # that somebody has
+            self._many: ManyFrames | None = None
+            self._owned.callback(self._close_many)
             self.binder.update()
             self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
             self._owned.callback(self._worlds.destroy)
@@ -179,6 +192,52 @@ class Batch(SceneUser):
             self._realtime.render_views(current, written, cut, seeds, not reset_cache)
         return self
 
+    @checked_keywords()
+    def render_many(
+        self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None, reset: ArrayLike = False,
+        seeds: ArrayLike | None = None, transforms: Mapping[str | Instance, ArrayLike] | None = None,
+        reset_cache: bool = False, **options: Any,
+    ) -> ManyFrames:  # fmt: skip
+        """Render several frames in one submission, and return what each of them shows, by the names of results.
+
+        cameras: as `render` takes them, for all frames, or for each: (frames, N, 4, 4), or a list of lists of `Camera`.
+        outputs: the results to keep, by default all. reset: True or (N,), of the first frame, or (frames, N). seeds:
+        (N,) or (frames, N). reset_cache is for the first frame. transforms: (frames, worlds, 4, 4) by instance, what
+        `batch.transforms` is in each frame. options: the others of `render`, for all frames.
+
+        The results are bit by bit those of as many calls of `render`, of which the batch then has those of the last.
+        They take memory for each frame. Raises SolariError as `render`; what is wrong in a later frame leaves the batch
+        with the frames before it.
+        """
+        self._check_open()
+        frames = whole_number(frames, f"{MANY}: frames", 1)
+        names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
+        moved = {key: view_table.array(given, f"transforms of {key}", (frames, self._worlds.count, 4, 4), where=MANY)
+                 for key, given in (transforms or {}).items()}  # fmt: skip
+        cuts = cuts_of(frames, self.views, reset)
+        each = zip(cameras_of(frames, self.views, cameras), cuts, seeds_of(frames, self.views, seeds), strict=True)
+        for user in (self._labels, self._paths and self._paths.frame, self._realtime and self._realtime.frame):
+            if user is not None:
+                user.prepare_many(frames)
+        with self.device.gathered():
+            for index, (shown, cut, numbers) in enumerate(each):
+                for instance, given in moved.items():
+                    self.transforms[instance] = given[index]
+                self.render(shown, reset=cut, seeds=numbers, reset_cache=reset_cache and index == 0, **options)
+                results = {name: self._result(name) for name in names}
+                if index == 0 and (self._many is None or not self._many.holds(results, frames)):
+                    self._close_many()
+                    self._many = ManyFrames(self.device, results, frames, self._lend)
+                assert self._many is not None
+                self._many.take(index, results)
+        assert self._many is not None
+        return self._many
+
+    def _close_many(self) -> None:
+        if self._many is not None:
+            self._many.close()
+            self._many = None
+
     def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
@@ -220,14 +279,26 @@ class Batch(SceneUser):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame, (N, height, width[, channels]). Waits for the frame."""
-        frame, resource = self._place(name)
-        values = frame[resource]
-        if self._realtime is not None and name in LIGHT["realtime"]:
-            if isinstance(frame.resource(resource), Image):
-                return self._realtime.picture_of(values)
-            values = values[: self._pixels(name)]  # the grid may have more places than views
-        read: NDArray[Any] = self._shaped(name, values)
+        result = self._result(name)
+        buffer: Buffer | Image = result.frame.resource(result.resource)
+        if isinstance(buffer, Image):
+            values = buffer.read()
+        else:
+            values = buffer.read(result.dtype, result.count, result.frame.binding(result.resource).element_offset)
+        read: NDArray[Any] = result.shaped(values)
         return read
+
+    def _result(self, name: str) -> Result:
+        frame, resource = self._place(name)
+        buffer: Buffer | Image = frame.resource(resource)
+        if isinstance(buffer, Image):
+            assert self._realtime is not None
+            return Result(frame, resource, buffer.dtype, math.prod(buffer.level_shape(0)), self._realtime.picture_of)
+        element = frame.binding(resource).element
+        assert element is not None
+        # The grid of realtime views may have more places than views.
+        count = self._pixels(name) * math.prod(element.shape)
+        return Result(frame, resource, element.base, count, partial(self._shaped, name))
 
     def _size_of(self, name: str) -> tuple[int, int]:
         """The width and height of a result of a view: what is rendered is smaller than the picture with upscale."""
@@ -245,22 +316,23 @@ class Batch(SceneUser):
         `RenderedFrame.tensor`. Both, and what `torch.from_dlpack` and others make of them, keep their memory when the
         batch and the device are closed. Raises SolariError, with the reason, where the device can't share its memory.
         """
-        frame, resource = self._place(name)
-        buffer: Buffer | Image = frame.resource(resource)
+        result = self._result(name)
+        buffer: Buffer | Image = result.frame.resource(result.resource)
         if isinstance(buffer, Image):
             raise SolariError(f"Batch.tensor: '{name}' is an image: batch['{name}'] copies it")
         tensor: NDArray[Any] | CudaTensor
         if not buffer.mapped:
-            tensor = self._shaped(name, frame.tensor(resource, self._pixels(name)))
+            tensor = self._shaped(name, result.frame.tensor(result.resource, self._pixels(name)))
             return tensor
-        element = frame.binding(resource).element
-        assert element is not None
         self.device.sync_host()
-        memory = buffer.view(element.base, self._pixels(name) * math.prod(element.shape))
-        self._tensors += 1
-        self.device.lent.lend(memory, self._release_tensor)
+        memory = buffer.view(result.dtype, result.count)
+        self._lend(memory)
         tensor = self._shaped(name, memory)
         return tensor
+
+    def _lend(self, memory: NDArray[Any]) -> None:
+        self._tensors += 1
+        self.device.lent.lend(memory, self._release_tensor)
 
     def _release_tensor(self) -> None:
         """A tensor, and all that was made of it, is gone."""

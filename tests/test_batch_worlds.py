@@ -120,14 +120,111 @@ def test_edits_of_the_scene_reach_all_worlds(device, renderer):
         assert not batch.transforms
 
 
+def own_room(world):
+    """The scene of a world: what differs, by the same objects in each."""
+    scene = sv.builtin("cornell_box")
+    lamp, sun = scene.instances["lamp"], sv.DirectionalLight(direction=(0.1, -0.3, 1), illuminance=20, name="sun")
+    bulb = sv.PointLight(position=(0.5, 1.2, 0.4), intensity=3, radius=0.1, casts_shadow=True, name="bulb")
+    sky = sv.Environment(np.full((4, 8, 3), 0.3), name="sky")
+    for light in (sun, bulb, sky):
+        scene.add(light)
+    return scene, lamp, sun, bulb, sky
+
+
+def materials_of(world):
+    """Of the short block, the tall block (which shines in world 2) and the lamp (which is off in world 1)."""
+    image = sv.TextureImage(np.random.default_rng(world).integers(0, 255, (4, 4, 4), np.uint8))
+    short = sv.Material(base_color_texture=sv.Texture(image), alpha_mode="mask" if world == 1 else "opaque")
+    tall = sv.Material(metallic=1, perceptual_roughness=0.2 + 0.3 * world, emissive=(0, 0.2 * (world == 2), 0))
+    return {"short block": short, "tall block": tall, "lamp": sv.Material(emissive=np.array((9, 4, 1)) * (world != 1))}
+
+
+def lights_of(world):
+    """World 0 has no sun, and a lamp in place of the environment; the bulb of world 1 casts no shadow."""
+    image = np.random.default_rng(world).random((4 + world, 8, 3))
+    return {
+        "sun": sv.DirectionalLight(direction=(0.3 * world, -0.3, 1), illuminance=9 * world) if world else None,
+        "bulb": sv.PointLight((0.5, 1, 0.3 + 0.3 * world), intensity=world, radius=0.1, casts_shadow=world != 1),
+        "sky": sv.Environment(image) if world else sv.PointLight(position=(1, 1, 0.5), intensity=2),
+    }
+
+
+@pytest.mark.parametrize("renderer", ["reference", "realtime"])
+def test_worlds_have_materials_and_lights_of_their_own(device, renderer):
+    """Also when they change, with the lamp moved in each world, and a world that goes back to the scene's."""
+    options = {"renderer": renderer, **OPTIONS[renderer], "outputs": ["instance_id", "albedo", "emissive"]}
+    scene = own_room(0)[0]
+    made = [(materials_of(world), lights_of(world)) for world in range(WORLDS)]
+    lamp_places = np.tile(scene.instances["lamp"].transform, (WORLDS, 1, 1))
+    lamp_places[:, :3, 3] += np.outer(np.arange(WORLDS), (0.1, -0.2, 0.05))
+
+    def change(materials, lights, frame):
+        if frame == 1:
+            materials["tall block"].base_color = 0.9, 0.2, 0.1
+            if lights["sun"] is not None:
+                lights["sun"].illuminance *= 5
+        elif frame == 2:
+            materials["lamp"].emissive = materials["lamp"].emissive * 2
+
+    def together(batch, frame):
+        if frame == 0:
+            for name in made[0][0]:
+                batch.world_materials[name] = [materials[name] for materials, _ in made]
+            for name in made[0][1]:
+                batch.world_lights[name] = [lights[name] for _, lights in made]
+        for materials, lights in made:
+            change(materials, lights, frame)
+        if frame == 2:
+            batch.transforms["lamp"] = lamp_places
+
+    views = 2 * WORLDS
+    with sv.Batch(device, scene, SIZE, views, worlds=WORLDS, **options) as batch:
+        found = frames_of(batch, np.tile(CAMERAS, (WORLDS, 1, 1)), apply=together)
+        assert set(batch.world_lights["sun"]) == {lights["sun"] for _, lights in made}
+        for given in (batch.world_materials, batch.world_lights, batch.transforms):
+            given.clear()
+        shared = batch.render(np.tile(CAMERAS, (WORLDS, 1, 1)), fov=50, reset=True)["radiance"]
+    seeds = numbered_seeds(3, views).reshape(WORLDS, 2)
+    for world in range(WORLDS):
+        own, lamp, *scene_lights = own_room(world)
+        materials, lights = materials_of(world), lights_of(world)
+        for name, material in materials.items():
+            own.instances[name].material = material
+        for light in scene_lights:
+            own.remove(light)
+        for light in lights.values():
+            if light is not None:
+                own.add(light)
+
+        def alone(batch, frame, world=world, lamp=lamp, materials=materials, lights=lights):
+            change(materials, lights, frame)
+            if frame == 2:
+                lamp.transform = lamp_places[world]
+
+        with sv.Batch(device, own, SIZE, 2, **options) as batch:
+            for frame, expected in enumerate(frames_of(batch, CAMERAS, seeds[world], alone)):
+                for name, values in expected.items():
+                    if name != "instance_id":
+                        np.testing.assert_array_equal(found[frame][name][2 * world : 2 * world + 2], values,
+                                                      f"{name}, world {world}, frame {frame}")  # fmt: skip
+    with sv.Batch(device, own_room(0)[0], SIZE, views, **options) as batch:
+        expected = batch.render(np.tile(CAMERAS, (WORLDS, 1, 1)), fov=50)["radiance"]
+    if renderer == "reference":
+        np.testing.assert_array_equal(shared, expected)
+
+
 @pytest.mark.parametrize(("use", "said"), [
     (lambda batch: batch.transforms.__setitem__("blok", np.tile(np.eye(4), (2, 1, 1))), "no instance 'blok'"),
     (lambda batch: batch.transforms.__setitem__(3, np.eye(4)), "name of an instance or an Instance, not 3"),
     (lambda batch: batch.transforms.__setitem__("short block", np.eye(4)), r"must have the shape \(2, 4, 4\)"),
     (lambda batch: batch.transforms.__setitem__("short block", np.zeros((2, 4, 4))), "of world 0 must be affine"),
-    (lambda batch: batch.transforms.__setitem__("lamp", np.tile(np.eye(4), (2, 1, 1))), "emits light"),
+    (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material()]), "list of 2 .* not 1"),
+    (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material(), 3]), "world 1 of .* not 3"),
+    (lambda batch: batch.world_materials.__setitem__("short block", sv.Material()), "takes a list of 2"),
+    (lambda batch: batch.world_lights.__setitem__("sun", [None, None]), "no light 'sun'"),
+    (lambda batch: batch.world_lights.__setitem__("lamp", []), "no light 'lamp'"),
 ])  # fmt: skip
-def test_wrong_transforms_are_named(device, use, said):
+def test_what_worlds_do_not_take_is_named(device, use, said):
     with (
         sv.Batch(device, sv.builtin("cornell_box"), SIZE, 2, worlds=2) as batch,
         pytest.raises(sv.SolariError, match=said),

@@ -61,17 +61,18 @@ class LightsOfWorlds:
         """Follow what the worlds have of their own, when the scene's edits are applied. rows: of a world in
         `instances`. Returns whether the worlds have lights of their own."""
         own_lights, moved, made_of = lights.present(), transforms.present(), materials.present()
-        lamps = dict.fromkeys(self._binder.lights.emissive)
-        lamps |= dict.fromkeys(instance for instance, given in made_of.items() if any(one.emits for one in given))
-        if not own_lights and lamps.keys().isdisjoint(moved) and lamps.keys().isdisjoint(made_of):
+        scene = self._binder.scene
+        lamps = [instance for instance in scene.instances if self._binder.lights.index(instance) is not None
+                 or any(material.emits for material in made_of.get(instance, ()))]  # fmt: skip
+        if not own_lights and not any(lamp in moved or lamp in made_of for lamp in lamps):
             self._forget()
             self.known = [Known.of(self._binder.lights)]
             return False
-        listed = {light: own_lights.get(light) for of_kind in self._binder.lights.others.values() for light in of_kind}
+        listed = {light: own_lights.get(light) for light in scene.lights}
         if any(isinstance(light, Portal) for light in listed):
-            raise SolariError(f"Batch: worlds have lights of their own, and {self._binder.scene.describe()} has a "
+            raise SolariError(f"Batch: worlds have lights of their own, and {scene.describe()} has a "
                               "portal: remove it, or give all worlds the scene's lights")  # fmt: skip
-        before, self._lists = self._lists, {}
+        lists: dict[Any, Listed] = {}
         shown = []
         for world in range(self._worlds):
             own = [(light if given is None else given[world]) for light, given in listed.items()]
@@ -80,12 +81,13 @@ class LightsOfWorlds:
             lit = [one for one in lit if one[0].visible and one[1].emits]
             parts = [(id(lamp), id(made), None if at is None else at.tobytes()) for lamp, made, at in lit]
             key = self._binder.revision, (*((id(light), lights.edits_of(light)) for light in own),), (*parts,)
-            if key not in self._lists:
-                self._lists[key] = before.pop(key, None) or self._make(own, lit)
+            if key not in lists:
+                lists[key] = self._lists.get(key) or self._make(own, lit)
             shown.append(key)
-        self._drop(before)
+        self._drop({key: listed for key, listed in self._lists.items() if key not in lists})
+        self._lists = lists
         self._keep_buffers(listed, own_lights)
-        self._write(shown, [*lamps], rows)
+        self._write(shown, lamps, rows)
         return True
 
     def _make(self, own: Sequence[Light | None], lit: Sequence[Lamp]) -> Listed:

@@ -26,7 +26,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
 
     where: str  # for messages
     kind: type[Any]
-    items: str  # the scene's collection
+    among: str  # the scene's collection
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
         self._binder, self._worlds = binder, worlds
@@ -34,7 +34,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         self.changed: set[Item] = set()
 
     def _item(self, key: str | Item) -> Item:
-        items, name = getattr(self._binder.scene, self.items), self.items.removesuffix("s")
+        items, name = getattr(self._binder.scene, self.among), self.among.removesuffix("s")
         if isinstance(key, self.kind):
             if key not in items:
                 raise SolariError(f"{self.where}: the scene doesn't have {key.describe()}")
@@ -88,7 +88,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
 
     def present(self) -> dict[Item, Values]:
         """What was given; what left the scene is forgotten."""
-        items = getattr(self._binder.scene, self.items)
+        items = getattr(self._binder.scene, self.among)
         for item in [item for item in self._given if item not in items]:
             self._replace(item, None)
         return self._given
@@ -114,7 +114,7 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
     that `Instance.transform` doesn't take.
     """
 
-    where, kind, items = "Batch.transforms", Instance, "instances"
+    where, kind, among = "Batch.transforms", Instance, "instances"
 
     def _checked(self, item: Instance, values: ArrayLike) -> NDArray[np.float64]:
         given = array(values, f"of {item.describe()}", (self._worlds, 4, 4), where=self.where)
@@ -133,7 +133,7 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
     that the scene doesn't have, and for wrong lists.
     """
 
-    where, kind, items = "Batch.world_materials", Instance, "instances"
+    where, kind, among = "Batch.world_materials", Instance, "instances"
 
     def _checked(self, item: Instance, values: Any) -> list[Material]:
         return self._checked_list(item, values, Material, "sv.Material")
@@ -166,7 +166,7 @@ class WorldLights(OfWorlds[Light, list[Light | None]]):
     Raises SolariError for a light that the scene doesn't have, and for wrong lists.
     """
 
-    where, kind, items = "Batch.world_lights", Light, "lights"
+    where, kind, among = "Batch.world_lights", Light, "lights"
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
         super().__init__(binder, worlds)

@@ -1,8 +1,9 @@
 """A frame: the passes of its stages, recorded once per slot with derived barriers, and submitted with little Python.
 
-Two slots take turns, so that one can be prepared while the other runs. Each has its own descriptor sets, command
-buffer, uniform memory and timestamps. Frames run one after the other: each starts with a full barrier, so it sees
-everything submitted before, including uploads. The barriers between its steps are derived by `hazards`.
+Two slots take turns, so that one can be prepared while the other runs; more where many frames are submitted at once.
+Each has its own descriptor sets, command buffer, uniform memory and timestamps. Frames run one after the other: each
+starts with a full barrier, so it sees everything submitted before, including uploads. The barriers between its steps
+are derived by `hazards`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ from solari_vk.gpu.shaders.spirv import Binding
 __all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step",
            "Within"]  # fmt: skip
 
-SLOTS = 2
+SIDES = 2
+"""Both of a history; slots take them in turn."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Frame:
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
-        self.frame_count = 0
+        self.frame_count = self._latest_index = 0
         self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
@@ -87,7 +89,7 @@ class Frame:
         with device.undone_on_error(), ExitStack() as undo:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
-            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
+            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
             undo.pop_all()
@@ -109,7 +111,7 @@ class Frame:
         resources = self._resources
         try:
             resources = self._resources.changed_to(stages, program.interface)
-            bound = [resources.named(index) | external for index in range(SLOTS)]
+            bound = [resources.named(index) | external for index in range(SIDES)]
             program.check(bound[0])
             accesses = program.accesses(bound[0])
         except BaseException:
@@ -128,8 +130,17 @@ class Frame:
         self.uniforms.declare({name: dtype for name, dtype in blocks.items() if dtype and name not in bound[0]})
         if old is not None:
             self._builder.discard(old, program)
-        for slot, named in zip(self._slots, bound, strict=True):
-            slot.renew(program, named, self.uniforms)
+        for slot in self._slots:
+            slot.renew(program, bound[slot.index % SIDES], self.uniforms)
+
+    def prepare_many(self, frames: int) -> None:
+        """Have slots for so many frames that none of them waits for the frames of the previous time."""
+        assert self._program is not None
+        first, count = len(self._slots), SIDES * frames
+        for index, commands in enumerate(self._pool.allocate(count - first) if count > first else (), first):
+            slot = Slot(self.device, index, commands)
+            slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
+            self._slots.append(slot)
 
     def bind(self, external: Mapping[str, Any]) -> None:
         """Replace external resources from the next frame on. The replaced ones may be destroyed at once.
@@ -153,7 +164,7 @@ class Frame:
         shaders must not be used (`Tlas.check_usable`), and after `close`.
         """
         self.check_open()
-        slot = self._slots[self.frame_count % SLOTS]
+        slot = self._slots[self.frame_count % len(self._slots)]
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
@@ -170,6 +181,7 @@ class Frame:
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count += 1
+        self._latest_index = slot.index
         return slot.value
 
     def _note_structures(self) -> None:
@@ -183,12 +195,12 @@ class Frame:
 
     @property
     def _latest(self) -> Slot:
-        return self._slots[(self.frame_count - 1) % SLOTS]
+        return self._slots[self._latest_index]
 
     def resource(self, name: str) -> Any:
         """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none. For
         a buffer within another one it is the whole of that one."""
-        index = (self.frame_count - 1) % SLOTS if self.frame_count else 0
+        index = (self.frame_count - 1) % SIDES if self.frame_count else 0
         bound = self._resources.named(index) | self._external
         if name not in bound:
             raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
