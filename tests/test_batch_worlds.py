@@ -120,97 +120,106 @@ def test_edits_of_the_scene_reach_all_worlds(device, renderer):
         assert not batch.transforms
 
 
-def own_room(world):
-    """The scene of a world: what differs, by the same objects in each."""
-    scene = sv.builtin("cornell_box")
-    lamp, sun = scene.instances["lamp"], sv.DirectionalLight(direction=(0.1, -0.3, 1), illuminance=20, name="sun")
-    bulb = sv.PointLight(position=(0.5, 1.2, 0.4), intensity=3, radius=0.1, casts_shadow=True, name="bulb")
-    sky = sv.Environment(np.full((4, 8, 3), 0.3), name="sky")
-    for light in (sun, bulb, sky):
+def own_room(everything):
+    """The Cornell box with a sun. everything: what costs shaders of their own too, a bulb and a sky."""
+    scene, lights = sv.builtin("cornell_box"), [sv.DirectionalLight((0.1, -0.3, 1), illuminance=20, name="sun")]
+    if everything:
+        lights.append(sv.PointLight((0.5, 1.2, 1.1), intensity=3, radius=0.1, casts_shadow=True, name="bulb"))
+        lights.append(sv.Environment(np.full((4, 8, 3), 0.3), name="sky"))
+    for light in lights:
         scene.add(light)
-    return scene, lamp, sun, bulb, sky
+    return scene, lights
 
 
-def materials_of(world):
-    """Of the short block, the tall block (which shines in world 2) and the lamp (which is off in world 1)."""
-    image = sv.TextureImage(np.random.default_rng(world).integers(0, 255, (4, 4, 4), np.uint8))
-    short = sv.Material(base_color_texture=sv.Texture(image), alpha_mode="mask" if world == 1 else "opaque")
+def materials_of(world, everything):
+    """The tall block shines in world 2; the lamp is off in world 1."""
     tall = sv.Material(metallic=1, perceptual_roughness=0.2 + 0.3 * world, emissive=(0, 0.2 * (world == 2), 0))
-    return {"short block": short, "tall block": tall, "lamp": sv.Material(emissive=np.array((9, 4, 1)) * (world != 1))}
+    made = {"tall block": tall, "lamp": sv.Material(emissive=np.array((9, 4, 1)) * (world != 1))}
+    if everything:
+        image = sv.TextureImage(np.random.default_rng(world).integers(0, 255, (4, 4, 4), np.uint8))
+        mode = "mask" if world == 1 else "opaque"
+        made["short block"] = sv.Material(base_color_texture=sv.Texture(image), alpha_mode=mode)
+    return made
 
 
-def lights_of(world):
+def lights_of(world, everything):
     """World 0 has no sun, and a lamp in place of the environment; the bulb of world 1 casts no shadow."""
-    image = np.random.default_rng(world).random((4 + world, 8, 3))
-    return {
-        "sun": sv.DirectionalLight(direction=(0.3 * world, -0.3, 1), illuminance=9 * world) if world else None,
-        "bulb": sv.PointLight((0.5, 1, 0.3 + 0.3 * world), intensity=world, radius=0.1, casts_shadow=world != 1),
-        "sky": sv.Environment(image) if world else sv.PointLight(position=(1, 1, 0.5), intensity=2),
-    }
+    made = {"sun": sv.DirectionalLight((0.3 * world, -0.3, 1), illuminance=9 * world) if world else None}
+    if everything:
+        place = 0.5, 1, 1 + 0.1 * world
+        made["bulb"] = sv.PointLight(place, intensity=1 + world, radius=0.1, casts_shadow=world != 1)
+        sky = sv.Environment(np.random.default_rng(world).random((4 + world, 8, 3)))
+        made["sky"] = sky if world else sv.PointLight((1, 1, 0.5), intensity=2)
+    return made
 
 
+@pytest.mark.parametrize("everything", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("renderer", ["reference", "realtime"])
-def test_worlds_have_materials_and_lights_of_their_own(device, renderer):
-    """Also when they change, with the lamp moved in each world, and a world that goes back to the scene's."""
-    options = {"renderer": renderer, **OPTIONS[renderer], "outputs": ["instance_id", "albedo", "emissive"]}
-    scene = own_room(0)[0]
-    made = [(materials_of(world), lights_of(world)) for world in range(WORLDS)]
+def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everything):
+    """Also when these are edited, with the lamp moved in each world, and when all go back to the scene's."""
+    options = {"renderer": renderer, **OPTIONS[renderer], "outputs": ["albedo", "material_id"]}
+    scene, _ = own_room(everything)
+    materials = [materials_of(world, everything) for world in range(WORLDS)]
+    lights = [lights_of(world, everything) for world in range(WORLDS)]
     lamp_places = np.tile(scene.instances["lamp"].transform, (WORLDS, 1, 1))
     lamp_places[:, :3, 3] += np.outer(np.arange(WORLDS), (0.1, -0.2, 0.05))
 
-    def change(materials, lights, frame):
+    def change(frame, of_world, lit):
         if frame == 1:
-            materials["tall block"].base_color = 0.9, 0.2, 0.1
-            if lights["sun"] is not None:
-                lights["sun"].illuminance *= 5
+            of_world["tall block"].base_color = 0.9, 0.2, 0.1
+            if lit["sun"] is not None:
+                lit["sun"].illuminance *= 5
         elif frame == 2:
-            materials["lamp"].emissive = materials["lamp"].emissive * 2
+            of_world["lamp"].emissive = of_world["lamp"].emissive * 2
 
     def together(batch, frame):
         if frame == 0:
-            for name in made[0][0]:
-                batch.world_materials[name] = [materials[name] for materials, _ in made]
-            for name in made[0][1]:
-                batch.world_lights[name] = [lights[name] for _, lights in made]
-        for materials, lights in made:
-            change(materials, lights, frame)
+            for name in materials[0]:
+                batch.world_materials[name] = [made[name] for made in materials]
+            for name in lights[0]:
+                batch.world_lights[name] = [made[name] for made in lights]
+        for of_world, lit in zip(materials, lights, strict=True):
+            change(frame, of_world, lit)
         if frame == 2:
             batch.transforms["lamp"] = lamp_places
 
-    views = 2 * WORLDS
+    views, poses = 2 * WORLDS, np.tile(CAMERAS, (WORLDS, 1, 1))
     with sv.Batch(device, scene, SIZE, views, worlds=WORLDS, **options) as batch:
-        found = frames_of(batch, np.tile(CAMERAS, (WORLDS, 1, 1)), apply=together)
-        assert set(batch.world_lights["sun"]) == {lights["sun"] for _, lights in made}
+        before = batch.render(poses, fov=50)["radiance"]
+        if batch._realtime is not None:
+            batch._realtime.frame_count = 0  # the same noise
+            batch._realtime.reset()
+        found = frames_of(batch, poses, apply=together)
+        assert batch.world_lights["sun"] == [made["sun"] for made in lights]
+        shown = {batch.materials[row] for row in np.unique(found[2].pop("material_id")) if row in batch.materials}
+        assert {made["tall block"] for made in materials} < shown
         for given in (batch.world_materials, batch.world_lights, batch.transforms):
             given.clear()
-        shared = batch.render(np.tile(CAMERAS, (WORLDS, 1, 1)), fov=50, reset=True)["radiance"]
+        if batch._realtime is not None:
+            batch._realtime.frame_count = 0
+        np.testing.assert_array_equal(batch.render(poses, fov=50, reset=True)["radiance"], before)
     seeds = numbered_seeds(3, views).reshape(WORLDS, 2)
     for world in range(WORLDS):
-        own, lamp, *scene_lights = own_room(world)
-        materials, lights = materials_of(world), lights_of(world)
-        for name, material in materials.items():
+        own, scene_lights = own_room(everything)
+        of_world, lit = materials_of(world, everything), lights_of(world, everything)
+        for name, material in of_world.items():
             own.instances[name].material = material
         for light in scene_lights:
             own.remove(light)
-        for light in lights.values():
+        for light in lit.values():
             if light is not None:
                 own.add(light)
 
-        def alone(batch, frame, world=world, lamp=lamp, materials=materials, lights=lights):
-            change(materials, lights, frame)
+        def alone(batch, frame, world=world, own=own, of_world=of_world, lit=lit):
+            change(frame, of_world, lit)
             if frame == 2:
-                lamp.transform = lamp_places[world]
+                own.instances["lamp"].transform = lamp_places[world]
 
         with sv.Batch(device, own, SIZE, 2, **options) as batch:
             for frame, expected in enumerate(frames_of(batch, CAMERAS, seeds[world], alone)):
-                for name, values in expected.items():
-                    if name != "instance_id":
-                        np.testing.assert_array_equal(found[frame][name][2 * world : 2 * world + 2], values,
-                                                      f"{name}, world {world}, frame {frame}")  # fmt: skip
-    with sv.Batch(device, own_room(0)[0], SIZE, views, **options) as batch:
-        expected = batch.render(np.tile(CAMERAS, (WORLDS, 1, 1)), fov=50)["radiance"]
-    if renderer == "reference":
-        np.testing.assert_array_equal(shared, expected)
+                for name in batch.keys() - {"material_id"}:
+                    of_views = found[frame][name][2 * world : 2 * world + 2]
+                    np.testing.assert_array_equal(of_views, expected[name], f"{name}, world {world}, frame {frame}")
 
 
 @pytest.mark.parametrize(("use", "said"), [
