@@ -39,6 +39,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
+from solari_vk.passes.many_views import with_more_rows
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.scene.model import Camera, Instance, Material, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
@@ -258,8 +259,8 @@ class Batch(SceneUser):
             if "motion_vectors" in self._names:
                 previous = frame.resource("previous_instances").read()
                 frame.rebuild(self._stages())
-                if self._worlds.count == 1:  # the rows stay valid
-                    frame.resource("previous_instances").upload(previous)
+                table = frame.resource("previous_instances")
+                table.upload(with_more_rows(previous, self._worlds.count, table.size))
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
             frame.uniforms["path_sampling.first_row"] = row

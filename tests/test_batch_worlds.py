@@ -217,7 +217,7 @@ def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everyth
 
         with sv.Batch(device, own, SIZE, 2, **options) as batch:
             for frame, expected in enumerate(frames_of(batch, CAMERAS, seeds[world], alone)):
-                for name in batch.keys() - {"material_id"}:
+                for name in set(batch) - {"material_id"}:
                     of_views = found[frame][name][2 * world : 2 * world + 2]
                     np.testing.assert_array_equal(of_views, expected[name], f"{name}, world {world}, frame {frame}")
 
