@@ -254,3 +254,35 @@ def test_wrong_worlds_are_named(device, monkeypatch):
             sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})
     with sv.Batch(device, scene, SIZE, 2) as batch, pytest.raises(sv.SolariError, match="has one world"):
         batch.transforms["short block"] = np.eye(4)[None]
+
+
+@pytest.mark.parametrize("way", ["material", "light"])
+def test_caches_follow_the_lights_of_their_world(device, way):
+    """A lamp that goes out in one world: its cells and pixels forget, those of the other world keep what they have."""
+    scene = sv.Scene()
+    grey = sv.Material(base_color=(0.8, 0.8, 0.8))
+    scene.add(sv.shapes.box((-1, -1, -1), (1, 1, 1), inward=True), grey)
+    lamps = [sv.Material(emissive=(10 * (way == "material"),) * 3) for _ in range(2)]
+    scene.add(sv.shapes.quad((0, 0.99, 0), (0.25, 0, 0), (0, 0, 0.25)), lamps[0], name="lamp")
+    bulbs = [sv.PointLight((0, 0.5, 0), intensity=5 * (way == "light")) for _ in range(2)]
+    scene.add(sv.PointLight((0, 0.5, 0), intensity=5, name="bulb"))
+    pose = sv.Camera.look_at((0, -0.5, 0.9), (0, -0.8, -1)).transform
+    with sv.Batch(device, scene, (16, 16), 2, renderer="realtime", worlds=2, outputs=()) as batch:
+        batch.world_lights["bulb"] = bulbs
+        batch.world_materials["lamp"] = lamps
+        for _ in range(24):
+            lit = batch.render([pose, pose], fov=60)["radiance"]
+        if way == "material":
+            lamps[1].emissive = 0, 0, 0
+        else:
+            bulbs[1].intensity = 0
+        batch.render([pose, pose], fov=60)
+        worlds, irradiance = (batch._realtime.frame[f"world_cache_{name}"] for name in ("worlds", "irradiance"))
+        known = batch._realtime.frame["world_cache_checksums"] != 0
+        samples = [irradiance[known & (worlds == world), 3] for world in range(2)]
+        assert np.median(samples[0]) > 4
+        assert samples[1].max() <= 1.25  # begun anew, or updated once since
+        for _ in range(3):
+            dark = batch.render([pose, pose], fov=60)["radiance"]
+        assert dark[1].max() < 1e-3 * lit[1].mean()
+        assert 0.8 < dark[0].mean() / lit[0].mean() < 1.25

@@ -41,12 +41,12 @@ class SceneBinder:
     """A scene on a device, which several renderers may share. `resources` are those of descriptor set 0, by name.
 
     `version` increases when a resource was replaced by another one or the scene got a new feature, `revision` with each
-    change of the scene.
+    change of the scene, `light_revision` with those that lists of lights may depend on, but for materials' emission.
     """
 
     def __init__(self, device: Device, scene: Scene) -> None:
         self.scene = scene
-        self.version = self.revision = self.blended_changes = 0
+        self.version = self.revision = self.light_revision = self.blended_changes = 0
         self._device = device
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
@@ -164,6 +164,14 @@ class SceneBinder:
     # ---- from changed objects to rows ---------------------------------------------------------------
 
     def _take_up(self, item: Observable) -> None:
+        used = self._uses.get(item) if isinstance(item, Instance) else None
+        self._take_up_item(item)
+        if isinstance(item, Instance):
+            self.light_revision += self.lights.index(item) is not None or self._uses.get(item) != used
+        else:
+            self.light_revision += isinstance(item, (Light, Mesh, Texture, TextureImage))
+
+    def _take_up_item(self, item: Observable) -> None:
         if isinstance(item, Instance):
             self._take_up_instance(item)
         elif isinstance(item, Light):

@@ -1,7 +1,7 @@
 """The lights of worlds that have some of their own: the tables of light_list.py, one world's rows after the other's.
 
 Each world has as many rows of a table as the world that needs most. Worlds with the same lights share one LightList in
-the host's memory, which is made anew when one of its lights, or the scene, changes.
+the host's memory, which is made anew when one of its lights, or those of the scene, change.
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ class LightsOfWorlds:
         self._last_id = FIRST_ID
         self._lists: dict[Any, Listed] = {}
         self._shown: list[Any] = []  # the key of each world's list
+        self._rows = 0  # of a world in `instances`
 
     def update(self, lights: WorldLights, materials: WorldMaterials, transforms: WorldTransforms, rows: int) -> bool:
         """Follow what the worlds have of their own, when the scene's edits are applied. rows: of a world in
@@ -79,8 +80,10 @@ class LightsOfWorlds:
             lit = [(lamp, made_of[lamp][world] if lamp in made_of else lamp.material,
                     moved[lamp][world] if lamp in moved else None) for lamp in lamps]  # fmt: skip
             lit = [one for one in lit if one[0].visible and one[1].emits]
-            parts = [(id(lamp), id(made), None if at is None else at.tobytes()) for lamp, made, at in lit]
-            key = self._binder.revision, (*((id(light), lights.edits_of(light)) for light in own),), (*parts,)
+            lights_key = [(id(light), lights.edits_of(light)) for light in own]
+            lamps_key = [(id(lamp), *_emission_key(made), None if at is None else at.tobytes())
+                         for lamp, made, at in lit]  # fmt: skip
+            key = self._binder.light_revision, (*lights_key,), (*lamps_key,)
             if key not in lists:
                 lists[key] = self._lists.get(key) or self._make(own, lit)
             shown.append(key)
@@ -123,6 +126,8 @@ class LightsOfWorlds:
         for listed in self._lists.values():
             for name, count in _counts(listed.lights).items():
                 sizes[name] = max(sizes[name], count)
+        if rows != self._rows:
+            self._rows, self._shown = rows, []
         if {name: table.shape[1] for name, table in self.tables.items()} != sizes:
             limit = self._device.properties.limits.maxStorageBufferRange
             for name, size in sizes.items():
@@ -207,6 +212,11 @@ class LightsOfWorlds:
         """Free everything."""
         self._forget()
         self._own.destroy()
+
+
+def _emission_key(material: Material) -> tuple[Any, ...]:
+    """What a list of lights depends on of a lamp's material."""
+    return material.emissive.tobytes(), id(material.emissive_texture), material.double_sided
 
 
 def _counts(made: LightList) -> dict[str, int]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import MAX_INSTANCES, SceneBinder
-from solari_vk.bound.lights.bodies import transform_of
+from solari_vk.bound.lights.bodies import has_body, transform_of
 from solari_vk.bound.lights.world_changes import Known
 from solari_vk.bound.traced_instances import flags_of, mask_of
 from solari_vk.bound.view_table import ViewTable
@@ -37,6 +37,10 @@ class Differing(NamedTuple):
     materials: NDArray[np.uint32] | None = None
     flags: NDArray[np.uint32] | None = None
     masks: NDArray[np.uint32] | None = None
+
+
+def _same(before: Mapping[Instance, NDArray[Any]], after: Mapping[Instance, NDArray[Any]]) -> bool:
+    return before.keys() == after.keys() and all(np.array_equal(rows, after[lamp]) for lamp, rows in before.items())
 
 
 class Worlds:
@@ -99,12 +103,16 @@ class Worlds:
             if edited or self.materials.changed:
                 self._note_materials()
             lit = self.lights.changed or self.materials.changed or any(map(self._is_lamp, self.transforms.changed))
+            lamp_rows = self._lit.lamp_rows
             if edited or lit:
+                lamp_rows = {lamp: rows.copy() for lamp, rows in lamp_rows.items()}
                 self._lit.update(self.lights, self.materials, self.transforms, self.rows)
                 for name, table in self._lit.tables.items():
                     self._upload(name, table)
-            if edited or lit or self.transforms.changed:
-                self._write(self._differing())
+            bodies = self._bodies()
+            if (edited or bodies or self.transforms.changed or self.materials.changed
+                    or not _same(lamp_rows, self._lit.lamp_rows)):  # fmt: skip
+                self._write(self._differing(bodies))
             self._seen = self._binder.revision
             for given in own:
                 given.changed.clear()
@@ -151,20 +159,20 @@ class Worlds:
         for light, given in self.lights.items():
             body = self._binder.lights.bodies.of(light)
             if body is None:
-                wrong = [world for world, one in enumerate(given) if getattr(one, "casts_shadow", False)]
+                wrong = [world for world, one in enumerate(given) if has_body(one)]
                 if wrong:
                     raise SolariError(f"Batch.world_lights: {light.describe()} casts a shadow in world {wrong[0]}, for "
                                       "which it needs a body in the scene: set casts_shadow there too")  # fmt: skip
                 continue
-            casts = [getattr(one, "casts_shadow", False) for one in given]
-            places = [transform_of(one) if cast else body.transform  # type: ignore[arg-type]
+            casts = [has_body(one) for one in given]
+            places = [transform_of(one) if cast else body.transform
                       for one, cast in zip(given, casts, strict=True)]  # fmt: skip
             masks = np.array([mask_of(cast, "opaque") for cast in casts], np.uint32)
             found[body] = Differing(np.stack(places), None, None, masks)
         return found
 
-    def _differing(self) -> dict[Instance, Differing]:
-        differing = self._surfaces | self._bodies()
+    def _differing(self, bodies: Mapping[Instance, Differing]) -> dict[Instance, Differing]:
+        differing = {**self._surfaces, **bodies}
         for instance, transforms in self.transforms.items():
             differing[instance] = differing.get(instance, Differing())._replace(transforms=transforms)
         return differing

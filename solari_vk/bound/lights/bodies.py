@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ class Bodies:
     def follow(self, light: Light, present: bool) -> Instance | None:
         """Add, move or remove the body of a light; returns it, None for a light that hasn't one."""
         body = self._of.get(light)
-        if not (present and isinstance(light, PunctualLight) and light.casts_shadow):
+        if not (present and has_body(light)):
             if body is not None:
                 del self._of[light]
                 self._present.remove(body)
@@ -49,6 +50,11 @@ class Bodies:
     def of(self, light: Light) -> Instance | None:
         """The body of a light, if it has one."""
         return self._of.get(light)
+
+
+def has_body(light: Light | None) -> TypeGuard[PunctualLight]:
+    """Whether it is a light with a body."""
+    return isinstance(light, PunctualLight) and light.casts_shadow
 
 
 def transform_of(light: PunctualLight) -> NDArray[np.float64]:

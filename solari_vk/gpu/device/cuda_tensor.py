@@ -208,7 +208,8 @@ class CudaTensors:
 
     def _take(self, size: int) -> _Place:
         free = self._free.get(size)
-        place = free.pop() if free else _Place(self._device, self._memory, self.cuda, size)
+        # The one that has been free for longest, which consumers have most likely read.
+        place = free.pop(0) if free else _Place(self._device, self._memory, self.cuda, size)
         place.await_consumers()
         return place
 
