@@ -195,16 +195,19 @@ class Batch(SceneUser):
 
     @checked_keywords()
     def render_many(
-        self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None, reset: ArrayLike = False,
-        seeds: ArrayLike | None = None, transforms: Mapping[str | Instance, ArrayLike] | None = None,
-        reset_cache: bool = False, **options: Any,
+        self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None,
+        transforms: Mapping[str | Instance, ArrayLike] | None = None, fov: ArrayLike | None = None,
+        vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
+        ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
+        reset: ArrayLike = False, reset_cache: bool = False,
     ) -> ManyFrames:  # fmt: skip
-        """Render several frames in one submission, and return what each of them shows, by the names of results.
+        """Render several frames in one submission, and return what each of them shows, by the names of results. The
+        path tracer, which times its dispatches, makes several submissions.
 
         cameras: as `render` takes them, for all frames, or for each: (frames, N, 4, 4), or a list of lists of `Camera`.
         outputs: the results to keep, by default all. reset: True or (N,), of the first frame, or (frames, N). seeds:
         (N,) or (frames, N). reset_cache is for the first frame. transforms: (frames, worlds, 4, 4) by instance, what
-        `batch.transforms` is in each frame. options: the others of `render`, for all frames.
+        `batch.transforms` is in each frame. The others are those of `render`, for all frames.
 
         The results are bit by bit those of as many calls of `render`, of which the batch then has those of the last.
         They take memory for each frame. Raises SolariError as `render`; what is wrong in a later frame leaves the batch
@@ -215,6 +218,8 @@ class Batch(SceneUser):
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         moved = {key: view_table.array(given, f"transforms of {key}", (frames, self._worlds.count, 4, 4), where=MANY)
                  for key, given in (transforms or {}).items()}  # fmt: skip
+        options: dict[str, Any] = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100,
+                                   "samples": samples}  # fmt: skip
         cuts = cuts_of(frames, self.views, reset)
         each = zip(cameras_of(frames, self.views, cameras), cuts, seeds_of(frames, self.views, seeds), strict=True)
         for user in (self._labels, self._paths and self._paths.frame, self._realtime and self._realtime.frame):

@@ -63,7 +63,7 @@ def test_frames_are_those_of_calls(device, submissions, renderer, worlds):
             device.wait_idle()
             submissions.clear()
             many = together.render_many(poses, frames=FRAMES, fov=50, reset=cuts, transforms=moves, **seeds)
-            if turn and device.properties.kind == "cpu":
+            if turn and renderer != "reference":  # which looks at the time of its dispatches
                 assert len(submissions) == 1
                 assert submissions[0] > FRAMES
             assert list(many) == list(one_by_one)
