@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.batch_frames import WHERE as MANY
-from solari_vk.batch_frames import ManyFrames, Result, cameras_of, cuts_of, seeds_of
+from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, seeds_of
 from solari_vk.batch_options import (
     LIGHT,
     check_realtime,
@@ -21,19 +19,17 @@ from solari_vk.batch_options import (
     checked_size,
     checked_worlds,
 )
+from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
-from solari_vk.errors import SolariError, checked_keywords, unknown_name
-from solari_vk.frame import SceneFrame, SceneUser
+from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.frame import SceneFrame
 from solari_vk.gpu.acceleration.checks import whole_number
-from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
@@ -41,13 +37,13 @@ from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import with_more_rows
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Instance, Material, Scene
+from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
 
 
-class Batch(SceneUser):
+class Batch(BatchResults):
     """Renders many views of a scene in one frame. A context manager.
 
     size: (width, height) of a view in pixels. views: their number N. renderer: "labels" finds first hits alone, at the
@@ -87,18 +83,12 @@ class Batch(SceneUser):
             self._rows = pathtracer.max_rows(self._strip)
             self._labels_names = names
             self._names = (*LIGHT[renderer], *names)
-            self._rendered = self._closed = False
-            self._tensors = 0  # that somebody has
-            self._many: ManyFrames | None = None
             self._owned.callback(self._close_many)
             self.binder.update()
             self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
             self._owned.callback(self._worlds.destroy)
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
-            self._labels: SceneFrame | None = None
-            self._paths: ViewTracer | None = None
-            self._realtime: ViewRenderer | None = None
             if renderer == "realtime":
                 self._realtime = ViewRenderer(
                     device, self.binder, self.size, self.views, self._layout, self._worlds, options
@@ -239,11 +229,6 @@ class Batch(SceneUser):
         assert self._many is not None
         return self._many
 
-    def _close_many(self) -> None:
-        if self._many is not None:
-            self._many.close()
-            self._many = None
-
     def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
@@ -271,127 +256,7 @@ class Batch(SceneUser):
             frame.uniforms["path_sampling.first_row"] = row
             frame.submit_applied()
 
-    # ---- results ------------------------------------------------------------------------------------
-
-    def keys(self) -> list[str]:
-        """The names of the results."""
-        return list(self._names)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """A copy of a result of the latest frame, (N, height, width[, channels]). Waits for the frame."""
-        result = self._result(name)
-        buffer: Buffer | Image = result.frame.resource(result.resource)
-        if isinstance(buffer, Image):
-            values = buffer.read()
-        else:
-            values = buffer.read(result.dtype, result.count, result.frame.binding(result.resource).element_offset)
-        read: NDArray[Any] = result.shaped(values)
-        return read
-
-    def _result(self, name: str) -> Result:
-        frame, resource = self._place(name)
-        buffer: Buffer | Image = frame.resource(resource)
-        if isinstance(buffer, Image):
-            assert self._realtime is not None
-            return Result(frame, resource, buffer.dtype, math.prod(buffer.level_shape(0)), self._realtime.picture_of)
-        element = frame.binding(resource).element
-        assert element is not None
-        # The grid of realtime views may have more places than views.
-        count = self._pixels(name) * math.prod(element.shape)
-        return Result(frame, resource, element.base, count, partial(self._shaped, name))
-
-    def _size_of(self, name: str) -> tuple[int, int]:
-        """The width and height of a result of a view: what is rendered is smaller than the picture with upscale."""
-        return self._realtime.render_size if self._realtime is not None and name == "raw_radiance" else self.size
-
-    def _pixels(self, name: str) -> int:
-        return self.views * math.prod(self._size_of(name))
-
-    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
-        """A result of the latest frame that stays on the device, (N, height, width[, channels]).
-
-        On software devices, and others whose memory the host sees, it is an array in the device's own memory, without a
-        copy. It waits for the frame, and shows later frames too: take it again after each `render`, which waits. On
-        NVIDIA devices it is a copy on the device that later frames don't change, without waiting, for CUDA: see
-        `RenderedFrame.tensor`. Both, and what `torch.from_dlpack` and others make of them, keep their memory when the
-        batch and the device are closed. Raises SolariError, with the reason, where the device can't share its memory.
-        """
-        result = self._result(name)
-        buffer: Buffer | Image = result.frame.resource(result.resource)
-        if isinstance(buffer, Image):
-            raise SolariError(f"Batch.tensor: '{name}' is an image: batch['{name}'] copies it")
-        tensor: NDArray[Any] | CudaTensor
-        if not buffer.mapped:
-            tensor = self._shaped(name, result.frame.tensor(result.resource, self._pixels(name)))
-            return tensor
-        self.device.sync_host()
-        memory = buffer.view(result.dtype, result.count)
-        self._lend(memory)
-        tensor = self._shaped(name, memory)
-        return tensor
-
-    def _lend(self, memory: NDArray[Any]) -> None:
-        self._tensors += 1
-        self.device.lent.lend(memory, self._release_tensor)
-
-    def _release_tensor(self) -> None:
-        """A tensor, and all that was made of it, is gone."""
-        self._tensors -= 1
-        if self._closed:
-            self.close()
-
-    def _place(self, name: str) -> tuple[SceneFrame, str]:
-        """The frame that has a result, and the name of its buffer."""
-        self._check_open()
-        if name not in self._names:
-            raise unknown_name("Batch: there is no result", name, self._names)
-        if not self._rendered:
-            raise SolariError(f"Batch: render before asking for '{name}'")
-        if self._realtime is not None and name in LIGHT["realtime"]:
-            return self._realtime.frame, name
-        if self._paths is not None and name in LIGHT["reference"]:
-            return self._paths.frame, "radiance_mean"
-        assert self._labels is not None
-        return self._labels, f"aov_{name}"
-
-    def _shaped(self, name: str, values: Any) -> Any:
-        if name == "primitive" and isinstance(values, np.ndarray):
-            values = values.view(np.int32)  # -1 for none, as hits of RayTracer have it
-        width, height = self._size_of(name)
-        channels = math.prod(values.shape) // self._pixels(name)
-        return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))
-
-    @property
-    def instances(self) -> dict[int, Instance]:
-        """The scene's instances by the numbers in `batch["instance_id"]`."""
-        return self.binder.instances
-
-    @property
-    def materials(self) -> dict[int, Material]:
-        """The scene's materials by the numbers in `batch["material_id"]`."""
-        return self.binder.materials.by_row
-
-    def close(self) -> None:
-        """Free everything on the device, when no tensor needs it any more. Safe to call twice."""
-        self._closed = True
-        if not self._tensors:
-            super().close()
-
-    def __repr__(self) -> str:
-        width, height = self.size
-        return f"<Batch of {self.views} views {width}x{height} on {self.device.name}: {', '.join(self._names)}>"
-
     # ---- checks -------------------------------------------------------------------------------------
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise SolariError("nothing can be rendered or read: the batch was closed; make a new one")
 
     def _checked_samples(self, samples: int | None) -> int:
         if self._paths is None and samples is not None:

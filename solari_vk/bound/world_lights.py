@@ -99,11 +99,11 @@ class LightsOfWorlds:
         for lamp, material, transform in lit:
             stand_in = copy.copy(lamp)
             stand_in.update(material=material, **({} if transform is None else {"transform": transform}))
-            made.set_emissive(stand_in, binder.instance_rows[lamp], *binder.emission_of(stand_in, lamp))
+            made.set_emissive(stand_in, binder.instance_rows[lamp], *binder.lamps.of(stand_in, lamp))
             stand_ins.append(stand_in)
         for light in own:
             if light is not None:
-                binder.note_light(light)
+                binder.note_feature(light)
                 made.set_light(light, True)
         made.update(binder.traced.lit_area)
         lamps = [lamp for lamp, _, _ in lit]
@@ -201,7 +201,7 @@ class LightsOfWorlds:
     def _drop(self, lists: Mapping[Any, Listed]) -> None:
         for listed in lists.values():
             for stand_in in listed.stand_ins:
-                self._binder.forget_emission(stand_in)
+                self._binder.lamps.emissions.release(stand_in)
 
     def _forget(self) -> None:
         self._drop(self._lists)

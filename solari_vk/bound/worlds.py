@@ -144,8 +144,11 @@ class Worlds:
             for material in dict.fromkeys(given):
                 variant = copy.copy(instance)
                 variant.update(material=material)
-                built_anew |= self._binder.note_variant(variant)
-                mode = variant.alpha_mode
+                if (mode := variant.alpha_mode) != "opaque":
+                    self._binder.note_feature(variant)
+                if mode == "blend":
+                    self._binder.blended_changes += 1
+                    built_anew |= self._binder.meet_once(instance.ray_mesh or instance.mesh)
                 flags = flags_of(material.double_sided, mode)
                 found[material] = self._binder.materials.rows[material], flags, mask_of(instance.visible, mode)
             rows, flags, masks = np.array([found[material] for material in given], np.uint32).T

@@ -14,7 +14,7 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
 from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.choice_weights import choice_weights_by_kind
-from solari_vk.bound.lights.clusters import Clusters
+from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
@@ -74,9 +74,7 @@ class LightList:
         """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
         array."""
         self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
-        self._clusters: dict[Instance, Clusters] = {}
-        self._boxes: dict[Instance, NDArray[np.float64]] = {}  # of the clusters
-        self._moved: dict[Instance, None] = {}  # whose boxes the tree doesn't follow yet
+        self._clusters = ClusterBoxes()
         self._positions_changed = True
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
         """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
@@ -86,11 +84,6 @@ class LightList:
     def tables(self) -> tuple[Any, ...]:
         """All tables."""
         return self.sources, self.info, self.leaves.table, self.leaves.tree, *self._records.values()
-
-    @property
-    def emissive(self) -> list[Instance]:
-        """The emissive instances, in the order of the list."""
-        return list(self._emissive)
 
     @property
     def others(self) -> dict[LightKind, list[Light]]:
@@ -121,7 +114,9 @@ class LightList:
         position: of the center of its bounds. half_size: half of the bounds' size.
         """
         index = self._index.get(instance)
-        self._set_clusters(instance, None if emission is None else emission.clusters)
+        other, moved = self._clusters.set(instance, None if emission is None else emission.clusters)
+        self._changed |= other
+        self._positions_changed |= moved
         if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
@@ -188,19 +183,6 @@ class LightList:
             self._emissive_places[index] = position, half_size
             self._positions_changed = True
 
-    def _set_clusters(self, instance: Instance, clusters: Clusters | None) -> None:
-        if self._clusters.get(instance) is not clusters:
-            self._changed = True
-            for known in (self._clusters, self._boxes, self._moved):
-                known.pop(instance, None)
-        if clusters is None:
-            return
-        boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
-        if not np.array_equal(boxes, self._boxes.get(instance, ())):
-            self._clusters[instance], self._boxes[instance] = clusters, boxes
-            self._moved[instance] = None
-            self._positions_changed = True
-
     def _set_power(self, light: Instance | Light, power: float) -> None:
         known = self._power_of.get(light, 0.0)
         if not math.isclose(power, known, rel_tol=1e-5):  # turning an instance changes its area by rounding
@@ -262,10 +244,10 @@ class LightList:
             self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
             self._write_others(len(listed))
             sources = self.sources.records[: len(listed)]
-            self.leaves.arrange([*map(self._clusters.get, listed)], sources["part_count"])  # type: ignore[arg-type]
+            self.leaves.arrange([*map(self._clusters.of.get, listed)], sources["part_count"])  # type: ignore[arg-type]
             sources["first_leaf"] = self.leaves.firsts
             self.sources.mark(range(len(listed)))
-            self._moved = dict.fromkeys(self._clusters)
+            self._clusters.moved = dict.fromkeys(self._clusters.of)
         kinds = self.sources.records["kind"][: len(listed)]
         self.emitted = np.where(kinds == KIND_INDEX["portal"], 0.0, self.powers)
         self.leaves.choose(choice_weights_by_kind(self.powers, kinds))
@@ -278,8 +260,7 @@ class LightList:
         emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(solid, (-1, 2, 3))])
         self.places = bounds.mean(axis=1)
-        boxes = {self._index[instance]: self._boxes[instance] for instance in self._moved}
-        self._moved.clear()
+        boxes = {self._index[instance]: moved for instance, moved in self._clusters.take_moved()}
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], boxes)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)

@@ -11,14 +11,14 @@ from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks
+from solari_vk.gpu.device.gathering import GatheringDevice
 from solari_vk.gpu.device.lent import Lent
-from solari_vk.gpu.device.logical import LogicalDevice
 from solari_vk.gpu.device.submission import SemaphoreValue, Submission
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
 
 
-class WorkQueue(LogicalDevice):
+class WorkQueue(GatheringDevice):
     """A device with its queue. Every submission increments the timeline; waiting means waiting for a timeline value."""
 
     def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
@@ -34,7 +34,6 @@ class WorkQueue(LogicalDevice):
         self.lent = Lent()
         self._before_next: list[Callable[[raw.CData], None]] = []
         self._with_next: dict[raw.CData, None] = {}
-        self._gathered: dict[Submission, raw.CData] | None = None
         self.callbacks = Callbacks()
         timeline = raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
         self.timeline = self.create(
@@ -67,31 +66,6 @@ class WorkQueue(LogicalDevice):
         """Submit command buffers; returns the timeline value that marks their completion."""
         return self.submit_prepared(self.submission(command_buffers))
 
-    @contextmanager
-    def gathered(self) -> Iterator[None]:
-        """Hand all that is submitted inside to the driver in one call at the end, or as soon as something waits for it.
-
-        The order, and what each submission waits for, stays.
-        """
-        if self._gathered is not None:
-            yield
-            return
-        self._gathered = {}
-        try:
-            yield
-        finally:
-            try:
-                self._hand_over()
-            finally:
-                self._gathered = None
-
-    def _hand_over(self) -> None:
-        """Submit what was gathered so far."""
-        if self._gathered:
-            gathered, self._gathered = self._gathered, {}
-            infos = raw.array("VkSubmitInfo2", [*gathered.values()])
-            self.vk.vkQueueSubmit2(self.queue, len(gathered), infos, raw.NULL)
-
     def before_next_submit(self, record: Callable[[raw.CData], None]) -> None:
         """Have `record` called, and its commands submitted, just before the next submission."""
         self._before_next.append(record)
@@ -121,15 +95,8 @@ class WorkQueue(LogicalDevice):
             raise DeviceError(f"{self.name} was lost: make a new Device")
         if self._before_next and not internal:
             self.flush()
-        if self._gathered is not None and submission in self._gathered:
-            self._hand_over()  # a submission holds what it is submitted with
         value = self.submitted + 1
-        submission.signal.value = value
-        info = submission.info_behind(self._with_next)
-        if self._gathered is None:
-            self.vk.vkQueueSubmit2(self.queue, 1, info, raw.NULL)
-        else:
-            self._gathered[submission] = info
+        self._hand_over_or_gather(submission, value, self._with_next)
         self.submitted = value
         if self._with_next:
             self._with_next.clear()

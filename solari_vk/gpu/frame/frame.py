@@ -39,8 +39,7 @@ from solari_vk.gpu.shaders.spirv import Binding
 __all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step",
            "Within"]  # fmt: skip
 
-SIDES = 2
-"""Both of a history; slots take them in turn."""
+SIDES = 2  # of a history, which slots take in turn
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class Frame:
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
-        self.frame_count = self._latest_index = 0
+        self.frame_count = 0
         self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
@@ -90,6 +89,7 @@ class Frame:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
             self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
+            self._latest = self._slots[0]
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
             undo.pop_all()
@@ -136,17 +136,14 @@ class Frame:
     def prepare_many(self, frames: int) -> None:
         """Have slots for so many frames that none of them waits for the frames of the previous time."""
         assert self._program is not None
-        first, count = len(self._slots), SIDES * frames
-        for index, commands in enumerate(self._pool.allocate(count - first) if count > first else (), first):
-            slot = Slot(self.device, index, commands)
+        for index in range(len(self._slots), SIDES * frames):
+            slot = Slot(self.device, index, *self._pool.allocate(1))
             slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
             self._slots.append(slot)
 
     def bind(self, external: Mapping[str, Any]) -> None:
-        """Replace external resources from the next frame on. The replaced ones may be destroyed at once.
-
-        Raises SolariError for an indirect buffer that is too small; the frame is then as before.
-        """
+        """Replace external resources from the next frame on. The replaced ones may be destroyed at once. Raises
+        SolariError for an indirect buffer that is too small; the frame is then as before."""
         assert self._program is not None
         self._program.check({**self._resources.named(0), **self._external, **external})
         self._external.update(external)
@@ -180,8 +177,7 @@ class Frame:
                 self.device.submit_prepared(slot.submission)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
-        self.frame_count += 1
-        self._latest_index = slot.index
+        self.frame_count, self._latest = self.frame_count + 1, slot
         return slot.value
 
     def _note_structures(self) -> None:
@@ -192,10 +188,6 @@ class Frame:
         self._structures = [self._external[name] for name in names if name in self._external]
 
     # ---- results ------------------------------------------------------------------------------------
-
-    @property
-    def _latest(self) -> Slot:
-        return self._slots[self._latest_index]
 
     def resource(self, name: str) -> Any:
         """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none. For
