@@ -37,7 +37,7 @@ from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import with_more_rows
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
@@ -186,7 +186,7 @@ class Batch(BatchResults):
     @checked_keywords()
     def render_many(
         self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None,
-        transforms: Mapping[str | Instance, ArrayLike] | None = None, fov: ArrayLike | None = None,
+        transforms: Mapping[Any, ArrayLike] | None = None, fov: ArrayLike | None = None,
         vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
         ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
         reset: ArrayLike = False, reset_cache: bool = False,
@@ -212,9 +212,11 @@ class Batch(BatchResults):
                                    "samples": samples}  # fmt: skip
         cuts = cuts_of(frames, self.views, reset)
         each = zip(cameras_of(frames, self.views, cameras), cuts, seeds_of(frames, self.views, seeds), strict=True)
-        for user in (self._labels, self._paths and self._paths.frame, self._realtime and self._realtime.frame):
-            if user is not None:
-                user.prepare_many(frames)
+        if self._labels is not None:
+            self._labels.prepare_many(frames)
+        for renderer in (self._paths, self._realtime):
+            if renderer is not None:
+                renderer.frame.prepare_many(frames)
         with self.device.gathered():
             for index, (shown, cut, numbers) in enumerate(each):
                 for instance, given in moved.items():

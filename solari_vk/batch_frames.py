@@ -25,19 +25,19 @@ WHERE = "Batch.render_many"
 
 
 class Result(NamedTuple):
-    """A result of a batch. frame: has it as its resource, of `count` values of a dtype. shaped: makes (N, height,
+    """A result of a batch. frame: has it as its resource, of so many values of a dtype. shaped: makes (N, height,
     width[, channels]) of these values."""
 
     frame: SceneFrame
     resource: str
     dtype: np.dtype[Any]
-    count: int
+    values: int
     shaped: Callable[[Any], Any]
 
     @property
     def size(self) -> int:
         """In bytes."""
-        return self.count * self.dtype.itemsize
+        return self.values * self.dtype.itemsize
 
     def record_copy(self, cmd: raw.CData, target: Buffer, begin: int) -> None:
         """Record a copy of the latest frame's to a byte of a buffer."""
@@ -90,7 +90,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         result, buffer = self._of(name)
-        values = buffer.read(result.dtype, self._frames * result.count).reshape(self._frames, result.count)
+        values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
         return np.stack([result.shaped(one) for one in values])
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
@@ -98,14 +98,15 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         result, buffer = self._of(name)
         if isinstance(result.frame.resource(result.resource), Image):
             raise SolariError(f"{WHERE}: '{name}' is an image: frames['{name}'] copies it")
-        count = self._frames * result.count
+        count = self._frames * result.values
         if buffer.mapped:
             self._device.sync_host()
             memory = buffer.view(result.dtype, count)
             self._lend(memory)
-            first = result.shaped(memory[: result.count])
-            return memory.view(first.dtype).reshape(self._frames, *first.shape)
-        shape = result.shaped(np.empty(result.count, result.dtype)).shape
+            first = result.shaped(memory[: result.values])
+            shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
+            return shown
+        shape = result.shaped(np.empty(result.values, result.dtype)).shape
         copy = partial(buffer.record_copy, size=buffer.size)
         return self._device.cuda.copy(copy, (self._frames, *shape), result.dtype)
 
@@ -133,7 +134,7 @@ def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:
             return lists
     shape = views, 4, 4
     poses = view_table.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
-    return np.broadcast_to(poses, (frames, *shape))
+    return list(np.broadcast_to(poses, (frames, *shape)))
 
 
 def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
@@ -157,4 +158,4 @@ def seeds_of(frames: int, views: int, seeds: Any) -> Sequence[Any]:
     if seeds is None:
         return [None] * frames
     given = view_table.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
-    return np.broadcast_to(given, (frames, views))
+    return list(np.broadcast_to(given, (frames, views)))

@@ -51,7 +51,7 @@ class BatchResults(SceneUser):
         if isinstance(buffer, Image):
             values = buffer.read()
         else:
-            values = buffer.read(result.dtype, result.count, result.frame.binding(result.resource).element_offset)
+            values = buffer.read(result.dtype, result.values, result.frame.binding(result.resource).element_offset)
         read: NDArray[Any] = result.shaped(values)
         return read
 
@@ -92,7 +92,7 @@ class BatchResults(SceneUser):
             tensor = self._shaped(name, result.frame.tensor(result.resource, self._pixels(name)))
             return tensor
         self.device.sync_host()
-        memory = buffer.view(result.dtype, result.count)
+        memory = buffer.view(result.dtype, result.values)
         self._lend(memory)
         tensor = self._shaped(name, memory)
         return tensor

@@ -110,7 +110,7 @@ class ViewRenderer(Renderer):
 
     def _inputs(self) -> dict[str, Any]:
         own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
-        return super()._inputs() | own | self._worlds.resources
+        return super()._inputs() | own | dict(self._worlds.resources)
 
     def _write_settings(self) -> None:
         super()._write_settings()

@@ -210,7 +210,7 @@ class SceneBinder:
             if before != after:
                 if before is not None and before[1] is not ray_shape and self.lights.index(instance) is not None:
                     self.lights.renew(instance)
-                self._acquire(instance, after)
+                self._acquire(instance, *after)
                 self._uses[instance] = after
         elif before is not None:
             instance.unwatch(self)
@@ -224,16 +224,14 @@ class SceneBinder:
             del self._uses[instance], self._ids[instance]
             self.instance_rows.release(instance, None)
         if before is not None and before != self._uses.get(instance):
-            self._release(instance, before)
+            self._release(instance, *before)
 
-    def _acquire(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
-        mesh, ray_mesh, material = uses
+    def _acquire(self, instance: Instance, mesh: Shape, ray_mesh: Shape, material: Material) -> None:
         self._geometry.acquire(mesh, instance, traced=False)
         self._geometry.acquire(ray_mesh, instance, traced=True)
         self.materials.acquire(material, instance)
 
-    def _release(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
-        mesh, ray_mesh, material = uses
+    def _release(self, instance: Instance, mesh: Shape, ray_mesh: Shape, material: Material) -> None:
         self._geometry.release(mesh, instance, traced=False)
         self._geometry.release(ray_mesh, instance, traced=True)
         self.materials.release(material, instance)
@@ -251,7 +249,9 @@ class SceneBinder:
 
     def meet_once(self, mesh: Mesh) -> bool:
         """As `Geometry.meet_once`; another `update` is needed if it returns True."""
-        return self._geometry.meet_once(mesh) and self.note(mesh) is None
+        if new := self._geometry.meet_once(mesh):
+            self.note(mesh)
+        return new
 
     def _note_alpha(self) -> None:
         for instance in self._write_rows:

@@ -85,7 +85,7 @@ class Table(HostTable):
 
     def _doubled(self) -> int:
         # Doubling ends at the largest buffer that a shader can access.
-        return min(super()._doubled(), self._device.properties.limits.maxStorageBufferRange // self._size)
+        return min(super()._doubled(), int(self._device.properties.limits.maxStorageBufferRange) // self._size)
 
     def set(self, row: int, *numbers: float) -> None:
         """Write a row: the numbers of all its fields in order; fields with several numbers take them one by one."""

@@ -107,8 +107,9 @@ class LightsOfWorlds:
                 made.set_light(light, True)
         made.update(binder.traced.lit_area)
         lamps = [lamp for lamp, _, _ in lit]
-        ids = map(self._id, (*lamps, *(light for of_kind in made.others.values() for light in of_kind)))
-        return Listed(made, lamps, stand_ins, Known.of(made)._replace(ids=np.fromiter(ids, np.uint32, len(made.ids))))
+        listed: list[Instance | Light] = [*lamps, *(light for of_kind in made.others.values() for light in of_kind)]
+        ids = np.fromiter(map(self._id, listed), np.uint32, len(listed))
+        return Listed(made, lamps, stand_ins, Known.of(made)._replace(ids=ids))
 
     def _id(self, light: Instance | Light) -> int:
         """A number that stays with a light while it has the same image or profile: the scene's, if it has one."""

@@ -38,7 +38,8 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         if isinstance(key, self.kind):
             if key not in items:
                 raise SolariError(f"{self.where}: the scene doesn't have {key.describe()}")
-            return key
+            item: Item = key
+            return item
         if not isinstance(key, str):
             article = "an" if self.kind is Instance else "a"
             raise SolariError(f"{self.where}: give the name of {article} {name} or {article} {self.kind.__name__}, "

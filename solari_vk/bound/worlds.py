@@ -139,7 +139,7 @@ class Worlds:
     def _note_materials(self) -> None:
         """Take note of the materials of instances, which must be in the binder's tables."""
         self._surfaces, built_anew = {}, False
-        for instance, given in self.materials.items():
+        for instance, given in self.materials.present().items():
             found: dict[Material, tuple[int, int, int]] = {}
             for material in dict.fromkeys(given):
                 variant = copy.copy(instance)
@@ -159,7 +159,7 @@ class Worlds:
     def _bodies(self) -> dict[Instance, Differing]:
         """The bodies of lights that cast shadows."""
         found = {}
-        for light, given in self.lights.items():
+        for light, given in self.lights.present().items():
             body = self._binder.lights.bodies.of(light)
             if body is None:
                 wrong = [world for world, one in enumerate(given) if has_body(one)]
@@ -168,15 +168,14 @@ class Worlds:
                                       "which it needs a body in the scene: set casts_shadow there too")  # fmt: skip
                 continue
             casts = [has_body(one) for one in given]
-            places = [transform_of(one) if cast else body.transform
-                      for one, cast in zip(given, casts, strict=True)]  # fmt: skip
+            places = [transform_of(one) if has_body(one) else body.transform for one in given]
             masks = np.array([mask_of(cast, "opaque") for cast in casts], np.uint32)
             found[body] = Differing(np.stack(places), None, None, masks)
         return found
 
     def _differing(self, bodies: Mapping[Instance, Differing]) -> dict[Instance, Differing]:
         differing = {**self._surfaces, **bodies}
-        for instance, transforms in self.transforms.items():
+        for instance, transforms in self.transforms.present().items():
             differing[instance] = differing.get(instance, Differing())._replace(transforms=transforms)
         return differing
 

@@ -102,7 +102,8 @@ class Cuda:
     Raises DeviceError without a driver of CUDA, and if CUDA doesn't show the device.
     """
 
-    name, libraries = "CUDA", ("libcuda.so.1",)
+    name = "CUDA"
+    libraries: tuple[str, ...] = ("libcuda.so.1",)
     dlpack_type = dlpack.CUDA
     waits_for_timelines = True
     """Whether streams wait for timeline semaphores of Vulkan."""
@@ -217,7 +218,8 @@ class Hip(Cuda):
     documentation; no AMD device has run it.
     """
 
-    name, libraries = "HIP", ("libamdhip64.so.7", "libamdhip64.so.6", "libamdhip64.so.5", "libamdhip64.so")
+    name = "HIP"
+    libraries = ("libamdhip64.so.7", "libamdhip64.so.6", "libamdhip64.so.5", "libamdhip64.so")
     dlpack_type = dlpack.ROCM
     waits_for_timelines = False
     names: ClassVar[dict[str, str]] = _HIP

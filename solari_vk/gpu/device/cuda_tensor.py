@@ -191,7 +191,7 @@ class CudaTensors:
             device.vk.vkCmdPipelineBarrier2(cmd, place.to_cuda)
 
         copying = Recorded(device, record, "tensor")
-        signals = [] if self._timeline is None else [(self._timeline, self._value + 1)]
+        signals: list[Any] = [] if self._timeline is None else [(self._timeline, self._value + 1)]
         submitted = device.submit_prepared(device.submission([copying.commands], signals=signals))
         self._value += 1
         copying.destroy()
