@@ -10,10 +10,9 @@ import hashlib
 import os
 import stat
 import sys
-import warnings
 from pathlib import Path
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, warn
 from solari_vk.files import make_folder, write_whole
 
 _OFF = ("", "0", "off", "no")
@@ -33,8 +32,8 @@ def folder() -> Path | None:
             return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "solari_vk" / "cache"
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
     except RuntimeError:  # neither HOME nor an entry in the list of users
-        warnings.warn("compiled shaders and pipelines aren't kept: this user has no home folder: set SOLARI_VK_CACHE "
-                      "to a folder, or to 'off'", stacklevel=2)  # fmt: skip
+        warn("compiled shaders and pipelines aren't kept: this user has no home folder: set SOLARI_VK_CACHE "
+             "to a folder, or to 'off'")  # fmt: skip
         return None
 
 
@@ -46,11 +45,8 @@ def _trusted_folder() -> Path | None:
     except OSError:
         return base
     if found is not None and (found.st_mode & stat.S_IWOTH or found.st_uid not in (0, os.getuid())):
-        warnings.warn(
-            f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
-            "with mode 700, or set SOLARI_VK_CACHE to another folder",
-            stacklevel=4,
-        )
+        warn(f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
+             "with mode 700, or set SOLARI_VK_CACHE to another folder")  # fmt: skip
         return None
     return base
 
@@ -77,7 +73,4 @@ def store(name: str, content: bytes) -> None:
     except SolariError as error:
         if base not in _warned_of:
             _warned_of.add(base)
-            warnings.warn(
-                f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'",
-                stacklevel=3,
-            )
+            warn(f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'")

@@ -6,6 +6,7 @@ import difflib
 import functools
 import inspect
 import re
+import sys
 import warnings
 from abc import ABCMeta
 from collections.abc import Callable, Iterable, Sequence
@@ -161,4 +162,12 @@ def check_count(
 
 def warn_of_old_name(what: str, old: str, new: str) -> None:
     """Warn that `old` has another name now."""
-    warnings.warn(f"{what}: {old} is called {new} now; the old name goes with version 0.4", FutureWarning, stacklevel=3)
+    warn(f"{what}: {old} is called {new} now; the old name goes with version 0.4", FutureWarning)
+
+
+def warn(text: str, kind: type[Warning] = UserWarning) -> None:
+    """Warn, at the line outside of the package that led here."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, kind, stacklevel=level)

@@ -21,6 +21,10 @@ _PICTURE = "tracer.render(samples=256).save(path) makes a picture and writes it;
 _SHADOWS = "everything casts shadows and receives them; visible=False hides an object"
 _AMBIENT = "light comes from lights alone: scene.environment = Environment(0.3) is even light from all around"
 _ORBIT = "Camera.look_at(position, target) for each picture, or solari-vk render --animate orbit"
+_ANNOTATED = "Annotations(frame.labels, objects=frame.objects) has coco and yolo; `solari-vk dataset` writes files"
+_PAIR = "CameraRig.stereo(camera, baseline).at() is a pair; Flow has its disparity (optical_flow)"
+_FALL = "scene.drop(...) lets things fall until they rest"
+_LABEL = "it is called label here, and is text"
 _NOT_HERE = "there are no volumes, curves and node graphs: see docs/explained/limits.md"
 _FOCAL = "fov is in degrees: 2 atan(12 mm / focal length), 27 of a lens of 50 mm"
 _RESULTS = {
@@ -61,6 +65,10 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("render", "trace", "raytrace"),
                         "Renderer(device, scene, size).render() is realtime, PathTracer(...) the reference"),
         **dict.fromkeys(("object", "node", "model", "shape", "entity", "actor"), _MAKE),
+        **dict.fromkeys(("cocowriter", "yolowriter", "save_coco", "write_coco", "coco", "annotate"), _ANNOTATED),
+        **dict.fromkeys(("stereo", "stereocamera", "stereopair"), _PAIR),
+        **dict.fromkeys(("dataset", "datasetwriter", "writer"), "Views(folder) reads what `solari-vk dataset` writes"),
+        **dict.fromkeys(("physics", "simulate", "simulation"), _FALL),
         **dict.fromkeys(("load_scene", "load_file", "load_mesh", "read", "load_obj"), _LOAD),
     },
     "shapes": {
@@ -81,9 +89,11 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
                         "scene.group(*scene.instances) has a position, rotation and scale; so have instances"),
         **dict.fromkeys(("load", "open", "from_file", "from_gltf"), _LOAD),
         **dict.fromkeys(("render", "show", "view"), "Renderer(device, scene, size).render() makes pictures of it"),
+        **dict.fromkeys(("simulate", "physics", "fall", "settle", "simulate_physics"), _FALL),
         **dict.fromkeys(("objects", "children", "nodes", "entities"), "instances are its objects, by number or name"),
         **dict.fromkeys(("background", "envmap", "hdri", "sky"), "environment is its light from all around"),
     },
+    "Scene.drop": {"gravity": "things fall as on the earth, along -y"},
     "Scene.animate": {"time": "write scene.animate(seconds, clip)"},
     "Material": {
         **{word: f"it is called {ours} here" for word, ours in _SURFACE.items()},
@@ -100,6 +110,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("rotate_y", "rotate_x", "set_position", "set_pose", "move", "lookat", "look_at"), _PARTS),
         **dict.fromkeys(("remove", "delete"), "scene.remove(object) takes one out"),
         "active_material": "it is called material here",
+        **dict.fromkeys(("category_id", "class_id", "category", "semantic", "semantic_id", "set_cp"), _LABEL),
     },
     "Mesh": dict.fromkeys(("translate", "position", "rotate", "rotation", "scale", "transform"), _MOVED),
     "Camera": {
@@ -113,6 +124,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("orbit", "rotate", "set_pose", "lookat_from"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("width", "height", "resolution", "aspect", "aspect_ratio", "size"),
                         "the size is the renderer's: Renderer(device, scene, (width, height))"),
+        **dict.fromkeys(("stereo", "baseline", "interocular_distance"), _PAIR),
         **dict.fromkeys(("orthographic", "ortho", "ortho_scale"), "orthographic_height is in meters"),
         **dict.fromkeys(("znear", "clip_start"), "it is called near here"),
         **dict.fromkeys(("fstop", "f_number", "dof"), "camera.focus_on(point, f_number) focuses as photographers do"),
@@ -133,7 +145,10 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("path", "file", "filename", "url"), "image takes the path: Environment(path)"),
         **dict.fromkeys(("strength", "scale"), "it is called intensity here"),
     },
+    "CameraRig": dict.fromkeys(("left", "right"), 'left, right = rig.at(); rig.cameras["left"] is on the body'),
     "RenderedFrame": {
+        **dict.fromkeys(("motion", "flow", "optical_flow"), "optical_flow(ray_tracer, before, after) finds it"),
+        **dict.fromkeys(("segmentation", "seg", "semantic", "ids", "instances_map"), _RESULTS["segmentation"]),
         **dict.fromkeys(("point_cloud", "points", "xyz"), 'frame["position"] is (height, width, 3) in the world'),
         **dict.fromkeys(("alpha", "shape"), 'image() has no alpha: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("to_srgb8", "to_uint8", "to_pil", "show", "rgb", "pixels"),

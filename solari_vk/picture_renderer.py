@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from contextlib import closing
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.errors import SolariError, quoted, unknown_attribute
+from solari_vk.errors import SolariError, quoted, unknown_attribute, warn
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
@@ -196,11 +195,8 @@ class PictureRenderer(SceneUser, ABC):
         scene = self.binder.scene
         shown = [instance.material for instance in scene if instance.visible]
         if shown and not len(self.binder.lights.ids) and not any(material.unlit for material in shown):
-            warnings.warn(
-                f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
-                "studio_lights(scene), set scene.environment = Sky(), or add a light", stacklevel=3,
-            )  # fmt: skip
-
+            warn(f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
+                 "studio_lights(scene), set scene.environment = Sky(), or add a light")  # fmt: skip
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
         if self._latest is frame:

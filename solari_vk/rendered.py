@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.errors import Hints, SolariError, checked_keywords, quoted, unknown_name
+from solari_vk.errors import Hints, SolariError, checked_keywords, quoted, unknown_name, warn
 from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
-from solari_vk.output.annotations import boxes
+from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.passes import pathtracer
+from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.objects import objects_of
 
@@ -141,13 +142,17 @@ class RenderedFrame(Hints):
         """The scene's materials by the numbers in `frame["material_id"]`."""
         return self._renderer.binder.materials.by_row
 
-    def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
-        """Whether pixels show an instance at their center, (height, width). instance: the object, its name, or that of
-        an object of several parts."""
-        parts = [number for number, other in self.instances.items() if other.part_of and other.part_of == instance]
-        if isinstance(instance, str) and not parts:
-            instance = self._renderer.binder.scene.instances[instance]
-        ids = parts or [number for number, other in self.instances.items() if other is instance]
+    def mask(self, instance: Instance | Group | str) -> NDArray[np.bool_]:
+        """Whether pixels show an instance at their center, (height, width). instance: the object, a group of them, its
+        name, or that of an object of several parts. Raises SolariError for what isn't in the scene."""
+        found: list[Any] = [other for other in self.instances.values() if other.part_of and other.part_of == instance]
+        if isinstance(instance, str) and not found:
+            found = [self._renderer.binder.scene.instances[instance]]
+        elif not found:
+            found = instance.items if isinstance(instance, Group) else [instance]
+        ids = [number for number, other in self.instances.items() if other in found]
+        if not ids:
+            raise SolariError(f"mask: takes an instance or a group of the scene, or its name, not {quoted(instance)}")
         return np.isin(self["instance_id"], ids)
 
     @property
@@ -161,10 +166,15 @@ class RenderedFrame(Hints):
         first one; an instance alone is an object."""
         return objects_of(self.instances, self.labels)
 
-    def boxes(self) -> dict[Instance, tuple[int, int, int, int]]:
-        """The smallest box around each instance's pixels: its left column, top row, width and height in pixels."""
-        instances = self.instances
-        return {instances[number]: box for number, box in boxes(self["instance_id"]).items()}
+    def boxes(self, *, merge: bool = False) -> dict[Instance, tuple[int, int, int, int]]:
+        """The smallest box around each instance's pixels: its left column, top row, width and height in pixels.
+
+        merge: one box around all parts of an object (`frame.objects`), by its first part.
+        """
+        ids, instances = self["instance_id"], self.instances
+        if merge:
+            ids = merged_ids(ids, self.objects)
+        return {instances[number]: box for number, box in boxes(ids).items()}
 
     def pick(self, x: int, y: int) -> Instance | None:
         """The instance that a pixel shows at its center, None for the background.
@@ -204,18 +214,14 @@ class RenderedFrame(Hints):
             return Camera(ev100=self._renderer.auto_exposure(radiance)).exposure
         factor = self.camera.exposure if exposure is None else exposure
         if (wrong := _unseen(radiance * factor)) == "black":
-            warnings.warn(
-                "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
-                "with an emissive material, scene.environment, and studio_lights(scene)", stacklevel=3,
-            )  # fmt: skip
+            warn("the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
+                 "with an emissive material, scene.environment, and studio_lights(scene)")  # fmt: skip
         elif wrong and exposure is not None:
-            warnings.warn(f'the picture is far too {wrong}: give another exposure, or "auto"', stacklevel=3)
+            warn(f'the picture is far too {wrong}: give another exposure, or "auto"')
         elif wrong:
             ev100 = self._renderer.auto_exposure(radiance)
-            warnings.warn(
-                f"the picture would be far too {wrong} with the camera's EV100, {self.camera.ev100:.4g}, and is shown "
-                f"with {ev100:.3g}: set camera.ev100 to that, or camera.auto_exposure", stacklevel=3,
-            )  # fmt: skip
+            warn(f"the picture would be far too {wrong} with the camera's EV100, {self.camera.ev100:.4g}, and is shown "
+                 f"with {ev100:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
             return Camera(ev100=ev100).exposure
         return factor
 

@@ -129,6 +129,30 @@ def test_what_a_recipe_does(make):
     assert -10 <= min(turns) < -3 < 3 < max(turns) <= 10
 
 
+def test_a_studios_floor_is_left_alone(make):
+    """By patterns, and by distractors, which would lie tens of meters away."""
+    scene = sv.studio_lights(box())
+    recipe = make("distractors: {count: 4}\ninstances: {'*': {offset: [0, 1, 0]}}\nmaterials: {'*': {metallic: 1}}")
+    recipe.prepare(scene)
+    bounds, floor = scene.bounds, scene.backdrop
+    with recipe.applied(scene, 0):
+        assert floor.position[1] == floor.material.metallic == 0
+        places = np.array([one.position for one in scene.instances if one.name.startswith("distractor")])
+        assert (places >= bounds.min).all()
+        assert (places <= bounds.max + np.array((0, 1, 0))).all()
+    named = make("materials: {floor: {metallic: 1}}", "floor.yaml")
+    with named.applied(scene, 0):
+        assert floor.material.metallic == 1
+
+
+def test_cameras_look_at_a_target(make):
+    camera = sv.Camera()
+    make("cameras: {target: [0, 1, 0], offset: [0, 0, 1], position: [[1, 2, 3], [4, 5, 6]]}").camera(camera, 0)
+    towards = (np.array((0, 1, 0)) - camera.position) / np.linalg.norm(np.array((0, 1, 0)) - camera.position)
+    np.testing.assert_allclose(-camera.transform[:3, 2], towards, atol=1e-12)
+    assert 4 <= camera.position[2] <= 7, "it is moved before it is turned"
+
+
 def test_parts_of_an_object_move_together(make):
     """By one draw, about the middle of all; other objects by their own; what isn't a place is assigned to each part."""
     scene = sv.Scene()

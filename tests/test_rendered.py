@@ -291,6 +291,16 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         assert names[frame["material_id"][16, 26]] == "clay"
         ball.part_of = other.part_of = "balls"
         assert np.array_equal(frame.mask("balls"), ~behind)
+        assert np.array_equal(frame.mask(sv.Group([ball, other])), ~behind)
+        for wrong in (None, 3, sv.Group(), sv.Instance(ball.mesh)):
+            with pytest.raises(sv.SolariError, match="mask: takes an instance or a group of the scene"):
+                frame.mask(wrong)
+        merged = frame.boxes(merge=True)
+        assert list(merged) == [ball, *(one for one in frame.boxes() if one not in (ball, other))]
+        assert merged[ball][2] == np.ptp(np.nonzero(~behind)[1]) + 1
+        boxes = sv.boxes_3d([ball, other], camera, frame.size, merge=True)
+        assert list(boxes) == [ball]
+        assert boxes[ball].size[0] > 1.5 * sv.boxes_3d([ball], camera, frame.size)[ball].size[0]
         assert np.array_equal(frame.mask(ball), ~behind & (np.arange(32) < 22))
         shares = frame.filtered("camera_normal")[..., 2]
         assert shares[0, 0] == pytest.approx(-1)

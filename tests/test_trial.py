@@ -277,8 +277,8 @@ def test_meshes_are_in_the_world_with_the_uvs_of_their_texture():
 
 def test_cameras_with_a_lens_are_refused(tmp_path):
     scene = sv.load(floor(tmp_path / "floor.glb"))
-    for camera in (sv.Camera(aperture=0.1), sv.Camera(orthographic_height=1)):
-        with pytest.raises(SolariError, match=r"floor\.glb: the trial has perspective cameras without a lens"):
+    for camera in (sv.Camera(aperture=0.1), sv.Camera(principal_point=(0.6, 0.5))):
+        with pytest.raises(SolariError, match=r"floor\.glb: the trial has perspective and orthographic cameras"):
             subject.write(Subject("floor", tmp_path / "floor.glb", scene, camera), Conditions(SIZE), tmp_path)
 
 
@@ -497,12 +497,14 @@ def test_mitsuba_takes_every_kind_of_material(judge):
 
 
 @pytest.mark.slow
-def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device):
+@pytest.mark.parametrize("orthographic_height", [0, 2.2])
+def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device, orthographic_height):
     judges = [name for name in KINDS if name != OURS and not KINDS[name].missing(PYTHON)]
     if not judges:
         pytest.skip("no other renderer is installed")
     file = diffuse_box(tmp_path / "box.glb")
     scene = sv.load(file)
+    scene.cameras[0].update(orthographic_height=orthographic_height)
     run(iter([Subject("box", file, scene, scene.cameras[0])]), judges, Plan(512, (), 600), Conditions((96, 96)),
         pythons_of((), PYTHON), tmp_path / "page")  # fmt: skip
     found = json.loads((tmp_path / "page/trial.json").read_text())["scenes"]["box"]

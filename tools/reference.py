@@ -8,6 +8,7 @@ MADE gives: lists of the names that the site shows in full, all settings, all de
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import inspect
 import re
@@ -16,6 +17,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from solari_vk import cli
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
@@ -122,7 +124,39 @@ def views(page: str) -> str:
     return "\n".join(["| name | what it shows |", "| --- | --- |", *rows]) + "\n"
 
 
-MADE = {"names": names, "settings": settings, "views": views}
+def commands(_: str) -> str:
+    """Every command with a table of what it takes."""
+    return "\n".join(line for name, command in _commands(cli._parser()).items()
+                     for line in _command(f"solari-vk {name}", command, 2))  # fmt: skip
+
+
+def _commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The commands of a parser by name."""
+    actions = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    return {name: inner for action in actions for name, inner in action.choices.items()}
+
+
+def _command(name: str, parser: argparse.ArgumentParser, level: int) -> list[str]:
+    lines = [f"{'#' * level} {name}\n", *([f"{text_in_table(parser.description)}\n"] if parser.description else [])]
+    options = [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction | argparse._HelpAction)]
+    if options:
+        lines += ["| option | meaning |", "| --- | --- |"]
+        lines += [f"| {_spelling(action)} | {text_in_table(action.help or '')} |" for action in options]
+        lines.append("")
+    for part, inner in _commands(parser).items():
+        lines += _command(f"{name} {part}", inner, level + 1)
+    return lines
+
+
+def _spelling(action: argparse.Action) -> str:
+    choices = "\\|".join(map(str, action.choices)) if action.choices else ""
+    value = str(action.metavar or choices or action.dest).replace("|", "\\|").replace("\\\\", "\\")
+    if action.option_strings:
+        value = ", ".join(action.option_strings) + (f" {value}" if action.nargs != 0 else "")
+    return f"`{value}`"
+
+
+MADE = {"names": names, "settings": settings, "views": views, "commands": commands}
 
 
 def filled(page: str) -> str:

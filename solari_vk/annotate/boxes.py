@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import SolariError, quoted
 from solari_vk.scene.bounds import Bounds
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.objects import objects_of
 
 Floats = NDArray[np.float64]
 
@@ -30,12 +32,23 @@ class Box3D(NamedTuple):
     """Where the corners are in the picture, (8, 2) as `Camera.project` has it; NaN for those that aren't seen."""
 
 
-def boxes_3d(instances: Iterable[Instance], camera: Camera, size: tuple[int, int]) -> dict[Instance, Box3D]:
+def boxes_3d(
+    instances: Iterable[Instance], camera: Camera, size: tuple[int, int], *, merge: bool = False
+) -> dict[Instance, Box3D]:
     """The box of each instance, such as those of `scene.instances`, for a camera's picture of this size.
 
-    They are exact for what joints and morph targets move, and for transforms that scale, mirror or shear.
+    They are exact for what joints and morph targets move, and for transforms that scale, mirror or shear. merge: one
+    box around all parts of an object that have one label (`Instance.part_of`), by its first part. Raises SolariError
+    for what isn't an instance.
     """
-    return {instance: box_around([instance], camera, size) for instance in instances}
+    numbered = dict(enumerate(instances))
+    for item in numbered.values():
+        if not isinstance(item, Instance):
+            raise SolariError(f"boxes_3d: takes instances, such as group.items, not {quoted(item)}")
+    labels = {number: instance.label for number, instance in numbered.items()}
+    objects = objects_of(numbered, labels) if merge else {number: [number] for number in numbered}
+    return {numbered[first]: box_around([numbered[part] for part in parts], camera, size)
+            for first, parts in objects.items()}  # fmt: skip
 
 
 def box_around(parts: Sequence[Instance], camera: Camera, size: tuple[int, int]) -> Box3D:

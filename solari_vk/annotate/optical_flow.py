@@ -49,7 +49,8 @@ def optical_flow(
     those of the surfaces at pixels' centers; occlusion is found by a ray each. The background turns with the camera.
     Raises SolariError if an edit between the times changes the number of a mesh's triangles.
     """
-    if len(cameras) != 2 or not all(isinstance(camera, Camera) for camera in cameras):
+    given = list(cameras) if isinstance(cameras, Sequence) else []
+    if len(given) != 2 or not all(isinstance(camera, Camera) for camera in given):
         raise SolariError("optical_flow: cameras are two Camera objects, one for each picture")
 
     check_view("optical_flow", tracer, cameras[0], size)

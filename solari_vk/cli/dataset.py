@@ -60,8 +60,12 @@ def run(job: DatasetJob) -> int:
         randomizer.prepare(subject.scene)
     instances = dict(enumerate(subject.scene.instances))
     objects = style.objects(subject.scene)
-    given = {} if job.labels is None else find_labels(objects, job.labels)
-    labels = {number: given.get(instance, instance.label) for number, instance in instances.items()}
+    given = {} if job.labels is None else find_labels(objects, job.labels, subject.scene.backdrop)
+    labels = {number: instance.label for number, instance in instances.items()}
+    for number, instance in instances.items():
+        if instance in given:
+            labels[number], whole = given[instance]
+            instance.part_of = instance.part_of if whole is None else whole
     points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
     named = find_keypoints(objects, points)
     style = dataclasses.replace(style, points=json.dumps(points))

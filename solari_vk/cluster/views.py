@@ -6,7 +6,7 @@ import operator
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,21 @@ from solari_vk.scene.model import Camera, Scene
 PICTURES = (".png", ".jpg", ".npy")
 
 
+class Sample(dict[str, NDArray[Any]]):
+    """The layers of a view, by name."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise SolariError(f"Views: samples have {', '.join(self)}, and no {name}: name what they shall have, "
+                          f"Views(folder, [{', '.join(map(repr, (*self, name)))}])")  # fmt: skip
+
+
 class Views(Hints):
     """The views in a folder of `solari-vk dataset`.
 
     views[n] is a sample: a dict of "rgb" (height, width, 3), float32, sRGB from 0 to 1, of .npy files radiance in
     cd/m^2, and of the other layers by name. `torch.utils.data.DataLoader(Views(folder), batch_size=8)` gives tensors.
-    names: what samples have, by default "rgb" and all layers that are pictures. Raises SolariError for a folder that
-    isn't a data set, for an unknown name, and for files that can't be read.
+    names: what samples have, by default "rgb" and all layers but silhouettes, keypoints and optical flow. Raises
+    SolariError for a folder that isn't a data set, for an unknown name, and for files that can't be read.
     """
 
     def __init__(self, folder: str | os.PathLike[str], names: Sequence[str] | None = None) -> None:
@@ -54,9 +62,10 @@ class Views(Hints):
     def __len__(self) -> int:
         return len(self._frames)
 
-    def __getitem__(self, number: int) -> dict[str, NDArray[Any]]:
+    def __getitem__(self, number: int) -> Sample:
         frame = self._frames[operator.index(number)]  # whose IndexError ends loops
-        return {name: self._read(frame["file_path" if name == "rgb" else "layer_paths"], name) for name in self.names}
+        paths = {name: frame["file_path" if name == "rgb" else "layer_paths"] for name in self.names}
+        return Sample({name: self._read(path, name) for name, path in paths.items()})
 
     def _read(self, path: Any, name: str) -> NDArray[Any]:
         file = self.folder / (path if name == "rgb" else path[name])

@@ -32,6 +32,13 @@ def boxes(ids: Ids) -> dict[int, tuple[int, int, int, int]]:
     return {int(number): tuple(box) for number, box in zip(numbers, found, strict=True) if number != NO_INSTANCE}
 
 
+def merged_ids(ids: Ids, objects: Mapping[int, Sequence[int]]) -> Ids:
+    """The ids (height, width), with the number of an object's first part for all; objects: such as `frame.objects`."""
+    first = {part: number for number, parts in objects.items() for part in parts}
+    numbers, of_pixel = np.unique(ids, return_inverse=True)
+    return np.array([first.get(n, n) for n in numbers.tolist()], np.uint32)[of_pixel].reshape(np.shape(ids))
+
+
 def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
     """COCO's uncompressed run lengths of a mask (height, width): column by column, the first run is outside of it."""
     pixels = np.concatenate([[False], mask.T.ravel()])
@@ -97,9 +104,7 @@ class Annotations:
 
     def merged(self, ids: Ids) -> Ids:
         """The ids (height, width), with one number for all parts of an object."""
-        first = {part: number for number, parts in self.objects.items() for part in parts}
-        numbers, of_pixel = np.unique(ids, return_inverse=True)
-        return np.array([first.get(n, n) for n in numbers.tolist()], np.uint32)[of_pixel].reshape(np.shape(ids))
+        return merged_ids(ids, self.objects)
 
     def _found(self, ids: Ids) -> Iterable[tuple[int, int, tuple[int, int, int, int]]]:
         """Number, class and box of each annotated instance in a picture. Raises SolariError for several pictures."""

@@ -21,7 +21,7 @@ from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.images.radiance_files import read_radiance
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture, TextureImage
-from solari_vk.scene.objects import is_called, objects_of
+from solari_vk.scene.objects import fits, objects_of
 from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import PARTS
 
@@ -30,7 +30,7 @@ PREFIX = "distractor "  # of the names of those, by which workers know them
 DISTRACTORS = ("count", "shapes", "size", "within", "material")
 SHAPES = ("box", "sphere", "cylinder", "cone", "capsule", "torus")
 RELATIVE: dict[str, tuple[str, ...]] = {
-    "cameras": ("offset", "ev", "roll"), "instances": ("offset", "turn"), "materials": (),
+    "cameras": ("offset", "target", "ev", "roll"), "instances": ("offset", "turn"), "materials": (),
     "lights": ("offset", "brightness"), "environment": ("turn", "brightness"),
 }  # fmt: skip
 SECTIONS = ("seed", *RELATIVE, "distractors")
@@ -146,7 +146,7 @@ class Recipe:
             items = self._items(scene, section)
             for pattern, values in self._recipe.get(section, {}).items():
                 place = f"{self._who}: {section}"
-                fitting = [item for item in items if is_called(item, pattern)]
+                fitting = [item for item in items if fits(item, pattern, scene.backdrop)]
                 if not fitting:
                     raise unknown_name(f"{place}: nothing is named", pattern, [item.name for item in items])
                 for item in fitting if section == "lights" else ():
@@ -169,7 +169,7 @@ class Recipe:
         for section in PATTERNS:
             for pattern, values in self._recipe.get(section, {}).items():
                 items = enumerate(self._items(scene, section))
-                fitting = {index: item for index, item in items if is_called(item, pattern)}
+                fitting = {index: item for index, item in items if fits(item, pattern, scene.backdrop)}
                 parts = objects_of(fitting) if section == "instances" else {index: [index] for index in fitting}
                 for index, others in parts.items():
                     place = f"{section}/{pattern}/{index}"
@@ -201,10 +201,9 @@ class Recipe:
                 item.update(**fields)
             for other in others:
                 other.update(**{name: value for name, value in fields.items() if name not in ("transform", *PARTS)})
-            for name in drawn:
-                if name in _RELATIVELY:
-                    with _followed(item, others):
-                        _RELATIVELY[name](item, drawn[name], *others)
+            for name in (name for name in _RELATIVELY if name in drawn):
+                with _followed(item, others):
+                    _RELATIVELY[name](item, drawn[name], *others)
 
     @contextmanager
     def _blame(self, place: str) -> Iterator[None]:
@@ -217,7 +216,8 @@ class Recipe:
     def _place_distractors(self, scene: Scene, number: int) -> None:
         given = {"count": 1, "shapes": list(SHAPES), "size": 0.1, "material": {}, **self._recipe["distractors"]}
         added = [item for item in scene.instances if item.name.startswith(PREFIX)]
-        low, high = _bounds(self.objects(scene)) if "within" not in given else given["within"]
+        placed = [item for item in self.objects(scene) if item is not scene.backdrop]
+        low, high = given["within"] if "within" in given else _bounds(placed)
         count = round(self._draw(given["count"], number, "distractors/count"))
         for index, item in enumerate(added):
             place = f"distractors/{index}"
@@ -266,6 +266,10 @@ def _turn(item: Any, degrees: float, *others: Instance) -> None:
     item.transform = move @ item.transform
 
 
+def _aim(camera: Any, target: Any) -> None:
+    camera.place(camera.position, target)
+
+
 def _roll(camera: Any, degrees: float) -> None:
     camera.rotation = camera.rotation @ rotation((0, 0, 1), math.radians(degrees))
 
@@ -280,8 +284,9 @@ def _expose(camera: Any, stops: float) -> None:
 
 
 _RELATIVELY: dict[str, Callable[..., None]] = {
-    "offset": _move, "turn": _turn, "roll": _roll, "brightness": _brighten, "ev": _expose
+    "offset": _move, "turn": _turn, "target": _aim, "roll": _roll, "brightness": _brighten, "ev": _expose
 }  # fmt: skip
+"""In the order in which they are applied."""
 
 
 @lru_cache(maxsize=64)

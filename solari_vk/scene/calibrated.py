@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.lens import Lens, make_lens
+from solari_vk.scene.matrices import rotation as rotation_about
 from solari_vk.scene.matrices import transform_points
 
 Floats = NDArray[np.float64]
@@ -73,14 +74,19 @@ class Calibrated:
         """A camera as OpenCV's calibration gives it.
 
         K (3, 3): focal lengths and principal point in pixels of a picture of `size` (width, height), without skew;
-        pictures of other sizes show the same. R (3, 3), t (3,) in meters: a point is at R @ world + t in the camera's
-        frame, which has x right, y down and z forward. distortion: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3,
-        s4]]], or with projection="fisheye" k1 to k4 as of cv2.fisheye; also "stereographic". fields: further arguments
-        of the constructor. Raises SolariError for numbers that aren't finite, skew, an R that isn't a rotation, and a
-        distortion that isn't invertible in the picture.
+        pictures of other sizes show the same. R (3, 3), or OpenCV's rotation vector rvec (3,), t (3,) in meters: a
+        point is at R @ world + t in the camera's frame, which has x right, y down and z forward. distortion: k1, k2,
+        p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]], or with projection="fisheye" k1 to k4 as of cv2.fisheye; also
+        "stereographic". fields: further arguments of the constructor. Raises SolariError for numbers that aren't
+        finite, skew, an R that isn't a rotation, and a distortion that isn't invertible in the picture.
         """
         (fx, skew, cx), (zero, fy, cy), last = _matrix(K, "K", 3, 3).tolist()
-        rotation, shift = _matrix(R, "R", 3, 3), _matrix(np.ravel(t), "t", 3)
+        shift = _matrix(np.ravel(t), "t", 3)
+        turn = _matrix(np.ravel(R), "R", 3) if np.size(R) == 3 else None
+        if turn is None:
+            rotation = _matrix(R, "R", 3, 3)
+        else:
+            rotation = rotation_about(turn, float(np.linalg.norm(turn))) if turn.any() else np.eye(3)
         width, height = _size(size)
         if skew or zero or last != [0, 0, 1] or not (fx > 0 and fy > 0):
             raise SolariError("Camera.from_opencv: K is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 "

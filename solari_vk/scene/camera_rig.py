@@ -36,13 +36,17 @@ class CameraRig(Hints):
 
     @classmethod
     def stereo(cls, camera: Camera, baseline: float) -> CameraRig:
-        """A "left" and a "right" camera like this one, `baseline` meters apart, about the middle of the body.
+        """A "left" and a "right" camera like this one, half of `baseline` meters to each side of it.
 
-        Cameras may have any projection: two panoramas are stereo before and behind the body, and not at its sides.
+        The camera's pose is that on the body, so that `at()` without a pose is about the camera. Cameras may have any
+        projection: two panoramas are stereo before and behind the body, and not at its sides.
         """
-        half = np.array((baseline / 2, 0, 0))
-        return cls({name: _copy(camera, placed(None, "CameraRig", position=at)) for name, at in
-                    (("left", -half), ("right", half))})  # fmt: skip
+        shift = np.eye(4)
+        pair = dict[str, Camera]()
+        for name, side in (("left", -1), ("right", 1)):
+            shift[0, 3] = side * baseline / 2
+            pair[name] = _copy(camera, camera.transform @ shift)
+        return cls(pair)
 
     @classmethod
     def omnidirectional(cls, baseline: float, **fields: Any) -> CameraRig:

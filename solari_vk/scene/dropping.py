@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,7 +25,7 @@ from solari_vk.scene.objects import Instance, objects_of
 
 Floats = NDArray[np.float64]
 SLAB = 0.05  # meters behind the front of a triangle that isn't part of a convex mesh
-MARGIN = 1e-3  # meters, at which contacts begin to push, so that nothing penetrates
+MARGIN = 4e-4  # meters, of which each of two things begins to push, so that nothing penetrates
 STEP = 0.002  # seconds
 SLOW, RESTING = 0.02, 50  # m/s or rad/s, and for how many steps, until things count as resting
 MOST_TRIANGLES = 5000
@@ -34,18 +35,19 @@ FLAT = 1e-5  # of a mesh's size, by which a convex mesh's vertices may stand bef
 
 
 def drop(
-    falling: Sequence[Instance], *, on: Sequence[Instance], region: Any, seed: int, upright: bool, seconds: float
-) -> None:
-    """The work of `Scene.drop`; on: what they fall on, and the things themselves, which don't count."""
+    falling: Sequence[Sequence[Instance]], *, on: Sequence[Instance], region: Any, seed: int, upright: bool,
+    seconds: float,
+) -> None:  # fmt: skip
+    """The work of `Scene.drop`; falling: the parts of each thing. on: what they fall on, and the things themselves,
+    which don't count."""
     try:
         import mujoco
     except ImportError:
         raise SolariError('Scene.drop: needs MuJoCo: install it by "pip install solari-vk[physics]"') from None
-    moved = set(falling)
+    moved = {part for parts in falling for part in parts}
     supports = [one for one in on if one.visible and one not in moved]
     low, high = _region(region, supports)
-    numbered = dict(enumerate(falling))
-    bodies = [_Body([numbered[part] for part in parts]) for parts in objects_of(numbered).values()]
+    bodies = [_Body(parts) for parts in falling]
     _place(bodies, low, high, np.random.default_rng(seed), upright)
     still = _still(supports, high[1])
     # Where nothing of a thing can touch what lies still any more.
@@ -76,7 +78,7 @@ class _Body:
     """A thing that falls, of one part or several: their points about the middle of all, in the world's scale, and where
     it starts."""
 
-    def __init__(self, parts: list[Instance]) -> None:
+    def __init__(self, parts: Sequence[Instance]) -> None:
         self.parts, self.instance, start = parts, parts[0], parts[0].transform[:3, 3]
         hulls = [np.unique(part.posed_mesh().positions.astype(np.float64) @ part.transform[:3, :3].T
                            + (part.transform[:3, 3] - start), axis=0) for part in parts]  # fmt: skip
@@ -225,8 +227,9 @@ class Dropping:
     ) -> None:  # fmt: skip
         """Let things fall until they rest on what is there and on each other, without meeting.
 
-        items: instances or names, of those in the scene; a Group's instances fall one by one, but parts of one object
-        (`Instance.part_of`, whose name means all) together. on: what they fall on, likewise, by default all other
+        items: instances, groups and names, of those in the scene. A Group, such as `scene.add` makes of a file, is one
+        thing; `scene.drop(*group)` are its objects one by one. Parts of one object are one thing too
+        (`Instance.part_of`, whose name means all of them). on: what things fall on, likewise, by default all other
         visible instances. region: a box, its lowest and its highest corner (2, 3) in meters; things start at random
         places above its top and stay within its sides, and what lies above it, such as a ceiling, doesn't count. By
         default it is the bounds of what they fall on. seed: of the places, and of the rotations, with upright about the
@@ -243,10 +246,13 @@ class Dropping:
             checks.number(STEP, 1e5, "s")(seconds)
         except (TypeError, ValueError) as error:
             raise SolariError(f"Scene.drop: seconds {error}") from None
-        falling = self._instances_of(items)
-        for place, one in enumerate(falling):
-            if one in falling[:place]:
-                raise SolariError(f"Scene.drop: {one.describe()} is given twice: it falls once")
+        groups = [self._instances_of([item]) for item in items if isinstance(item, Group)]
+        alone = self._instances_of([item for item in items if not isinstance(item, Group)])
+        numbered = dict(enumerate(alone))
+        falling = groups + [[numbered[part] for part in parts] for parts in objects_of(numbered).values()]
+        times = Counter(alone + [part for parts in groups for part in parts])
+        for one in (one for one, count in times.items() if count > 1):
+            raise SolariError(f"Scene.drop: {one.describe()} is given twice: it falls once")
         given = [on] if isinstance(on, (Group, str)) or not np.iterable(on) else on
         supports = self.instances[:] if on is None else self._instances_of(given)
         drop(falling, on=supports, region=region, seed=seed, upright=upright, seconds=seconds)

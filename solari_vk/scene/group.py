@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import Hints, SolariError, unknown_name
+from solari_vk.scene import checks
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
@@ -20,6 +21,7 @@ from solari_vk.scene.objects import Instance
 from solari_vk.scene.placement import PARTS, Scaled, parts, placed
 
 KINDS = (Instance, PunctualLight, DirectionalLight, Portal, Camera)
+NAMES = ("label", "part_of")  # of instances
 
 
 class Group(Scaled, Hints):
@@ -27,9 +29,10 @@ class Group(Scaled, Hints):
 
     transform (4, 4) is the matrix from the group's space to the world. Assign it, or `position`, `rotation` or `scale`,
     and all objects move with it; they keep what was assigned to them alone. Lights and cameras move and turn, but keep
-    their size. A loop over a group gives its objects. The constructor's transform and parts say where the group's
-    origin is, without moving anything. Clips of `animations` place the instances of their file in the world, so they
-    don't follow a group. Raises SolariError for objects that have no place, such as an Environment.
+    their size. `label` and `part_of` are those that all instances have: `group.update(label="car", part_of="car 1")`
+    makes them one object. A loop over a group gives its objects. The constructor's transform and parts say where the
+    group's origin is, without moving anything. Clips of `animations` place the instances of their file in the world, so
+    they don't follow a group. Raises SolariError for objects that have no place, such as an Environment.
     """
 
     def __init__(self, items: Iterable[Any] = (), *, name: str = "", **where: Any) -> None:
@@ -49,6 +52,20 @@ class Group(Scaled, Hints):
         if item not in self._items:
             self._items.append(item)
         return item
+
+    @property
+    def label(self) -> str:
+        """The label of all instances, "" if they have several. May be assigned."""
+        return self._common("label")
+
+    @property
+    def part_of(self) -> str:
+        """The object that all instances are parts of, "" if there are several. May be assigned."""
+        return self._common("part_of")
+
+    def _common(self, name: str) -> str:
+        found = {getattr(item, name) for item in self.items if isinstance(item, Instance)}
+        return found.pop() if len(found) == 1 else ""
 
     def __iter__(self) -> Iterator[Any]:
         return iter(list(self._items))
@@ -78,7 +95,12 @@ class Group(Scaled, Hints):
         self.update(transform=transform)
 
     def update(self, **fields: Any) -> None:
-        """Assign the transform, or several of its parts at once; nothing moves if one object can't."""
+        """Assign the transform, or several of its parts at once; nothing moves if one object can't. And `label` and
+        `part_of` of all instances."""
+        try:
+            names = {name: checks.line(fields.pop(name)) for name in NAMES if name in fields}
+        except (TypeError, ValueError) as error:
+            raise SolariError(f"{self.describe()}: a label {error}") from None
         after = self._changed(fields, self._transform)
         move = after @ np.linalg.inv(self._transform)
         before = []
@@ -91,6 +113,9 @@ class Group(Scaled, Hints):
                 (item._place if isinstance(item, Group) else item.update)(**was)
             raise
         self._place(after)
+        for item in self.items if names else ():
+            if isinstance(item, Instance):
+                item.update(**names)
 
     def _place(self, transform: NDArray[np.float64]) -> None:
         transform.setflags(write=False)
@@ -103,12 +128,15 @@ class Group(Scaled, Hints):
         return placed(fields.pop("transform", before), self.describe(), **fields)
 
     def __setattr__(self, name: str, value: Any) -> None:
+        if name in NAMES:
+            self.update(**{name: value})
+            return
         if name not in ("name", "transform", *PARTS) and not name.startswith("_"):
             raise self._unknown(name)
         super().__setattr__(name, value)
 
     def _unknown(self, name: str) -> SolariError:
-        return unknown_name(f"{self.describe()} has no field", name, ("transform", *PARTS, "name"))
+        return unknown_name(f"{self.describe()} has no field", name, ("transform", *PARTS, "name", *NAMES))
 
     def describe(self) -> str:
         """The group's kind and name, for messages."""

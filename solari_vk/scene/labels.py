@@ -5,15 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_json
 from solari_vk.scene import checks
 from solari_vk.scene.model import Instance, Scene
-from solari_vk.scene.objects import is_called
+from solari_vk.scene.objects import fits
 
-Classes = Mapping[str, str] | str | PathLike[str]
+Classes = Mapping[str, str | Mapping[str, str]] | str | PathLike[str]
+
+
+class Class(NamedTuple):
+    """What an instance is; part_of: None leaves it as it is."""
+
+    label: str
+    part_of: str | None = None
 
 
 def label_instances(scene: Scene, classes: Classes) -> None:
@@ -21,37 +28,54 @@ def label_instances(scene: Scene, classes: Classes) -> None:
     as they are.
 
     classes: the class for each pattern, such as {"Chair*": "chair"}, or a JSON file of them. `*` stands for any
-    characters, `?` for one, `[ab]` for one of some; of several patterns that fit a name the first counts. Raises
-    SolariError for a file that isn't such an object, and for a pattern that fits no name.
+    characters, `?` for one, `[ab]` for one of some; of several patterns that fit a name the first counts. The studio's
+    floor has a label by its own name only. {"Car*": {"label": "car", "part_of": "car 1"}} makes all that fit parts of
+    one object too. Raises SolariError for a file that isn't such an object, and for a pattern that fits no name.
     """
-    for instance, label in find_labels(scene.instances[:], classes).items():
-        instance.label = label
+    for instance, found in find_labels(scene.instances[:], classes, scene.backdrop).items():
+        instance.label = found.label
+        if found.part_of is not None:
+            instance.part_of = found.part_of
 
 
-def find_labels(instances: Sequence[Instance], classes: Classes) -> dict[Instance, str]:
-    """The labels that `label_instances` assigns, of these instances."""
+def find_labels(
+    instances: Sequence[Instance], classes: Classes, floor: Instance | None = None
+) -> dict[Instance, Class]:
+    """What `label_instances` assigns to these instances; floor: the studio's."""
     who = "labels"
     given: Any = classes
     if isinstance(classes, str | PathLike):
         path = Path(classes)
         who = f"labels {path}"
         given = read_json(path, who)
-    if not isinstance(given, Mapping) or not all(isinstance(word, str) for pair in given.items() for word in pair):
-        raise SolariError(f'{who}: give a class for each pattern of names, such as {{"Chair*": "chair"}}')
-    for label in given.values():
-        try:
-            checks.line(label)
-        except ValueError as error:
-            raise SolariError(f"{who}: a class {error}") from None
-    found, unused = dict[Instance, str](), dict(given)
+    if not isinstance(given, Mapping):
+        raise SolariError(f"{who}: {_FORM}, not {quoted(given)}")
+    named = {pattern: _class(pattern, value, who) for pattern, value in given.items()}
+    found, unused = dict[Instance, Class](), dict(named)
     for instance in instances:
-        fitting = [pattern for pattern in given if is_called(instance, pattern)]
+        fitting = [pattern for pattern in named if fits(instance, pattern, floor)]
         for pattern in fitting:
             unused.pop(pattern, None)
         if fitting:
-            found[instance] = given[fitting[0]]
+            found[instance] = named[fitting[0]]
     if unused:
         names = sorted({instance.name for instance in instances if instance.name})
         raise SolariError(f"{who}: no instance is named {quoted(next(iter(unused)))}; names are "
                           f"{', '.join(map(quoted, names[:8]))}{', ...' if len(names) > 8 else ''}")  # fmt: skip
     return found
+
+
+_FORM = 'give a class for each pattern of names, such as {"Chair*": "chair"}'
+
+
+def _class(pattern: Any, value: Any, who: str) -> Class:
+    words = value if isinstance(value, Mapping) else {"label": value}
+    if "label" not in words or not words.keys() <= set(Class._fields):
+        raise SolariError(f'{who}: {quoted(pattern)}: give a class, or {{"label": "chair", "part_of": "chair 1"}}, not '
+                          f"{quoted(value)}")  # fmt: skip
+    if not all(isinstance(word, str) for word in (pattern, *words.values())):
+        raise SolariError(f"{who}: {_FORM}, not {quoted(value)} for {quoted(pattern)}")
+    try:
+        return Class(**{name: checks.line(word) for name, word in words.items()})
+    except ValueError as error:
+        raise SolariError(f"{who}: a class {error}") from None

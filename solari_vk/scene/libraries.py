@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from importlib import import_module, util
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, warn
 
 INSTALL = "pip install 'solari-vk[formats]'"
 
@@ -16,7 +15,7 @@ def warn_of_missing(remarks: Iterable[str]) -> None:
     """Warn of those remarks about a file of which a library would show more: they mustn't be missed."""
     for remark in remarks:
         if INSTALL in remark:
-            warnings.warn(remark, stacklevel=3)
+            warn(remark)
 
 
 def is_installed(module: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, TypeVar, overload
@@ -11,7 +10,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name, warn
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
@@ -177,7 +176,7 @@ class Scene(Dropping, Observable):
             self.warnings.extend(loaded.warnings)
             return self._add_scene(loaded, name, where)
         if len(source.animations):
-            warnings.warn(f"{source.describe()}: its clips aren't added; open a file to play them", stacklevel=3)
+            warn(f"{source.describe()}: its clips aren't added; open a file to play them")
         shown = [instance for instance in source if instance is not source.backdrop]
         sky = source.environment.lights if source.environment else ()  # with the sun of a Sky
         lights = [light for light in source.lights if not any(light is part for part in sky)]

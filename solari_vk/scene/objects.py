@@ -210,6 +210,13 @@ def is_called(item: Any, pattern: str) -> bool:
     return any(pattern == name or fnmatchcase(name, pattern) for name in names)
 
 
+def fits(item: Any, pattern: str, floor: Instance | None) -> bool:
+    """Whether a pattern means an instance or a material; only its own name means the studio's floor."""
+    if floor is not None and (item is floor or item is floor.material):
+        return bool(item.name == pattern)
+    return is_called(item, pattern)
+
+
 def objects_of(
     instances: Mapping[int, Instance], labels: Mapping[int, str] | None = None
 ) -> dict[int, list[int]]:

@@ -56,12 +56,19 @@ def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 
 
 
 @checked_keywords(who="shapes")
-def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), inward: bool = False) -> Mesh:
-    """An axis-aligned box of 12 triangles facing outward, or inward as a room does; sides in meters."""
-    corner_low, corner_high = np.asarray(low, np.float64), np.asarray(high, np.float64)
-    if not (corner_low < corner_high).all():
-        corners = f"{corner_low.tolist()} and {corner_high.tolist()}"
-        raise SolariError(f"a box needs a low corner below the high one, not {corners}")
+def box(low: ArrayLike | None = None, high: ArrayLike | None = None, inward: bool = False) -> Mesh:
+    """An axis-aligned box of 12 triangles facing outward, or inward as a room does, between its lowest and its highest
+    corner, (3,) each in meters; without them a cube of 1 m about the origin. Raises SolariError for other arguments."""
+    if low is None and high is None:
+        low, high = (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)
+    try:
+        corner_low, corner_high = np.asarray(low, np.float64), np.asarray(high, np.float64)
+        right = corner_low.shape == corner_high.shape == (3,) and bool((corner_low < corner_high).all())
+    except (TypeError, ValueError):
+        right = False
+    if not right:
+        raise SolariError(f"shapes.box: takes its lowest and its highest corner, three numbers each, not {quoted(low)} "
+                          f"and {quoted(high)}; a cube of 2 m is box((-1, -1, -1), (1, 1, 1))")  # fmt: skip
     center, half = (corner_low + corner_high) / 2, (corner_high - corner_low) / 2
     faces = []
     for axis in range(3):

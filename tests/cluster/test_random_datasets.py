@@ -167,6 +167,8 @@ def test_views_are_a_data_set_of_pytorch(views, recipe):
     np.testing.assert_allclose(points, sample["position"][there], atol=1e-3)
     assert loaded.objects(1) == json.loads((views / "00001.objects.json").read_text())
     assert [sorted(one) for one in sv.Views(views, ["rgb"])] == [["rgb"]] * 5
+    with pytest.raises(sv.SolariError, match=r"samples have rgb, and no depth: .* Views\(folder, \['rgb', 'depth'\]\)"):
+        sv.Views(views, ["rgb"])[0]["depth"]
     for wrong, words in ((lambda: sv.Views(views, ["dept"]), "views have no 'dept'; did you mean 'depth'"),
                          (lambda: sv.Views(recipe), "there is no such file")):  # fmt: skip
         with pytest.raises(sv.SolariError, match=words):

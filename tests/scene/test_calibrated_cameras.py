@@ -30,7 +30,8 @@ def random_pixels(count=10_000):
 @pytest.mark.parametrize("name", BROWN)
 def test_points_are_where_opencv_projects_them(name):
     """The points of 10,000 pixels, from all over the picture, at random distances."""
-    camera = sv.Camera.from_opencv(K, R, SHIFT, SIZE, BROWN[name])
+    camera = sv.Camera.from_opencv(K, np.reshape(TURN, (3, 1)), SHIFT, SIZE, BROWN[name])
+    np.testing.assert_allclose(camera.transform, sv.Camera.from_opencv(K, R, SHIFT, SIZE).transform, atol=1e-12)
     pixels = random_pixels()
     origins, directions = camera.rays(pixels, SIZE)
     points = origins + directions * np.random.default_rng(4).uniform(0.5, 20, (len(pixels), 1))

@@ -50,6 +50,10 @@ def test_a_stereo_pair():
     for one in sv.CameraRig.stereo(sv.Camera(projection="equirectangular"), 0.06).at():
         assert one.projection == "equirectangular"
         assert abs(one.position[0]) == 0.03
+    camera = sv.Camera.look_at((1, 2, 3), (0, 0, 0))
+    left, right = sv.CameraRig.stereo(camera, 0.2).at()
+    np.testing.assert_allclose((left.position + right.position) / 2, camera.position, atol=1e-12)
+    np.testing.assert_allclose(camera.rotation.T @ (right.position - left.position), (0.2, 0, 0), atol=1e-12)
 
 
 def test_wrong_rigs():

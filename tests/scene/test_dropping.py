@@ -13,7 +13,7 @@ from solari_vk.scene import shapes
 from solari_vk.scene.matrices import transform_points
 
 pytest.importorskip("mujoco")
-GAP = 0.003  # meters, at most between what rests and what it rests on
+GAP = 0.001  # meters, at most between what rests and what it rests on
 KINDS = {
     "box": lambda: shapes.box((0.5, 0.2, 0), (0.7, 0.32, 0.08)), "ball": lambda: shapes.sphere(0.08, 12),
     "cone": lambda: shapes.cone(0.08, 0.2, 12), "can": lambda: shapes.cylinder(0.05, 0.16, 12),
@@ -114,6 +114,18 @@ def test_parts_of_an_object_fall_together():
         if not flat:
             points = [transform_points(part.transform, part.mesh.positions.astype(np.float64)) for part in parts]
             assert 0 <= np.concatenate(points)[:, 1].min() < GAP
+
+
+def test_a_group_is_one_thing():
+    scene = table_scene()
+    parts = [scene.add(shapes.box(), name=f"cup/{x}", position=(x, 1, 0), scale=0.1) for x in (0.0, 0.1)]
+    group = scene.group(*parts)
+    scene.drop(group, seed=3)
+    np.testing.assert_allclose(np.linalg.inv(parts[0].transform) @ parts[1].transform[:, 3], (1, 0, 0, 1), atol=1e-9)
+    scene.drop(*group, seed=3)
+    assert abs((np.linalg.inv(parts[0].transform) @ parts[1].transform[:, 3])[0] - 1) > 0.1
+    with pytest.raises(SolariError, match=r"Instance 'cup/0\.0' is given twice"):
+        scene.drop(group, parts[0])
 
 
 def test_what_lies_far_below_the_region():

@@ -92,6 +92,18 @@ def test_refused_groups(use, message):
     assert not scene.instances
 
 
+def test_labels_are_those_of_all_instances():
+    first, second = sv.Instance(BOX, label="car"), sv.Instance(BOX, label="car")
+    group = sv.Group([first, sv.PointLight((0, 1, 0)), sv.Group([second])])
+    assert (group.label, group.part_of) == ("car", "")
+    group.update(label="van", part_of="van 1", position=(1, 0, 0))
+    assert [(one.label, one.part_of, one.position[0]) for one in (first, second)] == [("van", "van 1", 1)] * 2
+    first.label = "door"
+    assert group.label == ""
+    with pytest.raises(sv.SolariError, match="Group: a label must be one line"):
+        group.label = "a\nb"
+
+
 def test_nothing_moves_or_goes_unless_all_can():
     """A lamp may be that far away, a box may not. Then the box is removed before its group."""
     box, lamp = sv.Instance(BOX), sv.PointLight((1, 0, 0))

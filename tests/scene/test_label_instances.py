@@ -32,6 +32,19 @@ def test_patterns():
     assert labels(scene)[2] == "table", "nothing changes with a wrong pattern or class"
 
 
+def test_classes_may_name_the_object():
+    scene = scene_of("car/body", "car/door", "tree")
+    sv.studio_lights(scene)
+    sv.label_instances(scene, {"car/*": {"label": "car", "part_of": "car 1"}, "*": "thing"})
+    assert labels(scene) == ["car", "car", "thing", ""], "a pattern doesn't mean the studio's floor"
+    assert [one.part_of for one in scene.instances] == ["car 1", "car 1", "", ""]
+    sv.label_instances(scene, {"floor": "floor"})
+    assert scene.instances["floor"].label == "floor"
+    for wrong in ({"part_of": "car"}, {"label": "car", "parts": "x"}, 3):
+        with pytest.raises(sv.SolariError, match=r"labels: ('tree': give a class, or|give a class for each)"):
+            sv.label_instances(scene, {"tree": wrong})
+
+
 @pytest.mark.parametrize(("extras", "label"), [
     ({"label": "chair"}, "chair"),
     ({"label": "chair", "solari_vk": {"label": "seat"}}, "seat"),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from weakref import WeakSet
 
-from solari_vk.errors import DeviceError, SolariError, ValidationError, quoted
+from solari_vk.errors import DeviceError, SolariError, ValidationError, quoted, warn
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (
@@ -53,7 +52,7 @@ class LogicalDevice:
             devices = self._instance.devices()
             chosen = choose(devices, wanted, self.rays)
             if wanted is None and (reason := why_software(devices, chosen, self.rays)):
-                warnings.warn(reason, stacklevel=4)
+                warn(reason)
             self._open(chosen)
         except BaseException:
             self._instance.close()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import struct
-import warnings
 
 from solari_vk import disk_cache
-from solari_vk.errors import DeviceError
+from solari_vk.errors import DeviceError, warn
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.work_queue import WorkQueue
 
@@ -45,7 +44,7 @@ class PipelineCache:
         try:
             self._save()
         except DeviceError as error:
-            warnings.warn(f"compiled pipelines can't be kept for the next process: {error}", stacklevel=2)
+            warn(f"compiled pipelines can't be kept for the next process: {error}")
 
     def _save(self) -> None:
         get = self._device.vk.vkGetPipelineCacheData

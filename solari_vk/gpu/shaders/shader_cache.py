@@ -9,11 +9,11 @@ import hashlib
 import json
 import os
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from solari_vk.errors import warn
 from solari_vk.gpu.shaders import headers
 
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
@@ -124,9 +124,9 @@ def shipped(root: Path, key: str) -> bytes | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        warnings.warn(f"the compiled shaders listed in {index} can't be read ({error})", stacklevel=3)
+        warn(f"the compiled shaders listed in {index} can't be read ({error})")
         return None
-    warnings.warn(f"the compiled shader {root / entry['file']} is damaged; compiling it instead", stacklevel=3)
+    warn(f"the compiled shader {root / entry['file']} is damaged; compiling it instead")
     return None
 
 

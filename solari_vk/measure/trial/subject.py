@@ -45,14 +45,17 @@ class Conditions:
 def write(subject: Subject, conditions: Conditions, folder: Path) -> None:
     """Write a subject's files. Raises SolariError for cameras that the other renderers aren't given."""
     scene, camera = subject.scene, subject.camera
-    if camera.orthographic_height or camera.aperture or camera.lens_fields():
-        raise SolariError(f"{subject.file}: the trial has perspective cameras without a lens or an offset: choose "
-                          "another --camera")  # fmt: skip
+    if camera.aperture or camera.lens_fields():
+        raise SolariError(f"{subject.file}: the trial has perspective and orthographic cameras without a lens or an "
+                          "offset: choose another --camera")  # fmt: skip
     environment = scene.environment
     job = {
         "file": str(subject.file.resolve()), "size": conditions.size, "max_bounces": conditions.max_bounces,
         "device": conditions.device, "rays": conditions.rays, "unlit_radiance": UNLIT_RADIANCE,
-        "camera": {"transform": camera.transform.tolist(), "vertical_fov": camera.vertical_fov, "near": camera.near},
+        "camera": {
+            "transform": camera.transform.tolist(), "near": camera.near, "vertical_fov": camera.vertical_fov,
+            "orthographic_height": camera.orthographic_height,
+        },
         "lights": [described(light) for light in scene.lights if not isinstance(light, EnvironmentLight | Portal)],
         "environment": None if environment is None else {
             "picture": "environment.exr", "texels": "environment.npy", "intensity": environment.intensity,

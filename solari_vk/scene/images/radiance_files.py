@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, warn
 from solari_vk.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
@@ -22,7 +21,6 @@ from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 _HEADER = re.compile(rb"#\?(?P<fields>.*?)\r?\n\r?\n(?P<size>[^\n]{0,64}?)\r?\n", re.DOTALL)
 _SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
 _EXPOSURE = re.compile(rb"(?m)^EXPOSURE= *([0-9]+[.]?[0-9]*(?:[eE][+-]?[0-9]+)?) *\r?$")
-CALLER = 7  # stack frames from `read_radiance` to the code that makes an Environment
 SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
 LITTLE_NEGATIVE = "a little negative light, which is taken for 0"
 _LONGEST_HEADER = 2**16
@@ -49,10 +47,10 @@ def read_radiance(path: str | os.PathLike[str], data: bytes | None = None) -> Fl
     height, width = image.shape[:2]
     if width != 2 * height:
         text = f"{source} has {width} x {height} pixels; a picture of all directions is twice as wide as high"
-        warnings.warn(f"{text}: it is stretched", stacklevel=CALLER)
+        warn(f"{text}: it is stretched")
     image, is_clipped = light_of(image, str(source))
     if is_clipped:
-        warnings.warn(f"{source} holds {LITTLE_NEGATIVE}", stacklevel=CALLER)
+        warn(f"{source} holds {LITTLE_NEGATIVE}")
     return image
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, quoted, warn
 from solari_vk.files import read_regular
 
 ROWS, COLUMNS = 361, 360
@@ -97,7 +96,7 @@ class LightProfile:
             numbers.take(2 * count)
         if kind != "NONE":
             if remark is None:
-                warnings.warn(f"{name}: {TILT_REMARK}", stacklevel=3)
+                warn(f"{name}: {TILT_REMARK}")
             else:
                 remark(TILT_REMARK)
         numbers.take(2)
@@ -130,8 +129,8 @@ class LightProfile:
         finest, around = self._fineness
         most = _MOST_SAMPLES * COLUMNS // (table.shape[1] * self._samples_around(1.0))
         if finest.min() < _STEP / most or around < 1 / _MOST_AROUND:
-            warnings.warn(f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
-                          "beams may lose light: leave angles out", stacklevel=2)  # fmt: skip
+            warn(f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
+                 "beams may lose light: leave angles out")  # fmt: skip
         fine = np.pad(np.isfinite(finest), 1)
         means = fine[:-1] | fine[1:]
         sums, weights = np.zeros_like(table), np.zeros((ROWS, 1))

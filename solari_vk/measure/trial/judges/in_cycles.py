@@ -169,6 +169,8 @@ def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:
 def _add_camera(scene: Any, camera: dict[str, Any]) -> None:
     data = bpy.data.cameras.new("camera")
     data.sensor_fit, data.angle = "VERTICAL", camera["vertical_fov"]
+    if camera["orthographic_height"]:
+        data.type, data.ortho_scale = "ORTHO", camera["orthographic_height"]
     data.clip_start, data.clip_end = camera["near"], 1e6
     scene.camera = _link(scene, "camera", data, UPRIGHT @ Matrix(camera["transform"]))
 

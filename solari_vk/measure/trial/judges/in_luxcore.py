@@ -83,14 +83,17 @@ class Builder:
         return self.made
 
     def camera(self) -> None:
-        """It looks along -z with y up; the angle is that between top and bottom. LuxCore shows all a pixel too low."""
+        """It looks along -z with y up; the angle is that between top and bottom. LuxCore shows all a pixel too low.
+        An orthographic window is in meters."""
         camera, (width, height) = self.job["camera"], self.job["size"]
         place = np.array(camera["transform"])
-        aspect, pixel = width / height, 2 / height
+        half = camera["orthographic_height"] / 2
+        window = (half or 1) * np.array([-width / height, width / height, -1 - 2 / height, 1 - 2 / height])
         self.parse("camera", {
-            "type": "perspective", "lookat.orig": place[:3, 3], "lookat.target": place[:3, 3] - place[:3, 2],
+            "type": "orthographic" if half else "perspective",
+            "lookat.orig": place[:3, 3], "lookat.target": place[:3, 3] - place[:3, 2],
             "up": place[:3, 1], "fieldofview": float(np.degrees(camera["vertical_fov"])),
-            "screenwindow": [-aspect, aspect, -1 - pixel, 1 - pixel], "cliphither": camera["near"], "clipyon": 1e6,
+            "screenwindow": window, "cliphither": camera["near"], "clipyon": 1e6,
             "autovolume.enable": 0, "shutteropen": 0.0, "shutterclose": 0.0,
         })  # fmt: skip
 

@@ -58,11 +58,13 @@ class Builder:
         """The scene, with a box as pixel filter and without roulette."""
         job, camera = self.job, self.job["camera"]
         width, height = job["size"]
-        # Mitsuba looks along +z with +x to the left.
-        to_world = mi.ScalarTransform4f(np.array(camera["transform"]) @ np.diag((-1.0, 1.0, -1.0, 1.0)))
+        # Mitsuba looks along +z with +x to the left; orthographic pictures are 2 wide.
+        half = camera["orthographic_height"] / 2 * width / height
+        to_world = mi.ScalarTransform4f(np.array(camera["transform"]) @ np.diag((-(half or 1), half or 1, -1.0, 1.0)))
         film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "pixel_format": "rgb",
                 "component_format": "float32"}  # fmt: skip
-        sensor = {"type": "perspective", "fov": float(np.degrees(camera["vertical_fov"])), "fov_axis": "y",
+        angle = {} if half else {"fov": float(np.degrees(camera["vertical_fov"])), "fov_axis": "y"}
+        sensor = {"type": "orthographic" if half else "perspective", **angle,
                   "near_clip": camera["near"], "far_clip": 1e6, "to_world": to_world, "film": film,
                   "sampler": {"type": "independent"}}  # fmt: skip
         integrator = {"type": "path", "max_depth": job["max_bounces"] + 1, "rr_depth": 1000}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, warn
 from solari_vk.files import write_both, write_whole
 
 LARGEST_GLB = 2**32 - 2**20  # bytes, which the file counts in 32 bits
@@ -96,7 +95,7 @@ class Content:
         for what, places in self._lost.items():
             more = len(places) - _PLACES_SHOWN
             named = ", ".join(list(places)[:_PLACES_SHOWN]) + (f" and {more} more" if more > 0 else "")
-            warnings.warn(f"{path}: {what}: {named}", stacklevel=4)
+            warn(f"{path}: {what}: {named}")
 
 
 def glb(text: bytes, binary: bytes) -> bytes:
