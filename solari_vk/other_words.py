@@ -160,6 +160,12 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("transparent", "alpha"), 'none is written: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("quality", "compression"), "a .jpg has 95; save frame.image() by Pillow for another"),
     },
+    **dict.fromkeys(("render", "dataset"), {
+        **dict.fromkeys(("--resolution", "--width", "--height", "--res"), "give --size 640x360"),
+        **dict.fromkeys(("--outputs", "--layers", "--passes", "--aovs"), "give --aov depth,instance_id"),
+        **dict.fromkeys(("--spp", "--num-samples"), "give --samples 64"),
+        **dict.fromkeys(("--n", "--count", "--num-views", "--frames"), "dataset takes --views 100"),
+    }),
     "hits": {
         **dict.fromkeys(("distance", "distances", "depth"), "it is called t here, in lengths of the direction"),
         **dict.fromkeys(("point", "points", "location", "hit_position"), "it is called position here"),

@@ -72,8 +72,16 @@ def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
 
 def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Command, Any]:
     """The command that words ask for, and its job. Wrong usage ends the process with exit code 2."""
-    found = vars(make_parser(commands).parse_args(words))
+    parser = make_parser(commands)
+    parsed, unknown = parser.parse_known_args(words)
+    found = vars(parsed)
     command: Command = found.pop("command")
+    for word in (word for word in unknown if word.startswith("-")):
+        options = [name for part in fields(command.job) if part.metadata
+                   for name in part.metadata["names"] or [spelled(part.name)]]  # fmt: skip
+        parser.error(str(unknown_name(f"{command.name} has no option", word.partition("=")[0], options)))
+    if unknown:
+        parser.error(f"{command.name} takes no {', '.join(map(quoted, unknown))}")
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
     if "given" in command.job.__dataclass_fields__:
         given["given"] = frozenset(found)
