@@ -54,6 +54,7 @@ _HOMES = {
     "bands": ("render_large",),
     "output.annotations": ("Annotations", "instance_table"),
     "batch": ("Batch",),
+    "output.compare": ("Difference", "compare"),
     "output.kitti": ("save_kitti_disparity", "save_kitti_flow"),
     "output.movie": ("save_video",),
     "output.picture": ("check_output", "save_image"),
@@ -80,16 +81,16 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "CameraRig", "Channel",
-    "ColmapImage", "Deformation", "DepthImage", "Device", "DeviceError", "DirectionalLight", "Environment", "Flow",
-    "Frame", "Group", "HitGroup", "Instance", "Keypoint", "Lidar", "LidarScan", "LightProfile", "Material", "Mesh",
-    "Pass", "PathTracer", "PointLight", "Portal", "Randomizer", "RayPass", "RayTracer", "RenderedFrame", "Renderer",
-    "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter", "Silhouette", "Sky", "SolariError",
-    "SpotLight", "Stage", "StructuredLightCamera", "Texture", "TextureImage", "TimeOfFlightCamera", "ValidationError",
-    "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin", "check_output", "cluster",
-    "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints", "label_instances", "list_devices", "load",
-    "load_colmap", "load_gltf", "notebook", "open", "optical_flow", "render_large", "rt", "save_colmap", "save_image",
-    "save_kitti_disparity", "save_kitti_flow", "save_shards", "save_video", "shapes", "silhouettes", "studio_lights",
-    "tonemap",
+    "ColmapImage", "Deformation", "DepthImage", "Device", "DeviceError", "Difference", "DirectionalLight",
+    "Environment", "Flow", "Frame", "Group", "HitGroup", "Instance", "Keypoint", "Lidar", "LidarScan", "LightProfile",
+    "Material", "Mesh", "Pass", "PathTracer", "PointLight", "Portal", "Randomizer", "RayPass", "RayTracer",
+    "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter",
+    "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "StructuredLightCamera", "Texture", "TextureImage",
+    "TimeOfFlightCamera", "ValidationError", "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin",
+    "check_output", "cluster", "compare", "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints",
+    "label_instances", "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open", "optical_flow",
+    "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity", "save_kitti_flow", "save_shards",
+    "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -109,6 +110,7 @@ if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
     from solari_vk.light_meter import illuminance
     from solari_vk.output.annotations import Annotations, instance_table
+    from solari_vk.output.compare import Difference, compare
     from solari_vk.output.kitti import save_kitti_disparity, save_kitti_flow
     from solari_vk.output.movie import save_video
     from solari_vk.output.picture import check_output, save_image

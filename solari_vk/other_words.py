@@ -35,6 +35,12 @@ _RESULTS = {
     **dict.fromkeys(("points", "point_cloud", "xyz", "positions"), '"position" is (height, width, 3) in the world'),
     **dict.fromkeys(("flow", "motion", "optical_flow"), '"guides_motion" is of realtime frames; see optical_flow'),
 }  # fmt: skip
+_OPTIONS = {
+    **dict.fromkeys(("--resolution", "--width", "--height", "--res"), "give --size 640x360"),
+    **dict.fromkeys(("--outputs", "--layers", "--passes", "--aovs"), "give --aov depth,instance_id"),
+    **dict.fromkeys(("--spp", "--num-samples"), "give --samples 64"),
+    **dict.fromkeys(("--n", "--count", "--num-views", "--frames"), "dataset takes --views 100"),
+}  # fmt: skip
 _SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color",
             "metalness": "metallic"}  # fmt: skip
 
@@ -69,6 +75,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("stereo", "stereocamera", "stereopair"), _PAIR),
         **dict.fromkeys(("dataset", "datasetwriter", "writer"), "Views(folder) reads what `solari-vk dataset` writes"),
         **dict.fromkeys(("physics", "simulate", "simulation"), _FALL),
+        **dict.fromkeys(("rmse", "mse", "relmse", "psnr", "error", "diff", "metrics"), "compare(picture, reference)"),
         **dict.fromkeys(("load_scene", "load_file", "load_mesh", "read", "load_obj"), _LOAD),
     },
     "shapes": {
@@ -160,12 +167,8 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("transparent", "alpha"), 'none is written: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("quality", "compression"), "a .jpg has 95; save frame.image() by Pillow for another"),
     },
-    **dict.fromkeys(("render", "dataset"), {
-        **dict.fromkeys(("--resolution", "--width", "--height", "--res"), "give --size 640x360"),
-        **dict.fromkeys(("--outputs", "--layers", "--passes", "--aovs"), "give --aov depth,instance_id"),
-        **dict.fromkeys(("--spp", "--num-samples"), "give --samples 64"),
-        **dict.fromkeys(("--n", "--count", "--num-views", "--frames"), "dataset takes --views 100"),
-    }),
+    "render": _OPTIONS,
+    "dataset": _OPTIONS,
     "hits": {
         **dict.fromkeys(("distance", "distances", "depth"), "it is called t here, in lengths of the direction"),
         **dict.fromkeys(("point", "points", "location", "hit_position"), "it is called position here"),

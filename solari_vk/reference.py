@@ -183,7 +183,7 @@ class PathTracer(ShutterRenderer):
         self._prepare(camera)
         if self.begun[0]:
             self._add_samples(0)  # the rest of what `advance` has begun
-        self._control.aim(target_error, denoise)
+        self._control.aim(target_error, denoise, samples)
         self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read

@@ -15,6 +15,7 @@ from solari_vk.bound.lights.recent_changes import RecentChanges
 from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.frame import SceneFrame
+from solari_vk.frame_time import FrameTimeControl, check_frame_ms
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
@@ -86,6 +87,7 @@ class Renderer(ExposureRenderer):
             self._has_history, self._blended_changes = False, 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
+            self.frame_time = FrameTimeControl()  # of the setting frame_ms
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
@@ -108,6 +110,7 @@ class Renderer(ExposureRenderer):
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
         settings, instances, grid = self.settings, self._world_count * self.binder.instance_capacity, self._grid
+        check_frame_ms(settings, self.device)
         size, picture = (tiled(one, grid) for one in (taa.render_size(picture, settings), picture))
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
@@ -130,12 +133,16 @@ class Renderer(ExposureRenderer):
         self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
         self._prepare()
         try:
+            if self.settings.frame_ms > 0:
+                share = self.frame_time.choose_for(self._frame, self.settings, not self._has_history)
+                self._frame.uniforms.update_declared({"path_share.value": share})
             projection = self._write_uniforms(camera, exposed)
             submission = self._frame.submit_applied()
         except BaseException:
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
+        self.frame_time.note_submission(submission)
         return projection, submission
 
     def _prepare(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import warn
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.output.adaptive import SamplePlan
 from solari_vk.output.error import ErrorEstimate
@@ -44,11 +45,15 @@ class SampleControl:
     def _begin_estimating(self) -> None:
         self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if self.denoises else 1, self.samples))
 
-    def aim(self, target: float | None, denoises: bool) -> None:
-        """Say which error is wanted from now on, None for no estimates, and whether it is that of denoised pictures.
+    def aim(self, target: float | None, denoises: bool, limit: int | None = None) -> None:
+        """Say which error is wanted from now on, None for no estimates, and whether it is that of denoised pictures;
+        warn if there are more samples than the limit that will be given to `wanted`.
 
         Only pictures that aren't denoised, with a target above 0, have pixels with different numbers of samples.
         """
+        if limit is not None and self.samples > limit:
+            warn(f"the picture has {self.samples} samples of earlier calls, more than {limit}: call reset() before "
+                 "render for a new one")  # fmt: skip
         if denoises != self.denoises:
             self.denoises = denoises
             self._begin_estimating()

@@ -103,6 +103,7 @@ class ViewRenderer(Renderer):
         for wrong, said in (
             (settings.lighting != "paths", "lighting=paths"), (settings.gbuffer == "raster", "gbuffer=traced"),
             (settings.restir and self._worlds.count > 1, "restir=off where there are several worlds"),
+            (settings.frame_ms > 0, "frame_ms=0"),
         ):  # fmt: skip
             if wrong:
                 raise SolariError(f"Batch: views are rendered with the setting {said}")

@@ -11,6 +11,9 @@ from support.gltf_writer import GltfWriter
 
 # Every Device of the suite validates, also those that tests make through the command line in this process.
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
+# With shaders as users run them, which are compiled in a fifth of the time. Synchronization validation sees no access
+# of their buffers: tests/gpu and tests/documentation/test_buffers.py are about barriers, and take `bound_device`.
+os.environ.setdefault("SOLARI_VK_ADDRESSES", "1")
 
 from support.memory import resident_bytes
 
@@ -69,6 +72,18 @@ def any_device():
 def device(any_device):
     """A device with core and synchronization validation, shared by the session."""
     opened = Device(validation=True)
+    _devices.append(opened)
+    yield opened
+    _devices.remove(opened)
+    opened.close()
+
+
+@pytest.fixture(scope="session")
+def bound_device(any_device):
+    """`device` with buffers that are bound by descriptors, so that validation sees missing barriers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SOLARI_VK_ADDRESSES", "0")
+        opened = Device(validation=True)
     _devices.append(opened)
     yield opened
     _devices.remove(opened)

@@ -127,7 +127,7 @@ def test_plain_kernel_finds_what_the_tracer_does(device):
     assert 0.5 < np.isfinite(hits["t"]).mean() < 1
 
 
-@pytest.mark.parametrize("lighting", ["paths", "split"])
+@pytest.mark.parametrize("lighting", ["paths", pytest.param("split", marks=pytest.mark.slow)])
 def test_rays_are_counted_by_pass(device, lighting):
     """Without mirrors the guides trace no rays. By paths a pixel traces one or two rays from each vertex; by separate
     passes at most one to its light, and temporal reuse at most two."""

@@ -28,8 +28,8 @@ from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
 from solari_vk.cli.subject import load
 from solari_vk.gpu.device.physical import DeviceReport
-from solari_vk.measure.statistics import relative_mse
 from solari_vk.output import oidn
+from solari_vk.output.compare import relative_mse
 from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import FIELDS

@@ -27,9 +27,8 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
-    "batch_options", "batch_frames", "batch_results", "view_renderers",
-    "annotate", "randomize", "sensors", "motion_blur", "host_array",
-    "sample_control",
+    "batch_options", "batch_frames", "batch_results", "view_renderers", "annotate", "randomize", "sensors",
+    "motion_blur", "host_array", "sample_control", "frame_time",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -64,10 +63,11 @@ MAY_IMPORT = {
     "rendered": {"errors", "passes", "first_hits", "output", "gpu.device", *WINGS},
     "picture_renderer": RENDERING - {"picture_renderer"},
     "motion_blur": RENDERING,
-    "sample_control": {"output", "passes", "gpu.frame"},
+    "sample_control": {"errors", "output", "passes", "gpu.frame"},
     "reference": {"motion_blur", "sample_control", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
-    "renderer": {"motion_blur", "settings", *RENDERING},
+    "frame_time": {"errors", "settings", "gpu.device", "gpu.frame"},
+    "renderer": {"frame_time", "motion_blur", "settings", *RENDERING},
     "bands": {"reference", *RENDERING},
     "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
     "batch_options": {"host_array", "renderer", "gpu.acceleration", *RENDERING},

@@ -6,7 +6,7 @@ import weakref
 
 import numpy as np
 import pytest
-from support.realtime import make_renderer
+from support.realtime import DIRECT, make_renderer
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
@@ -71,18 +71,19 @@ def test_counting_rays_leaves_the_picture_alone(device, renderer, scene):
         assert counting["ray_counts"].any()
 
 
-def test_other_settings_are_taken_up(renderer, scene):
+def test_other_settings_are_taken_up(device, scene):
     """Settings that are live, and settings that rebuild the frame, which then has other results."""
-    frame = renderer.render(scene.camera)
-    assert "di_diffuse" not in set(frame.keys())
-    with pytest.raises(sv.SolariError, match="no 'di_diffuse': it needs the setting lighting=split"):
-        frame["di_diffuse"]
-    renderer.settings = sv.Settings(lighting="split")
-    frame = renderer.render(scene.camera)
-    assert "di_diffuse" in set(frame.keys())
-    assert frame["di_diffuse"].any()
-    renderer.settings.di = False
-    assert not renderer.render(scene.camera)["di_diffuse"].any()
+    with make_renderer(device, scene, SIZE, passes=DIRECT) as renderer:
+        frame = renderer.render(scene.camera)
+        assert "di_diffuse" not in set(frame.keys())
+        with pytest.raises(sv.SolariError, match="no 'di_diffuse': it needs the setting lighting=split"):
+            frame["di_diffuse"]
+        renderer.settings = sv.Settings(lighting="split")
+        frame = renderer.render(scene.camera)
+        assert "di_diffuse" in set(frame.keys())
+        assert frame["di_diffuse"].any()
+        renderer.settings.di = False
+        assert not renderer.render(scene.camera)["di_diffuse"].any()
 
 
 def test_results_keep_their_shape_until_the_next_frame(renderer, scene):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings
 
 import numpy as np
 import pytest
 from PIL import Image
+from support.realtime import GBUFFER, make_renderer
 
 import solari_vk as sv
 from solari_vk import shapes
+from solari_vk.measure.partial import PartialRenderer
 from solari_vk.passes import gbuffer
 from solari_vk.passes.pathtracer import FIRST_HIT_AOVS
 from solari_vk.scene.builtin import place
@@ -88,12 +91,12 @@ def test_first_hits_show_what_the_picture_shows(device):
     expected = {}
     for shown, mesh in (("cube", shapes.box()), ("ball", shapes.sphere(0.5))):
         cube.mesh = mesh
-        with sv.Renderer(device, scene, (64, 48)) as renderer:
+        with make_renderer(device, scene, (64, 48), passes=GBUFFER) as renderer:
             frame = renderer.render()
             expected[shown] = {name: frame[name] for name in FIRST_HIT_AOVS}
     cube.update(mesh=shapes.box(), ray_mesh=shapes.sphere(0.5))
     for shown, way in (("cube", "auto"), ("cube", "raster"), ("ball", "traced")):
-        with sv.Renderer(device, scene, (64, 48), sv.Settings(gbuffer=way)) as renderer:
+        with make_renderer(device, scene, (64, 48), passes=GBUFFER, gbuffer=way) as renderer:
             frame = renderer.render()
             assert renderer.gbuffer == ("raster" if shown == "cube" else "traced")
             same = frame["instance_id"] == expected[shown]["instance_id"]
@@ -218,6 +221,8 @@ def test_the_first_picture_chooses_the_exposure(renderer):
 
 
 def test_a_scene_without_light_is_told_of_once(device, kind):
+    if kind is sv.Renderer:
+        kind = functools.partial(PartialRenderer, passes=GBUFFER)  # compiles no more
     scene = sv.Scene(sv.Instance(sv.shapes.box(), sv.Material(base_color=0.5)))
     with kind(device, scene, SIZE) as dark:
         with pytest.warns(UserWarning, match="has no light, so pictures are black: load files with solari_vk.open"):

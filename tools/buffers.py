@@ -19,13 +19,13 @@ from solari_vk.gpu.frame.stages import History, Within
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device.device import Device
-    from solari_vk.gpu.frame.frame import Row
+    from solari_vk.gpu.frame.frame import Frame, Row
     from solari_vk.gpu.frame.stages import Stage
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = 64, 64
-# Counters in all passes that trace rays; an attachment; a list that the further dispatches of a pass read.
-NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories"}
+# Counters in all passes that trace rays; an attachment; lists that further dispatches of a pass read.
+NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories", "paths_chosen"}
 HEAD = """\
 # Buffers and images
 
@@ -53,9 +53,15 @@ class Traffic:
 
 
 def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
-    """The stages and the steps of all frames: each lighting, with and without reuse, either G-buffer, realtime views,
-    the path tracer, first hits by raster. The tables of the BRDF, which a frame of their own makes, come before each.
-    """
+    """The stages and the steps of all frames. The tables of the BRDF, which a frame of their own makes, come before
+    each."""
+    for made in made_frames(device):
+        yield [stage for frame in made for stage in frame.stages], [row for frame in made for row in frame.describe()]
+
+
+def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
+    """The frame of the BRDF's tables, and one of all others: each lighting, with and without reuse, either G-buffer,
+    realtime views, the path tracer, first hits by raster. The next one closes it."""
     import solari_vk as sv
     from solari_vk.passes import brdf_table, gbuffer, pathtracer
 
@@ -66,17 +72,16 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
     with sv.Frame(device, [brdf_table.stage()]) as tables:
         for choice in choices:
             with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:
-                yield [*tables.stages, *renderer.stages], [*tables.describe(), *renderer.describe()]
+                yield tables, renderer._frame
         with sv.Batch(device, scene, SIZE, 1, renderer="realtime", outputs=()) as batch:
-            views = batch._realtime
-            yield [*tables.stages, *views.stages], [*tables.describe(), *views.describe()]
+            yield tables, batch._realtime._frame
         with sv.PathTracer(device, scene, SIZE) as tracer:
             stages = [*tracer.stages, pathtracer.aov_stage(SIZE, SIZE[1])]
         external = {name: tables.resource(name) for name in brdf_table.NAMES}
         raster = gbuffer.raster_stage(SIZE, len(scene.instances))
         for made in stages, [raster, pathtracer.aov_stage(SIZE, SIZE[1], "raster_aov")]:
             with sv.SceneFrame(device, scene, made, external=external) as frame:
-                yield [*tables.stages, *made], [*tables.describe(), *frame.describe()]
+                yield tables, frame
 
 
 @functools.cache

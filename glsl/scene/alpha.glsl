@@ -36,11 +36,10 @@ bool has_alpha(Material material) {
 
 // The same for thin glass: such that attenuate_by_surface gives the light that passes straight.
 vec4 resolve_thin_wall(
-    Instance instance, Material material, Mesh mesh, uint triangle, vec2 barycentrics, vec3 direction
+    Instance instance, Material material, Mesh mesh, uint triangle, vec2 barycentrics, vec3 direction, vec3 color
 ) {
     uvec3 vertices = mesh.triangles.at[min(triangle, mesh.triangle_count - 1u)];
     TexturePoint point = texture_point(mesh, vertices, barycentrics);
-    vec3 color = resolve_color_opacity(material, mesh, triangle, barycentrics).rgb;
     vec2 roughness_metallic = vec2(material.perceptual_roughness, material.metallic);
     if (material.metallic_roughness_texture != NO_INDEX) {
         roughness_metallic *= sample_texture(material.metallic_roughness_texture, point).gb;
@@ -72,8 +71,9 @@ vec4 resolve_filter_opacity(uint instance_index, uint triangle, vec2 barycentric
     bool wall = SCENE_GLASS && (material.flags & MATERIAL_WALL) != 0u && !is_camera_ray;
     if (instance.ray_mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(1.0); }
     Mesh mesh = meshes.at[instance.ray_mesh];
-    return wall ? resolve_thin_wall(instance, material, mesh, triangle, barycentrics, direction)
-        : vec4(1.0, 1.0, 1.0, resolve_color_opacity(material, mesh, triangle, barycentrics).w);
+    vec4 color = resolve_color_opacity(material, mesh, triangle, barycentrics);
+    return wall ? resolve_thin_wall(instance, material, mesh, triangle, barycentrics, direction, color.rgb)
+        : vec4(1.0, 1.0, 1.0, color.w);
 }
 
 // ---- edges ------------------------------------------------------------------------------------------

@@ -36,27 +36,12 @@ struct BrdfSample {
     vec3 weight;   // BRDF times cosine over pdf; 0 when the sample is invalid
     float pdf;     // infinite for the direction of a mirror
     bool diffuse;  // whether the diffuse lobe proposed wi; weight and pdf are those of both lobes, except for a mirror
+    // BRDF times cosine of the two kinds of lobes, as evaluate_diffuse_brdf and evaluate_specular_brdf have it; 0 for
+    // the direction of a mirror.
+    vec3 diffuse_value, specular_value;
 };
 
 // ---- albedo ------------------------------------------------------------------------------------------
-
-// What layers reflect, and let pass to what lies below them, towards a direction. Each layer takes from the light below
-// what it reflects, as glTF orders them: a coat over sheen over all else.
-struct LayerAlbedos {
-    float coat;
-    float sheen;        // of white fibers, without the coat
-    float below_sheen;
-};
-
-// `coat` is its weight; `cosine` and `coat_cosine` are those of the direction with the two normals.
-LayerAlbedos layer_albedos(ResolvedMaterial material, float coat, float cosine, float coat_cosine) {
-    if (material.base.inside) { return LayerAlbedos(0.0, 0.0, 1.0); }
-    float sheen = sheen_albedo(material.sheen.perceptual_roughness, cosine);
-    return LayerAlbedos(
-        coat_albedo(coat, material.coat.perceptual_roughness, coat_cosine), sheen,
-        1.0 - max_component(material.sheen.color) * sheen
-    );
-}
 
 // The share of uniform incoming light that each kind of lobe reflects towards a direction.
 struct LobeAlbedos {
@@ -234,46 +219,55 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     return pdf;
 }
 
-const BrdfSample INVALID_SAMPLE = BrdfSample(vec3(0.0), vec3(0.0), 0.0, false);
+BrdfSample without_values(vec3 wi, vec3 weight, float pdf, bool diffuse) {
+    return BrdfSample(wi, weight, pdf, diffuse, vec3(0.0), vec3(0.0));
+}
+
+BrdfSample invalid_sample() { return without_values(vec3(0.0), vec3(0.0), 0.0, false); }
+BrdfSample delta_sample(vec3 wi, vec3 weight) { return without_values(wi, weight, INFINITY, false); }
+
+// A direction that a lobe proposes, for weigh_sample.
+const float NOT_WEIGHED = -1.0;
+BrdfSample propose(vec3 wi, bool diffuse) { return without_values(wi, vec3(0.0), NOT_WEIGHED, diffuse); }
+
+// The same of a lobe that only reflects: what it sends below the surface is no sample of one that transmits.
+BrdfSample propose_reflection(vec3 wi) {
+    return SCENE_TRANSMISSION && !(wi.z > 0.0) ? invalid_sample() : propose(wi, false);
+}
 
 BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
     float pdf = brdf_pdf(brdf, wo, wi);
-    return BrdfSample(wi, pdf > 0.0 ? brdf_times_cosine(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
+    vec3 diffuse_value = evaluate_diffuse_brdf(brdf, wo, wi), specular_value = evaluate_specular_brdf(brdf, wo, wi);
+    vec3 weight = pdf > 0.0 ? (diffuse_value + specular_value) / pdf : vec3(0.0);
+    return BrdfSample(wi, weight, pdf, diffuse, diffuse_value, specular_value);
 }
 
-// The same for a lobe that only reflects: what it sends below the surface is no sample of one that transmits.
-BrdfSample weigh_reflection(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
-    if (SCENE_TRANSMISSION && !(wi.z > 0.0)) { return INVALID_SAMPLE; }
-    return weigh_sample(brdf, wo, wi, diffuse);
-}
-
-// A sample of one of the lobes that few materials have. `choice` is below the sum of their probabilities.
-BrdfSample sample_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
+// A proposal of one of the lobes that few materials have. `choice` is below the sum of their probabilities.
+BrdfSample propose_by_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
     LobeProbabilities chosen = brdf.probabilities;
     if (choice < chosen.coat) {
         vec3 wi = sample_coat(brdf.coat, u);
-        if (!is_mirror_coat(brdf.coat)) { return weigh_reflection(brdf, wo, wi, false); }
+        if (!is_mirror_coat(brdf.coat)) { return propose_reflection(wi); }
         vec3 weight = vec3(coat_fresnel(brdf.coat, brdf.coat.wo.z) / chosen.coat);
-        return wi.z > 0.0 ? BrdfSample(wi, weight, INFINITY, false) : INVALID_SAMPLE;
+        return wi.z > 0.0 ? delta_sample(wi, weight) : invalid_sample();
     }
     choice -= chosen.coat;
-    if (choice < chosen.sheen) { return weigh_sample(brdf, wo, sample_sheen(u), true); }
+    if (choice < chosen.sheen) { return propose(sample_sheen(u), true); }
     choice = min((choice - chosen.sheen) / chosen.glass, 0.99999994);
     vec3 smooth_weight;
     vec3 wi = sample_glass(brdf.glass, wo, choice, u, smooth_weight);
-    if (wi.z == 0.0) { return INVALID_SAMPLE; }
-    if (!brdf.specular.mirror) { return weigh_sample(brdf, wo, wi, false); }
+    if (wi.z == 0.0) { return invalid_sample(); }
+    if (!brdf.specular.mirror) { return propose(wi, false); }
     smooth_weight = below_layers(brdf, smooth_weight * (brdf.glass.weight / chosen.glass), wo, wi);
-    return BrdfSample(wi, smooth_weight, INFINITY, false);
+    return delta_sample(wi, smooth_weight);
 }
 
-// `choice` decides which lobe proposes wi, `u` where in it; all are uniform in [0, 1).
-BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
+BrdfSample propose_sample(Brdf brdf, vec3 wo, float choice, vec2 u) {
     float base_probability = 1.0;
     if (SCENE_LOBES) {
         LobeProbabilities chosen = brdf.probabilities;
         float others = chosen.coat + chosen.sheen + chosen.glass;
-        if (choice < others) { return sample_lobes(brdf, wo, choice, u); }
+        if (choice < others) { return propose_by_lobes(brdf, wo, choice, u); }
         base_probability = 1.0 - others;
         choice = min((choice - others) / base_probability, 0.99999994);
     }
@@ -282,15 +276,21 @@ BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
         vec3 wi = vec3(-wo.xy, wo.z);
         vec3 weight = specular_fresnel(brdf.specular, wo.z) / brdf.specular_probability;
         if (SCENE_LOBES) { weight = below_layers(brdf, weight / base_probability, wo, wi); }
-        return BrdfSample(wi, weight, INFINITY, false);
+        return delta_sample(wi, weight);
     }
     vec3 wi = diffuse ? sample_diffuse(u) : sample_specular(brdf.specular, wo, u);
     if (SCENE_DIFFUSE_TRANSMISSION) {
         choice = (choice - brdf.specular_probability) / (1.0 - brdf.specular_probability);
         if (diffuse && choice < brdf.diffuse_transmission.probability) { wi.z = -wi.z; }
     }
-    if (SCENE_TRANSMISSION && !diffuse && !(wi.z > 0.0)) { return INVALID_SAMPLE; }
-    return weigh_sample(brdf, wo, wi, diffuse);
+    return diffuse ? propose(wi, true) : propose_reflection(wi);
+}
+
+// `choice` decides which lobe proposes wi, `u` where in it; all are uniform in [0, 1). All lobes are evaluated in one
+// place, because drivers inline functions wherever they are called.
+BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
+    BrdfSample proposed = propose_sample(brdf, wo, choice, u);
+    return proposed.pdf == NOT_WEIGHED ? weigh_sample(brdf, wo, proposed.wi, proposed.diffuse) : proposed;
 }
 
 BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {

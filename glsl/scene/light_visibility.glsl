@@ -6,9 +6,8 @@
 #include "scene/trace.glsl"
 
 // From a ray origin, already offset from its surface, to just before the light's point; the direction to a light at
-// infinity.
-vec3 shadow_ray_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
-    light_sample = light_sample_for_receiver(light_sample, ray_origin);
+// infinity. `light_sample` is that for this origin.
+vec3 segment_to_light(vec3 ray_origin, ResolvedLightSample light_sample) {
     if (is_at_infinity(light_sample.kind)) { return light_sample.world_position; }
     vec3 to_light = light_sample.world_position - ray_origin;
     // ends before the light by the rounding error of the light's point and of a ray of this length
@@ -16,11 +15,20 @@ vec3 shadow_ray_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
     return to_light - light_sample.world_normal * (dot(to_light, light_sample.world_normal) < 0.0 ? -offset : offset);
 }
 
+vec3 shadow_ray_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
+    return segment_to_light(ray_origin, light_sample_for_receiver(light_sample, ray_origin));
+}
+
 // The share of a light sample's light that reaches a ray origin, which is already offset from its surface.
+// `light_sample`: shadow_sample_for_receiver of what for_shadow_ray has returned.
 vec3 trace_light_transmittance(vec3 ray_origin, ResolvedLightSample light_sample) {
-    bool at_infinity = is_at_infinity(light_sample.kind);
-    vec3 segment = shadow_ray_segment(ray_origin, light_sample);
-    return trace_transmittance(ray_origin, segment, at_infinity ? INFINITY : 1.0);
+    vec3 segment = segment_to_light(ray_origin, light_sample);
+    return trace_transmittance(ray_origin, segment, is_at_infinity(light_sample.kind) ? INFINITY : 1.0);
+}
+
+// The same of what for_shadow_ray has returned.
+vec3 trace_shadow_ray(vec3 ray_origin, ResolvedLightSample light_sample) {
+    return trace_light_transmittance(ray_origin, shadow_sample_for_receiver(light_sample, ray_origin));
 }
 
 #endif

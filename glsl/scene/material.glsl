@@ -62,6 +62,24 @@ bool transmits(ResolvedMaterial material) {
     return max(material.glass.transmission, material.diffuse_transmission.weight) > 0.0 && material.base.metallic < 1.0;
 }
 
+// What layers reflect, and let pass to what lies below them, towards a direction. Each layer takes from the light below
+// what it reflects, as glTF orders them: a coat over sheen over all else.
+struct LayerAlbedos {
+    float coat;
+    float sheen;        // of white fibers, without the coat
+    float below_sheen;
+};
+
+// `coat` is its weight; `cosine` and `coat_cosine` are those of the direction with the two normals.
+LayerAlbedos layer_albedos(ResolvedMaterial material, float coat, float cosine, float coat_cosine) {
+    if (material.base.inside) { return LayerAlbedos(0.0, 0.0, 1.0); }
+    float sheen = sheen_albedo(material.sheen.perceptual_roughness, cosine);
+    return LayerAlbedos(
+        coat_albedo(coat, material.coat.perceptual_roughness, coat_cosine), sheen,
+        1.0 - max_component(material.sheen.color) * sheen
+    );
+}
+
 // ---- packing, for the G-buffer ----------------------------------------------------------------------
 
 struct PackedLobes {

@@ -59,9 +59,12 @@ vec4 sample_texture(uint texture_index, TexturePoint point) {
     bool second = SCENE_SECOND_UVS && source.uv_set == 1u;
     vec2 uv = second ? point.second_uv : point.uv;
     float footprint_lod = second ? point.second_footprint_lod : point.footprint_lod;
-    vec2 scale = vec2(textureSize(texture_images[nonuniformEXT(source.image)], 0));
-    float uv_scale = abs(determinant(mat2(source.uv_transform)));
-    float lod = footprint_lod + 0.5 * log2(max(uv_scale * scale.x * scale.y, 1e-30));
+    float lod = footprint_lod;
+    if (footprint_lod != FINEST_LOD) {
+        vec2 scale = vec2(textureSize(texture_images[nonuniformEXT(source.image)], 0));
+        float uv_scale = abs(determinant(mat2(source.uv_transform)));
+        lod += 0.5 * log2(max(uv_scale * scale.x * scale.y, 1e-30));
+    }
     return textureLod(texture_images[nonuniformEXT(source.image)], source.uv_transform * vec3(uv, 1.0), lod);
 }
 

@@ -116,25 +116,33 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     segment.hit = find_surface(walk, rng);
     bool tinted = SCENE_BLEND && !walk.is_camera_ray;
     float t_end = min(segment.hit.t, walk.t_max);
-    for (uint i = scene_info.first_pass_through_light; HAS_PASS_THROUGH_LIGHTS
-        && i < scene_info.first_light_at_infinity; i++) {
-        LightSource light = light_sources.at[i];
-        LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
-        if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
-        vec3 radiance = mis_weighted_radiance(light_hit, leaf_choice_probability(light.first_leaf, receiver),
-            walk.mis_pdf);
+    uint lights = HAS_PASS_THROUGH_LIGHTS
+        ? scene_info.first_light_at_infinity - scene_info.first_pass_through_light : 0u;
+    // One place for all rays, because drivers inline it: to lights on the way, and then to the surface.
+    for (uint i = 0u; i <= lights; i++) {
+        vec3 radiance = vec3(1.0);
+        float t = walk.t_max;
+        if (HAS_PASS_THROUGH_LIGHTS && i < lights) {
+            LightSource light = light_sources.at[scene_info.first_pass_through_light + i];
+            LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
+            if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
+            radiance = mis_weighted_radiance(light_hit, leaf_choice_probability(light.first_leaf, receiver),
+                walk.mis_pdf);
+            t = light_hit.t;
+        }
         RayTransmittance passes = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
-            passes = trace_transmittance_and_probability(walk.origin, walk.direction, light_hit.t, NO_HIT);
+            Hit end = segment.hit;
+            if (i < lights) { end = NO_HIT; }
+            passes = trace_transmittance_and_probability(walk.origin, walk.direction, t, end);
             segment.rays += 1u;
         }
-        segment.along_ray.radiance += radiance * passes.weight;
-        segment.along_ray.radiance_over_probability += radiance / passes.probability;
-    }
-    if (tinted) {
-        segment.transmittance = trace_transmittance_and_probability(walk.origin, walk.direction, walk.t_max,
-            segment.hit);
-        segment.rays += 1u;
+        if (i == lights) {
+            segment.transmittance = passes;
+        } else {
+            segment.along_ray.radiance += radiance * passes.weight;
+            segment.along_ray.radiance_over_probability += radiance / passes.probability;
+        }
     }
     return segment;
 }
@@ -265,11 +273,11 @@ struct NextEvent {
 
 // The share of the light of a light sample that reaches the origin of a shadow ray.
 vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
+    light_sample = shadow_sample_for_receiver(light_sample, origin);
     vec3 visible = trace_light_transmittance(origin, light_sample);
     if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return visible; }
     bool far = is_at_infinity(light_sample.kind);
-    vec3 end = light_sample_for_receiver(light_sample, origin).world_position;
-    return visible * transmittance(medium, far ? INFINITY : distance(origin, end));
+    return visible * transmittance(medium, far ? INFINITY : distance(origin, light_sample.world_position));
 }
 
 // One light sample, chosen for the receiver. `mis`: with its MIS weight against BRDF samples.

@@ -21,8 +21,10 @@ def run(job: ViewJob) -> None:
     """Show the window until it is closed."""
     if job.screenshot is not None:
         sv.check_output(job.screenshot)
-        if job.screenshot.suffix.lower() != ".png" or job.frames is None:
-            raise SolariError(f"--screenshot {job.screenshot}: give --frames, and the name of a .png")
+        if job.screenshot.suffix.lower() != ".png":
+            raise SolariError(f"--screenshot {job.screenshot}: is a .png file: give such a name")
+        if job.frames is None:
+            raise SolariError(f"--screenshot {job.screenshot}: is taken after --frames: give their number too")
     settings = job.make_settings()
     check_view(job.view, settings.lighting)
     subject = load(job)

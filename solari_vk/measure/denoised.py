@@ -19,10 +19,10 @@ from solari_vk.bound.projection import Projection
 from solari_vk.files import make_folder, whole_file
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import measuring
-from solari_vk.measure.statistics import flip, true_relative_mse
 from solari_vk.measure.subjects import from_file
 from solari_vk.output import oidn
 from solari_vk.output.animation import orbit
+from solari_vk.output.compare import flip, true_relative_mse
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.reference import PathTracer
 from solari_vk.rendered import RenderedFrame

@@ -14,7 +14,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import measuring
-from solari_vk.measure.statistics import true_relative_mse
+from solari_vk.output.compare import true_relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin

@@ -14,8 +14,9 @@ from solari_vk.files import make_folder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.denoised import MOTION, SCENES, SEED, Case, Picture, cases, measure, path_traced
 from solari_vk.measure.report import measuring
-from solari_vk.measure.statistics import interval, true_relative_mse
+from solari_vk.measure.statistics import interval
 from solari_vk.measure.subjects import from_file
+from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene

@@ -13,7 +13,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.measure.denoised import SEED, Case, Look, Picture, measure, path_traced
 from solari_vk.measure.judged_settings import milliseconds
 from solari_vk.measure.report import measuring
-from solari_vk.measure.statistics import interval, true_relative_mse
+from solari_vk.measure.statistics import interval
+from solari_vk.output.compare import true_relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.scene import shapes
 from solari_vk.scene.lights.environment import Environment, EnvironmentLight

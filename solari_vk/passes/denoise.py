@@ -33,15 +33,16 @@ def history_stage(size: tuple[int, int]) -> Stage:
     )
 
 
-def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1)) -> Stage:
+def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: bool = False) -> Stage:
     """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off. grid: columns and rows of views.
+    skips_pixels: whether pixels may have no path in a frame; their histories stay as they are.
 
     `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads.
     Other stages ask glsl/passes/denoise/api.glsl for the result.
     Inputs: `paths_diffuse`, `paths_specular`, `guides_*_albedo`, and the history: `denoise_*`.
     Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
     """
-    pixels = size[0] * size[1]
+    pixels, skips = size[0] * size[1], {"skips_pixels": skips_pixels}
     cells = (grid[0] * -(-size[0] // grid[0] // CELL), grid[1] * -(-size[1] // grid[1] // CELL))
     return Stage(
         "denoise",
@@ -51,9 +52,9 @@ def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1)) -> Stage:
             "denoise_pong": Within("previous_denoise_specular", pixels),
         },
         passes=[
-            Pass("denoise/temporal_gradient", threads=cells),
+            Pass("denoise/temporal_gradient", threads=cells, constants=skips),
             Pass("denoise/history_confidence", threads=cells),
-            Pass("denoise/accumulate", threads=size),
+            Pass("denoise/accumulate", threads=size, constants=skips),
             Pass("denoise/variance", threads=size),
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),
         ],

@@ -20,7 +20,7 @@ def stages(size: tuple[int, int], settings: Settings, grid: tuple[int, int] = (1
     return [
         denoise.history_stage(size),
         *light,
-        denoise.stage(size, grid),
+        denoise.stage(size, grid, settings.frame_ms > 0),
         display.compose_stage(size, settings, scratch),
     ]
 

@@ -13,6 +13,7 @@ from solari_vk.settings.layering import brdf_constants
 RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that take the memory of paths that waited, since all paths are traced by then."""
+MIN_TIMED_SAMPLES = 2  # paths that a pixel may take with frame_ms, at least
 WAVES = 3  # dispatches that go on with the paths that are left after their first rays
 
 
@@ -24,19 +25,26 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     Outputs: `paths_diffuse`, `paths_specular`, and new cells, `world_cache_*`.
     """
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
-    samples = 1 if settings.restir else settings.paths_short_history_samples
-    traced = brdf | {"paths_reuse": settings.restir, "short_history_samples": samples}
-    first = Pass("paths/first_ray", threads=size, constants=traced)
-    further = Pass("paths/first_ray", indirect="paths_wave", constants=traced)  # where there is little history
+    short = 1 if settings.restir else settings.paths_short_history_samples
+    timed = settings.frame_ms > 0
+    samples = max(short, MIN_TIMED_SAMPLES) if timed else short
+    numbers = {"short_history_samples": short, "max_timed_samples": samples if timed else 0}
+    traced = brdf | numbers | {"paths_reuse": settings.restir}
+    of_list = Pass("paths/first_ray", indirect="paths_wave", constants=traced)
+    first = of_list if timed else Pass("paths/first_ray", threads=size, constants=traced)
     later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
+    chosen = {"pixels_are_chosen": timed}
     passes = [
         part
         for sample, index in itertools.product(range(samples), range(WAVES + 1))
         for part in (
-            Pass("paths/next_wave", threads=GROUP_SIZE, constants={"sample_index": sample, "wave_index": index}),
-            later if index else further if sample else first,
+            Pass(
+                "paths/next_wave", threads=GROUP_SIZE, constants=chosen | {"sample_index": sample, "wave_index": index}
+            ),
+            later if index else of_list if sample else first,
         )
     ]
+    choose = [Pass("paths/choose_pixels", threads=size, constants=numbers)]
     reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
     return Stage(
         "paths",
@@ -46,10 +54,11 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
             "paths_queues": views,
             "paths_wave": 1,
             "paths_short_histories": pixels if samples > 1 else 1,
+            "paths_chosen": pixels if timed else 1,
             "paths_reservoir_candidates": pixels if settings.restir else 1,
             **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },
-        passes=[*passes, *reuse[: 2 * settings.restir]],
+        passes=[*choose[:timed], *passes, *reuse[: 2 * settings.restir]],
     )
 
 

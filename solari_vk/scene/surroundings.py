@@ -10,11 +10,13 @@ from solari_vk.scene.emission import mean_emission
 from solari_vk.scene.enclosures import extent, find_dome, find_room, place_of
 from solari_vk.scene.lights.environment import Environment
 from solari_vk.scene.lights.sky import Sky
+from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.studio import add_floor, add_lamp, heading, studio_lights
 
-# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls. Weaker ones are signs and screens.
-LEAST_EMISSION = 0.04
+# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls. Weaker ones are signs and screens,
+# and so are surfaces as dark as paper, unless they are as bright on average as the walls.
+LEAST_EMISSION, LEAST_OF_PAPER = 0.04, 0.4
 SUN_HEADING, SUN_HEIGHT = math.radians(-50), math.radians(40)  # from the camera's heading, and above the horizon
 
 
@@ -25,7 +27,7 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     camera: what turns with it. Returns what the scene got for want of light, "" if it has some, and whether a studio
     alone lights it, which suits EV100 0.
     """
-    lit, given = any(light.emits for light in scene.lights) or mean_emission(scene) >= LEAST_EMISSION, ""
+    lit, given = any(light.emits for light in scene.lights) or _is_lit_by_surfaces(scene), ""
     if kind == "auto" and not lit:
         visible = [instance for instance in scene if instance.visible]
         kind, given = _light_within(scene, visible, camera) if visible else ("studio", "shown in a studio")
@@ -38,6 +40,11 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     elif kind != "auto":
         scene.environment = Environment(kind)
     return given, kind == "studio" and not lit
+
+
+def _is_lit_by_surfaces(scene: Scene) -> bool:
+    brightest = max((float(instance.material.emissive.max()) for instance in scene if instance.visible), default=0.0)
+    return mean_emission(scene) >= (LEAST_EMISSION if brightest > UNLIT_RADIANCE else LEAST_OF_PAPER)
 
 
 def _light_within(scene: Scene, visible: list[Instance], camera: Camera) -> tuple[str, str]:

@@ -35,6 +35,10 @@ class Settings(SeparatePasses):
         True, "The radiance cache. Without it paths end after their last bounce, and with lighting=split indirect "
         "light is one bounce of direct.")  # fmt: skip
     jitter: bool = _frame(True, "Move samples within the pixel from frame to frame, for antialiasing.")
+    frame_ms: float = _frame(
+        0.0, "Milliseconds that a frame is to take on the GPU, as the 95th percentile (0: no such aim), with "
+        "lighting=paths, denoise=on and restir=off: pixels take no, one or several paths, by chance. More: less noise.",
+        low=0, high=1e4, rebuilds=True)  # fmt: skip
     gbuffer: str = _frame(
         "auto", "How the surface of a pixel is found: by rasterization or by rays. auto: by what is faster, which is "
         "rays on GPUs and rasterization on software devices; by rasterization where instances have a ray_mesh.",
@@ -83,7 +87,8 @@ class Settings(SeparatePasses):
     )
 
     # ---- ReSTIR of paths (lighting=paths)
-    restir: bool = _restir(False, "Pixels reuse light that others found. Less noise in a frame, slower.", rebuilds=True)
+    restir: bool = _restir(False, "Pixels reuse light that others found (ReSTIR). Less noise of direct light "
+                           "in raw frames of many lamps; denoised frames are often no better. Slower.", rebuilds=True)
     restir_confidence_cap: float = _restir(
         8.0, "Largest confidence of history, in frames. More: noise that lasts.", low=1, high=1e4
     )
@@ -219,7 +224,8 @@ class Settings(SeparatePasses):
     @property
     def built_in(self) -> tuple[Any, ...]:
         """The values of the fields that are built into pipelines or sizes."""
-        return tuple(getattr(self, name) for name, field in FIELDS.items() if field.rebuilds)
+        values = {name: getattr(self, name) for name, field in FIELDS.items() if field.rebuilds}
+        return tuple((values | {"frame_ms": self.frame_ms > 0}).values())
 
 
 _SWITCH = dict.fromkeys(("1", "true", "on", "yes"), True) | dict.fromkeys(("0", "false", "off", "no"), False)

@@ -1,21 +1,25 @@
-"""Docstrings of stages name their inputs and outputs, and the page of buffers is that of this code."""
+"""Frames have the barriers that they need, docstrings of stages name their inputs and outputs, and the page of buffers
+is that of this code."""
 
 from __future__ import annotations
 
 import re
 import runpy
+from contextlib import closing
 from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
+
+from solari_vk.errors import ValidationError
 
 ROOT = Path(__file__).resolve().parents[2]
 BUFFERS = runpy.run_path(str(ROOT / "tools/buffers.py"))
 
 
 @pytest.fixture(scope="module")
-def frames(device):
-    return list(BUFFERS["frames"](device))
+def frames(bound_device):
+    return list(BUFFERS["frames"](bound_device))
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +40,29 @@ def differences(docstring, accessed):
         patterns = re.findall(r"`(\S+)`", text[1]) if text else []
         yield from (f"{what} lack {name}" for name in sorted(names) if not any(fnmatch(name, p) for p in patterns))
         yield from (f"{what} name {p} in vain" for p in patterns if not any(fnmatch(name, p) for name in names))
+
+
+def check_barriers(device, frame, barriers):
+    """Synchronization validation sees what recorded commands access, without compiling and running them."""
+    for slot in frame._slots:
+        slot.record(barriers)
+    device.check_messages()
+
+
+def test_frames_have_the_barriers_that_they_need(frames, bound_device):
+    for _, frame in BUFFERS["made_frames"](bound_device):
+        check_barriers(bound_device, frame, frame._barriers)
+
+
+@pytest.mark.provokes_validation
+def test_missing_barriers_are_noticed(frames, bound_device):
+    with closing(BUFFERS["made_frames"](bound_device)) as made:
+        _, frame = next(made)
+        for number, barrier in enumerate(frame._barriers):
+            if barrier is not None and "taa" in frame._accesses[number].name:
+                without = [*frame._barriers[:number], None, *frame._barriers[number + 1 :]]
+                with pytest.raises(ValidationError, match="SYNC-HAZARD"):
+                    check_barriers(bound_device, frame, without)
 
 
 def test_docstrings_of_stages_name_inputs_and_outputs(accessed):

@@ -30,6 +30,12 @@ def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ShaderF
         check_spirv(spirv, name)
 
 
+@pytest.fixture(scope="session")
+def device(bound_device: Device) -> Device:
+    """The tests of this folder are about barriers too."""
+    return bound_device
+
+
 @pytest.fixture
 def own_device(any_device: None) -> Iterator[Device]:
     """A device that the test may break."""

@@ -29,14 +29,14 @@ def in_child(action):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_the_parents_device_is_refused_and_works_on(device):
-    with sv.Renderer(device, sv.builtin("cornell_box"), (16, 16)) as renderer:
+def test_the_parents_device_is_refused_and_works_on(own_device):
+    with sv.Renderer(own_device, sv.builtin("cornell_box"), (16, 16)) as renderer:
         before = renderer.render()["radiance"]
         uses = {
             "render": lambda: renderer.render(),
             "read": lambda: renderer["radiance"],
-            "buffer": lambda: device.buffer(64, "new"),
-            "renderer": lambda: sv.PathTracer(device, sv.builtin("cornell_box"), (16, 16)),
+            "buffer": lambda: own_device.buffer(64, "new"),
+            "renderer": lambda: sv.PathTracer(own_device, sv.builtin("cornell_box"), (16, 16)),
         }
 
         def try_all():
@@ -48,7 +48,7 @@ def test_the_parents_device_is_refused_and_works_on(device):
                 except DeviceError as error:
                     said += [f"{name}: {error}"] * ("multiprocessing.get_context('spawn')" not in str(error))
             renderer.close()
-            device.close()
+            own_device.close()
             return "; ".join(said)
 
         assert in_child(try_all) == ""

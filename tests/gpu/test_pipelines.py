@@ -20,7 +20,7 @@ from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import pipeline_cache, raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.kept import Kept
-from solari_vk.gpu.frame import pipelines
+from solari_vk.gpu.frame import compile_ahead, pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.frame.slot import Slot
 from solari_vk.gpu.shaders import shaderc
@@ -77,6 +77,42 @@ def test_shaders_are_compiled_and_pipelines_created_at_the_same_time(own_device,
     watch(own_device, monkeypatch, create)
     assert results(own_device, stage, shaders) == EXPECTED
     assert len(threads) == COUNT + 1
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_other_devices_compile_from_the_end(any_device, stage, shaders, monkeypatch, fails):
+    """While the frame's own device waits before its first pipeline; without them it compiles all."""
+    ran, helped = [], threading.Event()
+    run_once = compile_ahead._run_once
+
+    def note(users, interface, sets, given):
+        helped.set()
+        if fails:
+            raise DeviceError("no memory")
+        run_once(users, interface, sets, given)
+        ran.append(given)
+
+    def wait(state):
+        if state.what == "machine code" and state.done == 0:
+            helped.wait(20)
+
+    monkeypatch.setattr(compile_ahead, "_run_once", note)
+    monkeypatch.setattr(compile_ahead, "device_count", lambda: 3)
+    with Device(validation=False, on_compile=wait) as device:
+        if not device.buffers_by_address:
+            pytest.skip("other devices compile when pipelines are made")
+        assert results(device, stage, shaders) == EXPECTED
+    assert helped.is_set()
+    assert len(set(ran)) == len(ran)
+    assert fails != bool(ran)
+
+
+@pytest.mark.parametrize(("threads", "disabled", "count"), [("", "", 3), ("2", "", 2), ("9", "", 3), ("", "true", 1)])
+def test_as_many_devices_compile_as_there_are_cores(monkeypatch, threads, disabled, count):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(3), raising=False)
+    monkeypatch.setenv("LP_NUM_THREADS", threads)
+    monkeypatch.setenv("MESA_SHADER_CACHE_DISABLE", disabled)
+    assert compile_ahead.device_count() == count
 
 
 def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch):

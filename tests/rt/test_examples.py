@@ -18,7 +18,7 @@ from solari_vk.conformance.faults import known_faults
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
-MANY_SAMPLES = ("gymnasium_worlds", "learn", "materials", "objects", "seeds", "turntable")  # see below
+MANY_SAMPLES = ("gymnasium_worlds", "learn", "materials", "mujoco_worlds", "objects", "seeds", "turntable")  # see below
 
 
 def load(name):

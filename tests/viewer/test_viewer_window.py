@@ -84,6 +84,7 @@ def test_the_screen_shows_the_rendered_picture(viewer, screen):
     assert (grab(viewer, screen) == viewer.pictures.pixels()).all()
 
 
+@pytest.mark.slow  # they are compiled for half a minute
 def test_the_screen_shows_what_ray_pipelines_render(screen):
     with (
         sv.Device(validation=True, rays="pipeline") as device,

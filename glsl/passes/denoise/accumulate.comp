@@ -1,5 +1,6 @@
 // Adds this frame's light of each pixel to the pixel's mean over frames. Where light has changed, the history length is
-// first multiplied by the history's confidence, so that the new light replaces the old sooner.
+// first multiplied by the history's confidence, so that the new light replaces the old sooner. Pixels without a path in
+// this frame keep their means.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/alternate_history.glsl"
@@ -14,6 +15,7 @@ LobeHistory add_sample(LobeHistory history, vec4 radiance_hit_distance, float co
     if (!is_finite_color(radiance_hit_distance.rgb)) { return history; }
     float value = luminance(radiance_hit_distance.rgb);
     history.frames = min(history.frames * confidence, float(denoise_settings.max_history - 1u));
+    if (has_no_path(radiance_hit_distance)) { return history; }
     float weight = 1.0 / (history.frames + 1.0);
     float inverse = radiance_hit_distance.w > 0.0
         ? max(1.0 / radiance_hit_distance.w, MIN_INVERSE_HIT_DISTANCE)

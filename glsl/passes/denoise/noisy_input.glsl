@@ -6,6 +6,11 @@
 #include "passes/denoise/lobe_history.glsl"
 #include "passes/paths/bindings.glsl"
 
+// Whether some pixels take no path: the setting frame_ms.
+layout(constant_id = skips_pixels_id) const bool skips_pixels = false;
+
+bool has_no_path(vec4 radiance_hit_distance) { return skips_pixels && radiance_hit_distance.w == NO_PATH; }
+
 // Demodulated radiance, and the hit distance in meters: of the first path of the pixel whose first ray this lobe
 // proposed; 0 if it proposed none, infinite where that ray hit no surface; with restir see paths/bindings.glsl.
 vec4 noisy_diffuse(uint index) { return paths_diffuse.at[index]; }

@@ -37,7 +37,7 @@ void main() {
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
             uint index = element_index(uvec2(x, y), camera.size), kind = kind_of(denoise_guides.at[index]);
-            if (kind == NOT_DENOISED) { continue; }
+            if (kind == NOT_DENOISED || has_no_path(noisy_diffuse(index))) { continue; }
             add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), noisy_diffuse(index).rgb);
             vec4 specular_value = noisy_specular(index, ivec2(x, y), kind);
             add_pixel(specular, unpack_lobe_history(denoise_specular.at[index]), specular_value.rgb);

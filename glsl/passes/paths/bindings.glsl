@@ -9,9 +9,11 @@
 
 // Demodulated radiance of a lobe at the pixel's surface, and its hit distance: the length of the first ray of the
 // first path whose first ray this lobe proposed (infinite without a hit), 0 if it proposed none; with restir, the
-// distance to the reservoir's sample, for the specular lobe only where that is reused.
+// distance to the reservoir's sample, for the specular lobe only where that is reused. NO_PATH: the pixel takes no path
+// in this frame.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
+const float NO_PATH = -1.0;
 // Radiance before the denoiser.
 layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 // The estimated standard error of the luminance of `sample_radiance`, the frame before antialiasing, in cd/m^2. The
@@ -39,6 +41,11 @@ layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
 // By view: the indices of the pixels with a short history.
 layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;
+// With the setting frame_ms: the indices of the pixels that take a path.
+layout(set = 1, scalar) buffer PathsChosenBlock {
+    uint count;
+    uint at[];
+} paths_chosen;
 struct PathQueue {
     uint count;   // of paths that go on in this wave
     uint queued;  // of paths that wait for the next wave, so far

@@ -37,14 +37,20 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     return path;
 }
 
-// The pixel of an invocation: for the first path any of the picture, for further ones those with little history.
+// The pixel of an invocation: for the first path any of the picture, or those that are chosen; for further ones those
+// with little history.
 bool find_pixel_of_path(uint sample_index, out uvec2 pixel, out uint index) {
     pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
-    if (sample_index == 0u) { return find_pixel(pixel, index); }
+    if (sample_index == 0u && max_timed_samples == 0u) { return find_pixel(pixel, index); }
     choose_view(INVOCATION_LAYER);
     uint thread = thread_index_in_squares(pixel);
-    if (thread >= paths_queues.at[view_index].short_history_count) { return false; }
-    index = paths_short_histories.at[element_index(uvec2(0u), camera.size) + thread];
+    if (sample_index == 0u) {
+        if (thread >= paths_chosen.count) { return false; }
+        index = paths_chosen.at[thread];
+    } else {
+        if (thread >= paths_queues.at[view_index].short_history_count) { return false; }
+        index = paths_short_histories.at[element_index(uvec2(0u), camera.size) + thread];
+    }
     pixel = find_pixel_of(index);
     return true;
 }
@@ -54,6 +60,7 @@ void main() {
     uvec2 pixel;
     if (!find_pixel_of_path(sample_index, pixel, index)) { return; }
     uint samples = samples_per_pixel(index);
+    if (max_timed_samples > 0u && sample_index >= samples) { return; }
     if (sample_index == 0u && samples > 1u) {
         uint thread = atomicAdd(paths_queues.at[view_index].short_history_count, 1u);
         paths_short_histories.at[element_index(uvec2(0u), camera.size) + thread] = index;

@@ -18,8 +18,12 @@ void main() {
     Path path = load_path_state(index);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 
-    bool goes_on;
-    do { goes_on = advance(path); } while (goes_on && paths_wave.index == LAST_WAVE);
+    bool again = true, goes_on = true;
+    do {
+        goes_on = (again || trace_next_ray(path)) && arrive(path, again);
+        if (!again && paths_wave.index != LAST_WAVE) { break; }
+        again = false;
+    } while (goes_on);
     if (goes_on) { store_path_state(path, index, paths_wave.index + 1u); }
 
     GBufferSurface surface = load_gbuffer(pixel);

@@ -1,5 +1,5 @@
 // Begins a wave: sets its indirect dispatch, in each layer as many threads as the longest queue of a view has paths.
-// Wave 0 traces first rays: of all pixels, then of further paths where history is short.
+// Wave 0 traces first rays: of all pixels, or of those that are chosen, then of further paths where history is short.
 #version 460
 #include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"
@@ -8,6 +8,7 @@ layout(local_size_x = GROUP_SIZE) in;
 
 layout(constant_id = wave_index_id) const uint wave_index = 0u;
 layout(constant_id = sample_index_id) const uint sample_index = 0u;
+layout(constant_id = pixels_are_chosen_id) const bool pixels_are_chosen = false;
 
 shared uint most;
 
@@ -21,6 +22,9 @@ void main() {
         if (wave_index == 0u && sample_index == 0u) { queue.short_history_count = 0u; }
         paths_queues.at[view] = queue;
         atomicMax(most, wave_index == 0u ? queue.short_history_count : queue.count);
+    }
+    if (pixels_are_chosen && sample_index == 0u && gl_LocalInvocationIndex == 0u) {
+        if (wave_index == 0u) { atomicMax(most, paths_chosen.count); } else { paths_chosen.count = 0u; }
     }
     barrier();
     if (gl_LocalInvocationIndex != 0u) { return; }

@@ -113,9 +113,10 @@ float nee_probability(Brdf brdf) {
 }
 
 // The weight of a BRDF sample by lobe.
-PerLobe lobe_weights(Vertex vertex, BrdfSample next) {
+PerLobe lobe_weights(BrdfSample next) {
     if (next.pdf == INFINITY) { return PerLobe(vec3(0.0), next.weight); }
-    return next.pdf > 0.0 ? scale(lobes_times_cosine(vertex, next.wi), vec3(1.0 / next.pdf)) : NO_LIGHT;
+    PerLobe values = PerLobe(next.diffuse_value, next.specular_value);
+    return next.pdf > 0.0 ? scale(values, vec3(1.0 / next.pdf)) : NO_LIGHT;
 }
 
 // Whether the specular lobe is so broad that the cache stands for it too.
@@ -161,9 +162,9 @@ bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     return true;
 }
 
-// Samples a light and the next direction at the path's vertex, and moves the path to the next vertex. Returns false
-// when the path has ended.
-bool advance(inout Path path) {
+// Samples a light and the next direction at the path's vertex, and traces the next ray. Returns whether it has hit a
+// surface; else the path has ended.
+bool trace_next_ray(inout Path path) {
     if (path.specular_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
     path.specular_only = false;
     Brdf brdf = path.vertex.brdf;
@@ -185,12 +186,12 @@ bool advance(inout Path path) {
 
     BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.lobe_u, path.u);
     if (first) {
-        path.first_weight = lobe_weights(path.vertex, next);
+        path.first_weight = lobe_weights(next);
         path.first_ray_is_diffuse = next.diffuse;
         next.weight = vec3(1.0);
     } else if (paths_reuse && path.bounce == 1u) {
         // Later light belongs to one lobe of x2.
-        PerLobe weights = lobe_weights(path.vertex, next);
+        PerLobe weights = lobe_weights(next);
         float diffuse_probability = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
         path.diffuse_at_x2 = rand_f(path.rng) < diffuse_probability;
         next.weight = path.diffuse_at_x2 ? weights.diffuse / diffuse_probability
@@ -208,10 +209,8 @@ bool advance(inout Path path) {
 
     if (max_component(sum(ris_sample.contribution)) > 0.0) {
         count_ray();
-        vec3 to_light = light_sample_for_receiver(ris_sample.resolved, path.vertex.position).world_position;
-        if (!is_at_infinity(ris_sample.resolved.kind)) { to_light -= path.vertex.position; }
-        bool transmits = SCENE_TRANSMISSION && dot(to_light, path.vertex.geometric_normal) < 0.0;
-        vec3 from = ray_origin(path.vertex, to_light);
+        bool transmits = SCENE_TRANSMISSION && dot(ris_sample.wi, path.vertex.geometric_normal) < 0.0;
+        vec3 from = ray_origin(path.vertex, ris_sample.wi);
         vec3 transmittance = trace_shadow_ray(from, transmits ? path.medium_below : medium, ris_sample.resolved);
         if (transmittance != vec3(0.0)) {
             if (first) {
@@ -242,12 +241,26 @@ bool advance(inout Path path) {
     add_light(path, emitted, path.diffuse_at_x2);
     if (!hits) { return false; }
     path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;
+    return true;
+}
+
+// Moves the path to the surface that its last ray has hit. Returns whether it goes on. `again`: it has been there
+// before, and takes no light.
+bool arrive(inout Path path, bool again) {
+    vec3 throughput = path.walk.throughput;
     SurfaceInteraction surface = arrive_at_surface(path.walk, path.hit);
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
-    float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
-    add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
+    if (again) {
+        path.walk.throughput = throughput;  // has it already
+    } else {
+        float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
+        add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
+    }
     make_path_vertex(path, surface);
-    return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
+    return again || look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
 }
+
+// Moves the path to the next vertex. Returns false when the path has ended.
+bool advance(inout Path path) { return trace_next_ray(path) && arrive(path, false); }
 
 #endif

@@ -29,7 +29,8 @@ void store_path_state(Path path, uint pixel_index, uint wave_index) {
     );
 }
 
-// The path as it was, but for the light that it has found, which is already in the pixel.
+// The path as it was, but for the light that it has found, which is already in the pixel, and for its vertex: it
+// arrives there again.
 Path load_path_state(uint pixel_index) {
     PathState state = paths_states.at[pixel_index];
     Path path = start_path(state.rng);
@@ -47,10 +48,6 @@ Path load_path_state(uint pixel_index) {
     path.footprint = state.footprint;
     path.walk.cone_width = state.cone_width;
     path.walk.medium = Medium(state.medium);
-    SurfaceInteraction surface = resolve_surface_interaction(path.hit, path.walk.direction, path.walk.cone_width);
-    vec3 discarded = vec3(1.0);  // the stored throughput has it already
-    remove_straight_transmission(path.hit, path.walk.direction, surface.material, discarded);
-    make_path_vertex(path, surface);
     return path;
 }
 

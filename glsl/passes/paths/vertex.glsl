@@ -70,6 +70,7 @@ PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expect
 struct RisLightSample {
     LightSample light_sample;
     ResolvedLightSample resolved;  // for its shadow ray
+    vec3 wi;               // towards the light
     PerLobe contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
 
@@ -111,7 +112,8 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expecte
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         LightContribution light = calculate_resolved_light_contribution(resolved, vertex.position);
         RisLightSample ris_sample = RisLightSample(
-            light_sample, for_shadow_ray(resolved, light.wi), evaluate_next_event(vertex, light, expected_candidates)
+            light_sample, for_shadow_ray(resolved, light.wi), light.wi,
+            evaluate_next_event(vertex, light, expected_candidates)
         );
         if (comes_past_portals(resolved, vertex.position, light.wi)) {
             add_to_reservoir(past_portals, ris_sample, rng);

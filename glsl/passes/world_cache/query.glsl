@@ -66,7 +66,7 @@ vec3 sample_irradiance(SurfaceInteraction hit, inout uint rng) {
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
     count_ray();
-    return irradiance * trace_light_transmittance(origin, for_shadow_ray(light_sample, light.wi));
+    return irradiance * trace_shadow_ray(origin, for_shadow_ray(light_sample, light.wi));
 }
 
 const uint MAX_CACHE_MISSES = 4u;  // maximum of consecutive hits of a path for which the cache has no value

@@ -194,6 +194,7 @@ def glsl_header() -> str:
     every = list(LIGHT_KINDS)
     met = {place: [kind for kind in LIGHT_KINDS if kind.met_by_rays == place] for place in PLACES}
     places = [kind.met_by_rays for kind in LIGHT_KINDS]
+    dependent = [kind for kind in LIGHT_KINDS if kind.depends_on_receiver]
     masks = {
         "KINDS_AT_INFINITY": sum(1 << i for i, place in enumerate(places) if place in (BEYOND, AT_INFINITY)),
         "KINDS_HIT_BY_RAYS": sum(1 << i for i, place in enumerate(places) if place != NEVER),
@@ -210,7 +211,9 @@ def glsl_header() -> str:
         _choose("uint debug_color_id", "", every),
         _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
         _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
-        _for_receiver([kind for kind in LIGHT_KINDS if kind.depends_on_receiver]),
+        _for_receiver("light_sample", dependent),
+        # after for_shadow_ray, which makes a direction of what is at infinity
+        _for_receiver("shadow_sample", [kind for kind in dependent if kind.met_by_rays not in (BEYOND, AT_INFINITY)]),
     ])
 
 
@@ -239,11 +242,11 @@ def _choose(function: str, parameters: str, kinds: list[LightKind], argument: st
     return "\n".join([f"{function}({declared}) {{", *lines, unconditional, "}"])
 
 
-def _for_receiver(kinds: list[LightKind]) -> str:
+def _for_receiver(name: str, kinds: list[LightKind]) -> str:
     """A function that calls the own ones of some kinds, and returns samples of all others as they are."""
     lines = [
         f"if ({_is(kind, 'light_sample.kind')}) {{ return sample_for_receiver_{kind.name}(light_sample, receiver); }}"
         for kind in kinds
     ]
-    head = "ResolvedLightSample light_sample_for_receiver(ResolvedLightSample light_sample, vec3 receiver) {"
+    head = f"ResolvedLightSample {name}_for_receiver(ResolvedLightSample light_sample, vec3 receiver) {{"
     return "\n".join([head, *lines, "return light_sample;", "}"])

@@ -31,7 +31,8 @@ class Device(WorkQueue):
 
     select: part of a device's name, its index, its UUID, "gpu" or "cpu"; by default SOLARI_VK_DEVICE, else the best.
     validation: core and synchronization validation; by default on when SOLARI_VK_VALIDATION=1. Extensions
-    newer than the installed layer, such as position fetch, are off while validation is on.
+    newer than the installed layer, such as position fetch, are off while validation is on. A software device then has
+    its buffers bound by descriptors, unless SOLARI_VK_ADDRESSES=1.
     staging: treat device memory as not mappable, as on a discrete GPU; by default SOLARI_VK_STAGING=1.
     rays: how shaders trace: "query" (VK_KHR_ray_query), "pipeline" (VK_KHR_ray_tracing_pipeline), or "auto", which
     takes queries where the device has them; by default SOLARI_VK_RAYS, else "auto". The attribute `rays` says which.
@@ -51,6 +52,10 @@ class Device(WorkQueue):
         super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation, rays)
         self.on_compile: OnCompile | None = CompileNotes() if on_compile == "stderr" else on_compile
         self.staging = _flag("SOLARI_VK_STAGING") if staging is None else staging
+        self.buffers_by_address = self.properties.kind == "cpu" and (
+            not self.validation or _flag("SOLARI_VK_ADDRESSES")
+        )
+        """Whether compute shaders access storage buffers by their addresses (`access_by_address`)."""
         self.memory = Allocator(self, map_device_memory=not self.staging)
         self.staging_pool = StagingPool(self.memory)
         self._samplers: dict[tuple[Any, ...], Sampler] = {}

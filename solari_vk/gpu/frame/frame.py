@@ -270,13 +270,20 @@ class Frame:
         Waits if no frame has finished yet. Empty as well on a device without timestamps. Sets `timed_value` to the
         timeline value that `submit` returned for that frame.
         """
-        done = [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
-        slot = max(done, key=lambda item: item.value) if done else self._latest
-        if not slot.value:
-            return {}
-        self.device.await_value(slot.value)
-        self.timed_value = slot.value
-        return slot.read_timings()
+        if not self._done:
+            self.device.await_value(self._latest.value)
+        return self.timings_so_far()
+
+    def timings_so_far(self) -> dict[str, float]:
+        """As `timings`, but waits only for what the next `submit` waits for; empty if no frame has finished then."""
+        self.device.await_value(self._slots[self.frame_count % SLOTS].value)
+        slot = max(self._done, key=lambda slot: slot.value, default=None)
+        self.timed_value = slot.value if slot else 0
+        return slot.read_timings() if slot else {}
+
+    @property
+    def _done(self) -> list[Slot]:
+        return [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
 
     def describe(self) -> list[Row]:
         """The steps: the resources they read and write, the reasons for their barriers, and their GPU times. A buffer

@@ -8,7 +8,7 @@ number of textures requires.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -74,25 +74,21 @@ def _difference(one: Binding, other: Binding) -> str:
     return "; ".join(f"{key} is {first[key]} and {second[key]}" for key in first if first[key] != second[key])
 
 
-def accesses_by_address(device: Device) -> bool:
-    """Whether compute shaders access storage buffers by their addresses. Not under validation, which would not see
-    missing barriers."""
-    return device.properties.kind == "cpu" and not device.validation
-
-
 def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
     """The bytes of push constants: all that there are where buffers are read by their addresses."""
-    if accesses_by_address(device):
+    if device.buffers_by_address:
         return int(device.properties.limits.maxPushConstantsSize)
     return max((module.push_constants.itemsize for module in modules if module.push_constants), default=0)
 
 
 class Interface:
-    """The set layouts and the pipeline layout for a group of modules."""
+    """The set layouts and the pipeline layout for a group of modules. bindings: theirs, numbered already."""
 
-    def __init__(self, device: Device, modules: Sequence[Module]) -> None:
+    def __init__(
+        self, device: Device, modules: Collection[Module], bindings: Mapping[str, Binding] | None = None
+    ) -> None:
         self.device = device
-        self.bindings = merge_bindings(modules)
+        self.bindings = merge_bindings(modules) if bindings is None else dict(bindings)
         self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
         self.bindless_limit = min(
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSampledImages,
@@ -148,7 +144,7 @@ class Interface:
     def addressed(self, module: Module, code: bytes) -> tuple[bytes, tuple[str, ...]]:
         """The code of a linked compute shader as the device runs it, and the buffers whose addresses are its push
         constants: `access_by_address`, on software devices."""
-        if not accesses_by_address(self.device) or module.push_constants is not None:
+        if not self.device.buffers_by_address or module.push_constants is not None:
             return code, ()
         buffers = {variable: name for variable, name in module.variables.items()
                    if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1}  # fmt: skip

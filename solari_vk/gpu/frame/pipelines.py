@@ -56,10 +56,11 @@ class PipelineInfo:
 class Pipeline:
     """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline.
 
-    addresses: the buffers whose addresses are its push constants (`access_by_address`). has_run: whether it has run
-    once to have a software driver compile it (`Slot.run_new`).
+    info: what it is made from. addresses: the buffers whose addresses are its push constants (`access_by_address`).
+    has_run: whether it has run once to have a software driver compile it (`Slot.run_new`).
     """
 
+    info: PipelineInfo
     handle: raw.CData
     bind_point: int
     table: ShaderBindingTable | None
@@ -171,7 +172,7 @@ class Pipelines:
             return None
         device.share(token)
         addresses = self._addresses.pop(key, ())
-        self._taken[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table, addresses)
+        self._taken[key] = Pipeline(item, handle, _BIND_POINTS[type(item.kind)], table, addresses)
         self._kept.add(key, self._taken[key], destroy)
         return None
 

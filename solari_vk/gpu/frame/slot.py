@@ -14,6 +14,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.frame.compile_ahead import compiling_ahead
 from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
 from solari_vk.gpu.frame.pipelines import Pipeline
@@ -111,16 +112,23 @@ class Slot:
         Software drivers compile a pipeline when it first runs, and this way it can be said which one it is.
         """
         assert self._program is not None
+        assert self._sets is not None
         steps = [(step.pipeline, step.item.name) for step in self._program.steps if step.pipeline is not None]
         graphics = raw.VK_PIPELINE_BIND_POINT_GRAPHICS
         new = {made: name for made, name in steps if made.bind_point != graphics and not made.has_run}
-        for pipeline in announced(self._device.on_compile, "machine code", list(new.values()), list(new)):
-            empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), new[pipeline])
-            try:
-                self._device.await_value(self._device.submit([empty.commands]))
-            finally:
-                empty.destroy()
-            pipeline.has_run = True
+        # The smallest first, so that a viewer can show something between two of them.
+        order = sorted(new, key=lambda made: len(made.info.modules[0].spirv))
+        interface, modules = self._program.interface, self._program.modules.values()
+        with compiling_ahead(interface, modules, self._sets.counts, order) as wait_for:
+            names = [new[pipeline] for pipeline in order]
+            for pipeline in announced(self._device.on_compile, "machine code", names, order):
+                wait_for(pipeline)
+                empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), new[pipeline])
+                try:
+                    self._device.await_value(self._device.submit([empty.commands]))
+                finally:
+                    empty.destroy()
+                pipeline.has_run = True
 
     def _record_empty(self, commands: raw.CData, pipeline: Pipeline) -> None:
         assert self._sets is not None

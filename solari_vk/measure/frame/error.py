@@ -17,7 +17,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame.passes import count_rays
 from solari_vk.measure.report import milliseconds
-from solari_vk.measure.statistics import relative_mse
+from solari_vk.output.compare import relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.measure.statistics import flip, squared_scale, true_relative_mse
 from solari_vk.measure.trial.process import KINDS, OURS, Failure, Picture, Process, Render
+from solari_vk.output.compare import flip, squared_scale, true_relative_mse
 
 SEEDS_OF_PICTURES = 1, 2  # of the two halves; others are for the times
 REPETITIONS = 3

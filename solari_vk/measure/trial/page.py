@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from solari_vk.files import make_folder, write_whole
 from solari_vk.measure.page import head, markdown_list, markdown_table, wrapped
-from solari_vk.measure.statistics import squared_scale
 from solari_vk.measure.trial.compare import Comparison, Distance
 from solari_vk.measure.trial.differences import Difference
 from solari_vk.measure.trial.process import KINDS, OURS, Picture
+from solari_vk.output.compare import squared_scale
 from solari_vk.output.picture import save_image, write_codes
 
 MOST_SHOWN = 0.5  # of the error maps: the relative error that is fully red or blue

@@ -12,7 +12,7 @@ from support.replication import replicate
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.measure.statistics import true_relative_mse
+from solari_vk.output.compare import true_relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.scene.matrices import rotation, turned_about

@@ -13,8 +13,8 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse, true_relative_mse
 from solari_vk.output.animation import orbit
+from solari_vk.output.compare import relative_mse, true_relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, matte, place
 

@@ -6,7 +6,7 @@ import numpy as np
 from support.realtime import make_renderer, trace
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse
+from solari_vk.output.compare import relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 

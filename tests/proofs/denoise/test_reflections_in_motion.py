@@ -8,8 +8,8 @@ from support.realtime import make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse
 from solari_vk.output import oidn
+from solari_vk.output.compare import relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 

@@ -144,8 +144,8 @@ def test_views_change_no_frame(device, lighting):
 def test_names_of_views(device):
     """Unknown ones and those of another lighting are refused; after the lighting has changed to one that lacks the
     view, it is "picture" again."""
-    settings = sv.Settings()
-    with sv.Renderer(device, room(), SIZE, settings) as renderer:
+    with make_renderer(device, room(), SIZE, passes=("gbuffer/", "display/")) as renderer:
+        settings = renderer.settings
         with pytest.raises(sv.SolariError, match=r"smell.*base_color"):
             renderer.view = "smell"
         with pytest.raises(sv.SolariError, match=r"fog.*reinhard"):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.realtime import GBUFFER, make_renderer, trace
+from support.realtime import GBUFFER, PATHS, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -42,7 +42,7 @@ def check_disk(device, kind="perspective", focus=2.0):
             fields = {"projection": kind}
         scene = sv.Scene(sv.Camera(vertical_fov=FOV, aperture=aperture, focus_distance=focus, **fields))
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
-        with make_renderer(device, scene, SIZE, jitter=True) as renderer:
+        with make_renderer(device, scene, SIZE, passes=PATHS, jitter=True) as renderer:
             light = sum(np.asarray(renderer.render()["sample_radiance"], np.float64)[..., 0] for _ in range(256)) / 256
         at, variances = np.arange(SIZE[0]), []
         for axis in range(2):

@@ -9,7 +9,7 @@ from support.realtime import make_renderer, trace
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.measure.statistics import relative_mse
+from solari_vk.output.compare import relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES

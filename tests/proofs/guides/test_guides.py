@@ -12,7 +12,7 @@ from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import relative_mse
+from solari_vk.output.compare import relative_mse
 from solari_vk.passes.guides import IMAGES
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, lamp, place, rgb

@@ -12,8 +12,8 @@ from support.statistics import sixteenths
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.measure.statistics import relative_mse
 from solari_vk.output import oidn
+from solari_vk.output.compare import relative_mse
 from solari_vk.scene.builtin import builtin
 
 needs_oidn = pytest.mark.skipif(

@@ -207,7 +207,7 @@ def writing(change):
 PATH = "passes/paths/path.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return PerLobe(next.weight, "
-                                 "vec3(0.0)); } return correct(vertex, next);")),
+                                 "vec3(0.0)); } return correct(next);")),
     MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_DELTA_BOUNCES", "0u")),
     CHAIN: (measure_mirror_chain, Bug("passes/paths/path_state.glsl", "load_path_state",
                                       "Path path = correct(pixel_index); path.delta_bounces = 0u; return path;")),

@@ -8,7 +8,7 @@ from support.realtime import SPLIT, make_renderer
 from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.measure.statistics import relative_mse, true_relative_mse
+from solari_vk.output.compare import relative_mse, true_relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, place
 

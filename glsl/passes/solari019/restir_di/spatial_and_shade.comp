@@ -20,7 +20,7 @@ const uint PASS_SALT = 0xB5297A4Du;
 vec3 transmittance(GBufferSurface surface, ResolvedLightSample resolved) {
     count_ray();
     vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-    return trace_light_transmittance(origin, resolved);
+    return trace_shadow_ray(origin, resolved);
 }
 
 // Returns the index of the neighbor, or NO_INDEX when no tried pixel is similar.

@@ -14,7 +14,7 @@ void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
     vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
     ResolvedLightSample resolved = resolve_light_sample(reservoir.light_sample);
     vec3 end = light_sample_for_receiver(resolved, surface.world_position).world_position;
-    vec3 transmittance = trace_light_transmittance(origin, for_shadow_ray(resolved, end));
+    vec3 transmittance = trace_shadow_ray(origin, for_shadow_ray(resolved, end));
     reservoir.unbiased_contribution_weight *= transmittance != vec3(0.0) ? 1.0 : 0.0;
 }
 

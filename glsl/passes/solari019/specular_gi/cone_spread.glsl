@@ -9,11 +9,11 @@
 BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     if (SCENE_LOBES) { return sample_brdf(without_diffuse_lobe(brdf), wo, rng); }
     if (brdf.specular.mirror) {
-        return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf.specular, wo.z), INFINITY, false);
+        return delta_sample(vec3(-wo.xy, wo.z), specular_fresnel(brdf.specular, wo.z));
     }
     vec3 wi = sample_specular(brdf.specular, wo, rand_vec2f(rng));
     float pdf = specular_pdf(brdf.specular, wo, wi);
-    return BrdfSample(wi, pdf > 0.0 ? evaluate_specular_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, false);
+    return without_values(wi, pdf > 0.0 ? evaluate_specular_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, false);
 }
 
 // The squared slope of the cone into which a lobe spreads a path, as NVIDIA's RTXGI computes it to end paths in its

@@ -34,7 +34,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     count_ray();
-    vec3 transmittance = trace_light_transmittance(origin, for_shadow_ray(light_sample, light.wi));
+    vec3 transmittance = trace_shadow_ray(origin, for_shadow_ray(light_sample, light.wi));
     float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
     float inverse_pdf = weight_sum / (float(world_cache_settings.candidates) * chosen_target);
     return light.radiance_in_area_measure * (cosine * inverse_pdf) * transmittance;

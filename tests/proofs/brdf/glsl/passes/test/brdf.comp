@@ -84,7 +84,7 @@ void main() {
         return;
     }
     uint rng = seed_rng(uvec2(i, 0u), 0u, 11u);
-    BrdfSample drawn = BrdfSample(incoming.at[min(i, incoming.at.length() - 1u)], vec3(0.0), 0.0, false);
+    BrdfSample drawn = without_values(incoming.at[min(i, incoming.at.length() - 1u)], vec3(0.0), 0.0, false);
     if (MODE == MODE_DRAW) { drawn = sample_brdf(brdf, wo, rng); }
     float pdf = brdf_pdf(brdf, wo, drawn.wi);
     results.at[i * RESULT_COUNT] = drawn.wi;

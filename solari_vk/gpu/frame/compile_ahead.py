@@ -1,0 +1,109 @@
+"""Has the cores of a software device compile a frame's pipelines at the same time.
+
+Lavapipe compiles a pipeline when it first runs, in the one thread of the device's queue, and keeps the machine code on
+disk. So further devices, each with a thread, run pipelines from the end of the list while the frame's own device runs
+them from the start; what others have compiled it finds on disk.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.frame.descriptors import DescriptorSets
+from solari_vk.gpu.frame.interface import Interface
+from solari_vk.gpu.frame.pipelines import Pipeline, Pipelines
+from solari_vk.gpu.shaders.spirv import Module
+
+MOST_DEVICES = 4  # each takes some hundred megabytes while it compiles
+
+
+def device_count() -> int:
+    """How many devices compile: for each core that the driver may use, as LP_NUM_THREADS says to lavapipe too."""
+    if os.environ.get("MESA_SHADER_CACHE_DISABLE", "0").lower() in ("1", "true", "yes", "y"):
+        return 1
+    given = os.environ.get("LP_NUM_THREADS", "")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(int(given) if given.isdigit() else cores, cores, MOST_DEVICES)
+
+
+@contextmanager
+def compiling_ahead(
+    interface: Interface, modules: Collection[Module], counts: Sequence[int], pipelines: Sequence[Pipeline]
+) -> Iterator[Callable[[Pipeline], None]]:
+    """A context with a function to call before each of these pipelines runs on the interface's device, in their order:
+    it waits while another device compiles that one.
+
+    modules: those of the interface. counts: the lengths of its bindless arrays.
+    """
+    device = interface.device
+    waiting = list(pipelines)
+    taken: dict[Pipeline, threading.Event] = {}
+    lock = threading.Lock()
+
+    def take() -> Pipeline | None:
+        with lock:
+            while waiting:
+                found = waiting.pop()
+                if found.table is None:
+                    taken[found] = threading.Event()
+                    return found
+        return None
+
+    def work() -> None:
+        made = None
+        try:
+            with Device(device.properties.uuid, validation=False, rays=device.rays, on_compile=None) as other:
+                same = Interface(other, modules, interface.bindings)
+                sets, users = DescriptorSets(same, counts), Pipelines(other)
+                while (made := take()) is not None:
+                    _run_once(users, same, sets, made)
+                    taken[made].set()
+        except SolariError:
+            pass  # the frame's own device compiles the rest
+        finally:
+            if made is not None:
+                taken[made].set()
+
+    def wait_for(pipeline: Pipeline) -> None:
+        with lock:
+            done = taken.get(pipeline)
+            if done is None:
+                waiting.remove(pipeline)
+        if done is not None:
+            done.wait()
+
+    helps = device.buffers_by_address and len(pipelines) > 1
+    threads = [threading.Thread(target=work) for _ in range(device_count() - 1 if helps else 0)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield wait_for
+    finally:
+        with lock:
+            waiting.clear()
+        for thread in threads:
+            thread.join()
+
+
+def _run_once(users: Pipelines, interface: Interface, sets: DescriptorSets, given: Pipeline) -> None:
+    """Compile a compute pipeline, by a run without invocations: its descriptors needn't be written."""
+    device = interface.device
+    [(_, made)] = users.make([given.info], interface)
+
+    def record(commands: raw.CData) -> None:
+        sets.bind(commands, made.bind_point)
+        device.vk.vkCmdBindPipeline(commands, made.bind_point, made.handle)
+        device.vk.vkCmdDispatch(commands, 0, 0, 0)
+
+    empty = Recorded(device, record, given.info.name)
+    try:
+        device.await_value(device.submit([empty.commands]))
+    finally:
+        empty.destroy()

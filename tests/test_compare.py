@@ -1,0 +1,33 @@
+"""`compare`: relMSE, means and FLIP of two pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+
+
+def test_known_differences():
+    reference = np.full((8, 6, 3), (1.0, 2.0, 4.0))
+    found = sv.compare(1.1 * reference, reference)
+    scale = reference**2 + 0.01 * reference.mean() ** 2
+    assert found.relative_mse == pytest.approx(((0.1 * reference) ** 2 / scale).mean())
+    np.testing.assert_allclose(found.mean_ratio, 1.1)
+    assert np.isnan(found.flip) or 0 < found.flip < 0.5
+    same = sv.compare(reference, reference)
+    assert same.relative_mse == 0
+    assert same.flip == 0 or np.isnan(same.flip)
+
+
+def test_frames_and_what_is_refused(device):
+    scene = sv.Scene(sv.Instance(sv.shapes.sphere()))
+    scene.environment = sv.Environment(1.0)
+    with sv.PathTracer(device, scene, (16, 12)) as tracer:
+        frame = tracer.render(samples=2)
+        assert sv.compare(frame, frame["radiance"]).relative_mse == 0
+        with pytest.warns(UserWarning, match="has 2 samples of earlier calls, more than 1: call reset"):
+            tracer.render(samples=1)
+    for wrong in (3, np.ones((4, 4)), np.full((12, 16, 3), np.nan), np.ones((4, 4, 3))):
+        with pytest.raises(sv.SolariError, match=r"compare: (takes frames|pictures have one size)"):
+            sv.compare(wrong, np.ones((12, 16, 3)))
