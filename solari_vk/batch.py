@@ -35,7 +35,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
-from solari_vk.passes.many_views import with_more_rows
+from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
@@ -251,8 +251,7 @@ class Batch(BatchResults):
             if "motion_vectors" in self._names:
                 previous = frame.resource("previous_instances").read()
                 frame.rebuild(self._stages())
-                table = frame.resource("previous_instances")
-                table.upload(with_more_rows(previous, self._worlds.count, table.size))
+                upload_rows(frame.resource("previous_instances"), previous, self._worlds.count)
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
             frame.uniforms["path_sampling.first_row"] = row

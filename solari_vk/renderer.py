@@ -24,7 +24,7 @@ from solari_vk.motion_blur import Exposed, ExposureRenderer
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
-from solari_vk.passes.many_views import tiled, with_more_rows
+from solari_vk.passes.many_views import tiled, upload_rows
 from solari_vk.picture_renderer import by_pixel, checked_seed
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
@@ -188,8 +188,7 @@ class Renderer(ExposureRenderer):
         if self._frame.memory.get("world_cache_life") != cells:
             self.reset()  # the previous frame's reservoirs name cells of the old map
         if instances is not None:
-            table = self._frame.resource(gbuffer.PREVIOUS_INSTANCES)
-            table.upload(with_more_rows(instances, self._world_count, table.size))
+            upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), instances, self._world_count)
 
     def _write_settings(self) -> None:
         shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.frame.stages import Draw, Pass, Size, Stage, Step
 from solari_vk.gpu.shaders.compiler import MANY_VIEWS, has_many_views
 
@@ -28,11 +29,11 @@ def tiled(size: Size, of: Size) -> Size:
     return size[0] * of[0], size[1] * of[1]
 
 
-def with_more_rows(rows: NDArray[np.uint8], worlds: int, size: int) -> NDArray[np.uint8]:
-    """The bytes of a table of several worlds, one after the other, for tables of a larger `size` in bytes."""
-    grown = np.zeros((worlds, size // worlds), np.uint8)
+def upload_rows(table: Buffer, rows: NDArray[np.uint8], worlds: int) -> None:
+    """Upload the bytes of a table of several worlds, one after the other, to one that has grown."""
+    grown = np.zeros((worlds, table.size // worlds), np.uint8)
     grown[:, : rows.size // worlds] = rows.reshape(worlds, -1)
-    return grown
+    table.upload(grown)
 
 
 def over_views(stages: Sequence[Stage]) -> list[Stage]:

@@ -21,7 +21,6 @@ import numpy as np
 from solari_vk.errors import DeviceError, SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
-from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
@@ -253,33 +252,28 @@ class Frame:
         if element is None:
             raise SolariError(f"{name} isn't an array")
         if count is None:
-            buffer: Buffer = self.resource(name)
-            count = (buffer.size - self.binding(name).element_offset) // element.itemsize
+            count = (self.resource(name).size - self.binding(name).element_offset) // element.itemsize
         return (count, *element.shape), element.base, self.binding(name).element_offset
 
     @property
     def memory(self) -> dict[str, int]:
-        """The bytes of each buffer and image that the stages declare, by name; both of a history count. A buffer within
-        another one isn't listed."""
+        """The bytes of buffers and images that stages declare, by name; both of a history, none within another one."""
         return self._resources.sizes
 
     @property
     def timings(self) -> dict[str, float]:
-        """GPU milliseconds of each step in the latest finished frame; empty before the first frame.
-
-        Waits if no frame has finished yet. Empty as well on a device without timestamps. Sets `timed_value` to the
-        timeline value that `submit` returned for that frame.
-        """
+        """GPU milliseconds of each step in the latest finished frame, for which it waits; empty before the first frame,
+        and on a device without timestamps. Sets `timed_value` to what `submit` returned for that frame."""
         if not self._done:
             self.device.await_value(self._latest.value)
         return self.timings_so_far()
 
     def timings_so_far(self) -> dict[str, float]:
         """As `timings`, but waits only for what the next `submit` waits for; empty if no frame has finished then."""
-        self.device.await_value(self._slots[self.frame_count % SLOTS].value)
+        self.device.await_value(self._slots[self.frame_count % len(self._slots)].value)
         slot = max(self._done, key=lambda slot: slot.value, default=None)
-        self.timed_value = slot.value if slot else 0
-        return slot.read_timings() if slot else {}
+        self.timed_value, found = (slot.value, slot.read_timings()) if slot else (0, {})
+        return found
 
     @property
     def _done(self) -> list[Slot]:
