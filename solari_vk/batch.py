@@ -2,39 +2,48 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.batch_options import LIGHT, check_realtime, checked_mask, checked_names, checked_size, checked_worlds
+from solari_vk.batch_frames import WHERE as MANY
+from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, seeds_of
+from solari_vk.batch_options import (
+    LIGHT,
+    check_realtime,
+    checked_mask,
+    checked_names,
+    checked_results,
+    checked_size,
+    checked_worlds,
+)
+from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.triangle_orders import TriangleOrders
-from solari_vk.bound.worlds import Worlds, WorldTransforms
-from solari_vk.errors import SolariError, checked_keywords, unknown_name
-from solari_vk.frame import SceneFrame, SceneUser
+from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
+from solari_vk.bound.worlds import Worlds
+from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.frame import SceneFrame
 from solari_vk.gpu.acceleration.checks import whole_number
-from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
+from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Instance, Material, Scene
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
 
 
-class Batch(SceneUser):
+class Batch(BatchResults):
     """Renders many views of a scene in one frame. A context manager.
 
     size: (width, height) of a view in pixels. views: their number N. renderer: "labels" finds first hits alone, at the
@@ -48,7 +57,8 @@ class Batch(SceneUser):
     for more with the setting world_cache=off.
 
     worlds: their number, of which N is a multiple: `transforms` moves instances in each. View i shows world
-    i // (N / worlds). All worlds have the scene's lights.
+    i // (N / worlds). `world_materials` and `world_lights` give instances other materials and the scene other lights in
+    each.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
@@ -73,16 +83,12 @@ class Batch(SceneUser):
             self._rows = pathtracer.max_rows(self._strip)
             self._labels_names = names
             self._names = (*LIGHT[renderer], *names)
-            self._rendered = self._closed = False
-            self._tensors = 0  # that somebody has
+            self._owned.callback(self._close_many)
             self.binder.update()
             self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
             self._owned.callback(self._worlds.destroy)
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
-            self._labels: SceneFrame | None = None
-            self._paths: ViewTracer | None = None
-            self._realtime: ViewRenderer | None = None
             if renderer == "realtime":
                 self._realtime = ViewRenderer(
                     device, self.binder, self.size, self.views, self._layout, self._worlds, options
@@ -114,6 +120,18 @@ class Batch(SceneUser):
         """The transforms of instances in each world, (worlds, 4, 4) by the name of an instance: assign them, as in
         `batch.transforms["box"] = poses`."""
         return self._worlds.transforms
+
+    @property
+    def world_materials(self) -> WorldMaterials:
+        """The materials of instances in each world, a list by the name of an instance: assign them, as in
+        `batch.world_materials["box"] = [red, blue]`."""
+        return self._worlds.materials
+
+    @property
+    def world_lights(self) -> WorldLights:
+        """What takes the place of a light of the scene in each world, a list by the name of the light: assign them, as
+        in `batch.world_lights["sun"] = [low_sun, None]`."""
+        return self._worlds.lights
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -151,6 +169,9 @@ class Batch(SceneUser):
             check_realtime(cameras)
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
+        if self._worlds.count > 1:
+            self.binder.update()  # which the worlds' records depend on, and what features they have on these
+            self._worlds.update()
         if self._labels is not None or self._paths is not None:
             self._show(current, cut, seeds)
         if self._labels is not None:
@@ -162,12 +183,58 @@ class Batch(SceneUser):
             self._realtime.render_views(current, written, cut, seeds, not reset_cache)
         return self
 
+    @checked_keywords()
+    def render_many(
+        self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None,
+        transforms: Mapping[Any, ArrayLike] | None = None, fov: ArrayLike | None = None,
+        vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
+        ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
+        reset: ArrayLike = False, reset_cache: bool = False,
+    ) -> ManyFrames:  # fmt: skip
+        """Render several frames in one submission, and return what each of them shows, by the names of results. The
+        path tracer, which times its dispatches, makes several submissions.
+
+        cameras: as `render` takes them, for all frames, or for each: (frames, N, 4, 4), or a list of lists of `Camera`.
+        outputs: the results to keep, by default all. reset: True or (N,), of the first frame, or (frames, N). seeds:
+        (N,) or (frames, N). reset_cache is for the first frame. transforms: (frames, worlds, 4, 4) by instance, what
+        `batch.transforms` is in each frame. The others are those of `render`, for all frames.
+
+        The results are bit by bit those of as many calls of `render`, of which the batch then has those of the last.
+        They take memory for each frame. Raises SolariError as `render`; what is wrong in a later frame leaves the batch
+        with the frames before it.
+        """
+        self._check_open()
+        frames = whole_number(frames, f"{MANY}: frames", 1)
+        names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
+        moved = {key: view_table.array(given, f"transforms of {key}", (frames, self._worlds.count, 4, 4), where=MANY)
+                 for key, given in (transforms or {}).items()}  # fmt: skip
+        options: dict[str, Any] = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100,
+                                   "samples": samples}  # fmt: skip
+        cuts = cuts_of(frames, self.views, reset)
+        each = zip(cameras_of(frames, self.views, cameras), cuts, seeds_of(frames, self.views, seeds), strict=True)
+        if self._labels is not None:
+            self._labels.prepare_many(frames)
+        for renderer in (self._paths, self._realtime):
+            if renderer is not None:
+                renderer.frame.prepare_many(frames)
+        with self.device.gathered():
+            for index, (shown, cut, numbers) in enumerate(each):
+                for instance, given in moved.items():
+                    self.transforms[instance] = given[index]
+                self.render(shown, reset=cut, seeds=numbers, reset_cache=reset_cache and index == 0, **options)
+                results = {name: self._result(name) for name in names}
+                if index == 0 and (self._many is None or not self._many.holds(results, frames)):
+                    self._close_many()
+                    self._many = ManyFrames(self.device, results, frames, self._lend)
+                assert self._many is not None
+                self._many.take(index, results)
+        assert self._many is not None
+        return self._many
+
     def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
-        if self._worlds.count > 1:
-            self.binder.update()  # the rows of worlds depend on it
-        self._worlds.number(table.records)
+        self._worlds.number(table)
         table.show(current, cut)
         table.records["frame"]["seed"] = seeds
         table.upload()
@@ -184,121 +251,13 @@ class Batch(SceneUser):
             if "motion_vectors" in self._names:
                 previous = frame.resource("previous_instances").read()
                 frame.rebuild(self._stages())
-                if self._worlds.count == 1:  # the rows stay valid
-                    frame.resource("previous_instances").upload(previous)
+                upload_rows(frame.resource("previous_instances"), previous, self._worlds.count)
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
             frame.uniforms["path_sampling.first_row"] = row
             frame.submit_applied()
 
-    # ---- results ------------------------------------------------------------------------------------
-
-    def keys(self) -> list[str]:
-        """The names of the results."""
-        return list(self._names)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """A copy of a result of the latest frame, (N, height, width[, channels]). Waits for the frame."""
-        frame, resource = self._place(name)
-        values = frame[resource]
-        if self._realtime is not None and name in LIGHT["realtime"]:
-            if isinstance(frame.resource(resource), Image):
-                return self._realtime.picture_of(values)
-            values = values[: self._pixels(name)]  # the grid may have more places than views
-        read: NDArray[Any] = self._shaped(name, values)
-        return read
-
-    def _size_of(self, name: str) -> tuple[int, int]:
-        """The width and height of a result of a view: what is rendered is smaller than the picture with upscale."""
-        return self._realtime.render_size if self._realtime is not None and name == "raw_radiance" else self.size
-
-    def _pixels(self, name: str) -> int:
-        return self.views * math.prod(self._size_of(name))
-
-    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
-        """A result of the latest frame that stays on the device, (N, height, width[, channels]).
-
-        On software devices, and others whose memory the host sees, it is an array in the device's own memory, without a
-        copy. It waits for the frame, and shows later frames too: take it again after each `render`, which waits. On
-        NVIDIA devices it is a copy on the device that later frames don't change, without waiting, for CUDA: see
-        `RenderedFrame.tensor`. Both, and what `torch.from_dlpack` and others make of them, keep their memory when the
-        batch and the device are closed. Raises SolariError, with the reason, where the device can't share its memory.
-        """
-        frame, resource = self._place(name)
-        buffer: Buffer | Image = frame.resource(resource)
-        if isinstance(buffer, Image):
-            raise SolariError(f"Batch.tensor: '{name}' is an image: batch['{name}'] copies it")
-        tensor: NDArray[Any] | CudaTensor
-        if not buffer.mapped:
-            tensor = self._shaped(name, frame.tensor(resource, self._pixels(name)))
-            return tensor
-        element = frame.binding(resource).element
-        assert element is not None
-        self.device.sync_host()
-        memory = buffer.view(element.base, self._pixels(name) * math.prod(element.shape))
-        self._tensors += 1
-        self.device.lent.lend(memory, self._release_tensor)
-        tensor = self._shaped(name, memory)
-        return tensor
-
-    def _release_tensor(self) -> None:
-        """A tensor, and all that was made of it, is gone."""
-        self._tensors -= 1
-        if self._closed:
-            self.close()
-
-    def _place(self, name: str) -> tuple[SceneFrame, str]:
-        """The frame that has a result, and the name of its buffer."""
-        self._check_open()
-        if name not in self._names:
-            raise unknown_name("Batch: there is no result", name, self._names)
-        if not self._rendered:
-            raise SolariError(f"Batch: render before asking for '{name}'")
-        if self._realtime is not None and name in LIGHT["realtime"]:
-            return self._realtime.frame, name
-        if self._paths is not None and name in LIGHT["reference"]:
-            return self._paths.frame, "radiance_mean"
-        assert self._labels is not None
-        return self._labels, f"aov_{name}"
-
-    def _shaped(self, name: str, values: Any) -> Any:
-        if name == "primitive" and isinstance(values, np.ndarray):
-            values = values.view(np.int32)  # -1 for none, as hits of RayTracer have it
-        width, height = self._size_of(name)
-        channels = math.prod(values.shape) // self._pixels(name)
-        return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))
-
-    @property
-    def instances(self) -> dict[int, Instance]:
-        """The scene's instances by the numbers in `batch["instance_id"]`."""
-        return self.binder.instances
-
-    @property
-    def materials(self) -> dict[int, Material]:
-        """The scene's materials by the numbers in `batch["material_id"]`."""
-        return self.binder.materials.by_row
-
-    def close(self) -> None:
-        """Free everything on the device, when no tensor needs it any more. Safe to call twice."""
-        self._closed = True
-        if not self._tensors:
-            super().close()
-
-    def __repr__(self) -> str:
-        width, height = self.size
-        return f"<Batch of {self.views} views {width}x{height} on {self.device.name}: {', '.join(self._names)}>"
-
     # ---- checks -------------------------------------------------------------------------------------
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise SolariError("nothing can be rendered or read: the batch was closed; make a new one")
 
     def _checked_samples(self, samples: int | None) -> int:
         if self._paths is None and samples is not None:

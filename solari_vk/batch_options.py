@@ -47,14 +47,20 @@ def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[
         if name not in OPTIONS[renderer]:
             known = ["renderer", "outputs", "worlds", *OPTIONS[renderer]]
             raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
-    if not isinstance(outputs, (str, Sequence)):
-        raise SolariError(f"Batch: outputs is a list of names, not {quoted(outputs)}")
-    given = [outputs] if isinstance(outputs, str) else list(outputs)
-    for name in given:
-        if name not in passes.OUTPUTS:
-            raise unknown_name("Batch: there is no output", name, passes.OUTPUTS)
+    given = checked_results(outputs, passes.OUTPUTS, "Batch", "output")
     if renderer == "labels" and not given:
         raise SolariError(f"Batch: outputs names nothing: give some of {', '.join(passes.OUTPUTS)}")
+    return given
+
+
+def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -> tuple[str, ...]:
+    """Names of some results, each once; raises SolariError for those that aren't known."""
+    if not isinstance(outputs, (str, Sequence)):
+        raise SolariError(f"{where}: outputs is a list of names, not {quoted(outputs)}")
+    given = [outputs] if isinstance(outputs, str) else list(outputs)
+    for name in given:
+        if name not in known:
+            raise unknown_name(f"{where}: there is no {what}", name, known)
     return tuple(dict.fromkeys(given))
 
 

@@ -24,7 +24,7 @@ from solari_vk.motion_blur import Exposed, ExposureRenderer
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
-from solari_vk.passes.many_views import tiled
+from solari_vk.passes.many_views import tiled, upload_rows
 from solari_vk.picture_renderer import by_pixel, checked_seed
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
@@ -175,7 +175,7 @@ class Renderer(ExposureRenderer):
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
         key = self._build_key()
-        grown = self.frame_count > 0 and key[1] > self._built[1] and self._world_count == 1
+        grown = self.frame_count > 0 and key[1] > self._built[1]
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
@@ -188,7 +188,7 @@ class Renderer(ExposureRenderer):
         if self._frame.memory.get("world_cache_life") != cells:
             self.reset()  # the previous frame's reservoirs name cells of the old map
         if instances is not None:
-            self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
+            upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), instances, self._world_count)
 
     def _write_settings(self) -> None:
         shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}

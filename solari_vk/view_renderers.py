@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
+from solari_vk.bound.lights.world_changes import Known, WorldChanges
 from solari_vk.bound.projection import SEED_STRIDE
 from solari_vk.bound.view_table import ViewTable, Written, write_samples
 from solari_vk.bound.worlds import Worlds
@@ -69,15 +70,19 @@ class ViewRenderer(Renderer):
     ) -> None:  # fmt: skip
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
-        self._change = np.zeros(count)  # IndexTranslation.change, as each view has seen it
+        self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
+        self._changes = WorldChanges(device, worlds.count)
+        buffers = self.views.buffer, self._changes.buffer
         try:
             super().__init__(device, binder, size, **options)
         except BaseException:
-            self.views.buffer.destroy()
+            for buffer in buffers:
+                buffer.destroy()
             raise
-        self._owned.callback(self.views.buffer.destroy)
+        for buffer in buffers:
+            self._owned.callback(buffer.destroy)
 
     @property
     def frame(self) -> SceneFrame:
@@ -105,7 +110,8 @@ class ViewRenderer(Renderer):
         return over_views(super()._stages(picture))
 
     def _inputs(self) -> dict[str, Any]:
-        return super()._inputs() | {"views": self.views.buffer, **self._worlds.resources}
+        own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
+        return super()._inputs() | own | dict(self._worlds.resources)
 
     def _write_settings(self) -> None:
         super()._write_settings()
@@ -124,6 +130,8 @@ class ViewRenderer(Renderer):
             self._frame.bind(self._worlds.resources)
             self._bound = version
         self._prepare()
+        known = self._worlds.known_lights or [Known.of(self.binder.lights)]
+        self._changes.update(known, self.settings.world_cache_cell_size)
         try:
             self._write_views(current, written, cut | (not self._has_history), seeds)
             self._write_shared(current, keeps_cache and self._has_history)
@@ -145,9 +153,10 @@ class ViewRenderer(Renderer):
         self.views.show(current, cut)
         change = self._change * CHANGE_DECAY
         change[change <= MIN_CHANGE] = 0.0
-        self._change = np.where(cut, 0.0, np.maximum(change, self._lights.newest))
-        records, frame = self.views.records, self.views.records["frame"]
-        self._worlds.number(records)
+        newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
+        self._change = np.where(cut, 0.0, np.maximum(change, newest))
+        frame = self.views.records["frame"]
+        self._worlds.number(self.views)
         frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
         frame["exposure"], frame["lighting_change"] = written.exposure, self._change
         frame["blended_changed"] = self.binder.blended_changes != self._blended_changes
@@ -158,16 +167,15 @@ class ViewRenderer(Renderer):
     def _write_shared(self, current: NDArray[Any], keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""
         if not keeps_cache:
-            self._lights.change = 0.0
-            self._changed_lights.clear()
+            self._changes.clear()
+        self._changes.upload()
         places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
         center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
         distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
         self._frame.uniforms.update_declared({
             "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
-            "all_views.has_history": keeps_cache, "all_views.lighting_change": self._lights.change,
+            "all_views.has_history": keeps_cache, "all_views.lighting_change": self._changes.change.max(),
             "camera_ball.center": center, "camera_ball.radius": distances.max(),
-            **self._changed_lights.uniforms,
         })  # fmt: skip
         self._blended_changes = self.binder.blended_changes
 

@@ -405,13 +405,16 @@ def test_wrong_options_are_named(device, binder, three):
     batch.close()
 
 
-def test_bench(device, tmp_path):
+def test_bench(device, tmp_path, monkeypatch):
+    monkeypatch.setattr("solari_vk.measure.batch.STEADY_SECONDS", 0.0)
     page = tmp_path / "page.md"
     words = ["--views", "2", "--size", "8x8", "--worlds", "--tensors", "--markdown", str(page)]
     assert main(["bench", "batch", *words]) == 0
     rows = [line.split("|")[1].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
     assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
                     "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip
+    spreads = [float(line.split("|")[-2]) for line in page.read_text().splitlines() if ", 2 |" in line]
+    assert min(spreads) >= 1
     assert main(["bench", "batch", "--renderers", "labels,none"]) == 2
 
 

@@ -120,14 +120,120 @@ def test_edits_of_the_scene_reach_all_worlds(device, renderer):
         assert not batch.transforms
 
 
+def own_room(everything):
+    """The Cornell box with a sun. everything: what costs shaders of their own too, a bulb and a sky."""
+    scene, lights = sv.builtin("cornell_box"), [sv.DirectionalLight((0.1, -0.3, 1), illuminance=20, name="sun")]
+    if everything:
+        lights.append(sv.PointLight((0.5, 1.2, 1.1), intensity=3, radius=0.1, casts_shadow=True, name="bulb"))
+        lights.append(sv.Environment(np.full((4, 8, 3), 0.3), name="sky"))
+    for light in lights:
+        scene.add(light)
+    return scene, lights
+
+
+def materials_of(world, everything):
+    """The tall block shines in world 2; the lamp is off in world 1."""
+    tall = sv.Material(metallic=1, perceptual_roughness=0.2 + 0.3 * world, emissive=(0, 0.2 * (world == 2), 0))
+    made = {"tall block": tall, "lamp": sv.Material(emissive=np.array((9, 4, 1)) * (world != 1))}
+    if everything:
+        image = sv.TextureImage(np.random.default_rng(world).integers(0, 255, (4, 4, 4), np.uint8))
+        mode = "mask" if world == 1 else "opaque"
+        made["short block"] = sv.Material(base_color_texture=sv.Texture(image), alpha_mode=mode)
+    return made
+
+
+def lights_of(world, everything):
+    """World 0 has no sun, and a lamp in place of the environment; the bulb of world 1 casts no shadow."""
+    made = {"sun": sv.DirectionalLight((0.3 * world, -0.3, 1), illuminance=9 * world) if world else None}
+    if everything:
+        place = 0.5, 1, 1 + 0.1 * world
+        made["bulb"] = sv.PointLight(place, intensity=1 + world, radius=0.1, casts_shadow=world != 1)
+        sky = sv.Environment(np.random.default_rng(world).random((4 + world, 8, 3)))
+        made["sky"] = sky if world else sv.PointLight((1, 1, 0.5), intensity=2)
+    return made
+
+
+@pytest.mark.parametrize("everything", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("renderer", ["reference", "realtime"])
+def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everything):
+    """Also when these are edited, with the lamp moved in each world, and when all go back to the scene's."""
+    options = {"renderer": renderer, **OPTIONS[renderer], "outputs": ["albedo", "material_id"]}
+    scene, _ = own_room(everything)
+    materials = [materials_of(world, everything) for world in range(WORLDS)]
+    lights = [lights_of(world, everything) for world in range(WORLDS)]
+    lamp_places = np.tile(scene.instances["lamp"].transform, (WORLDS, 1, 1))
+    lamp_places[:, :3, 3] += np.outer(np.arange(WORLDS), (0.1, -0.2, 0.05))
+
+    def change(frame, of_world, lit):
+        if frame == 1:
+            of_world["tall block"].base_color = 0.9, 0.2, 0.1
+            if lit["sun"] is not None:
+                lit["sun"].illuminance *= 5
+        elif frame == 2:
+            of_world["lamp"].emissive = of_world["lamp"].emissive * 2
+
+    def together(batch, frame):
+        if frame == 0:
+            for name in materials[0]:
+                batch.world_materials[name] = [made[name] for made in materials]
+            for name in lights[0]:
+                batch.world_lights[name] = [made[name] for made in lights]
+        for of_world, lit in zip(materials, lights, strict=True):
+            change(frame, of_world, lit)
+        if frame == 2:
+            batch.transforms["lamp"] = lamp_places
+
+    views, poses = 2 * WORLDS, np.tile(CAMERAS, (WORLDS, 1, 1))
+    with sv.Batch(device, scene, SIZE, views, worlds=WORLDS, **options) as batch:
+        before = batch.render(poses, fov=50)["radiance"]
+        if batch._realtime is not None:
+            batch._realtime.frame_count = 0  # the same noise
+            batch._realtime.reset()
+        found = frames_of(batch, poses, apply=together)
+        assert batch.world_lights["sun"] == [made["sun"] for made in lights]
+        shown = {batch.materials[row] for row in np.unique(found[2].pop("material_id")) if row in batch.materials}
+        assert {made["tall block"] for made in materials} < shown
+        for given in (batch.world_materials, batch.world_lights, batch.transforms):
+            given.clear()
+        if batch._realtime is not None:
+            batch._realtime.frame_count = 0
+        np.testing.assert_array_equal(batch.render(poses, fov=50, reset=True)["radiance"], before)
+    seeds = numbered_seeds(3, views).reshape(WORLDS, 2)
+    for world in range(WORLDS):
+        own, scene_lights = own_room(everything)
+        of_world, lit = materials_of(world, everything), lights_of(world, everything)
+        for name, material in of_world.items():
+            own.instances[name].material = material
+        for light in scene_lights:
+            own.remove(light)
+        for light in lit.values():
+            if light is not None:
+                own.add(light)
+
+        def alone(batch, frame, world=world, own=own, of_world=of_world, lit=lit):
+            change(frame, of_world, lit)
+            if frame == 2:
+                own.instances["lamp"].transform = lamp_places[world]
+
+        with sv.Batch(device, own, SIZE, 2, **options) as batch:
+            for frame, expected in enumerate(frames_of(batch, CAMERAS, seeds[world], alone)):
+                for name in set(batch) - {"material_id"}:
+                    of_views = found[frame][name][2 * world : 2 * world + 2]
+                    np.testing.assert_array_equal(of_views, expected[name], f"{name}, world {world}, frame {frame}")
+
+
 @pytest.mark.parametrize(("use", "said"), [
     (lambda batch: batch.transforms.__setitem__("blok", np.tile(np.eye(4), (2, 1, 1))), "no instance 'blok'"),
     (lambda batch: batch.transforms.__setitem__(3, np.eye(4)), "name of an instance or an Instance, not 3"),
     (lambda batch: batch.transforms.__setitem__("short block", np.eye(4)), r"must have the shape \(2, 4, 4\)"),
     (lambda batch: batch.transforms.__setitem__("short block", np.zeros((2, 4, 4))), "of world 0 must be affine"),
-    (lambda batch: batch.transforms.__setitem__("lamp", np.tile(np.eye(4), (2, 1, 1))), "emits light"),
+    (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material()]), "list of 2 .* not 1"),
+    (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material(), 3]), "world 1 of .* not 3"),
+    (lambda batch: batch.world_materials.__setitem__("short block", sv.Material()), "takes a list of 2"),
+    (lambda batch: batch.world_lights.__setitem__("sun", [None, None]), "no light 'sun'"),
+    (lambda batch: batch.world_lights.__setitem__("lamp", []), "no light 'lamp'"),
 ])  # fmt: skip
-def test_wrong_transforms_are_named(device, use, said):
+def test_what_worlds_do_not_take_is_named(device, use, said):
     with (
         sv.Batch(device, sv.builtin("cornell_box"), SIZE, 2, worlds=2) as batch,
         pytest.raises(sv.SolariError, match=said),
@@ -148,3 +254,35 @@ def test_wrong_worlds_are_named(device, monkeypatch):
             sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})
     with sv.Batch(device, scene, SIZE, 2) as batch, pytest.raises(sv.SolariError, match="has one world"):
         batch.transforms["short block"] = np.eye(4)[None]
+
+
+@pytest.mark.parametrize("way", ["material", "light"])
+def test_caches_follow_the_lights_of_their_world(device, way):
+    """A lamp that goes out in one world: its cells and pixels forget, those of the other world keep what they have."""
+    scene = sv.Scene()
+    grey = sv.Material(base_color=(0.8, 0.8, 0.8))
+    scene.add(sv.shapes.box((-1, -1, -1), (1, 1, 1), inward=True), grey)
+    lamps = [sv.Material(emissive=(10 * (way == "material"),) * 3) for _ in range(2)]
+    scene.add(sv.shapes.quad((0, 0.99, 0), (0.25, 0, 0), (0, 0, 0.25)), lamps[0], name="lamp")
+    bulbs = [sv.PointLight((0, 0.5, 0), intensity=5 * (way == "light")) for _ in range(2)]
+    scene.add(sv.PointLight((0, 0.5, 0), intensity=5, name="bulb"))
+    pose = sv.Camera.look_at((0, -0.5, 0.9), (0, -0.8, -1)).transform
+    with sv.Batch(device, scene, (16, 16), 2, renderer="realtime", worlds=2, outputs=()) as batch:
+        batch.world_lights["bulb"] = bulbs
+        batch.world_materials["lamp"] = lamps
+        for _ in range(36):
+            lit = batch.render([pose, pose], fov=60)["radiance"]
+        if way == "material":
+            lamps[1].emissive = 0, 0, 0
+        else:
+            bulbs[1].intensity = 0
+        batch.render([pose, pose], fov=60)
+        worlds, irradiance = (batch._realtime.frame[f"world_cache_{name}"] for name in ("worlds", "irradiance"))
+        known = batch._realtime.frame["world_cache_checksums"] != 0
+        samples = [irradiance[known & (worlds == world), 3] for world in range(2)]
+        assert samples[0].max() > 2
+        assert samples[1].max() <= 1.25  # begun anew, and updated once at most since
+        for _ in range(3):
+            dark = batch.render([pose, pose], fov=60)["radiance"]
+        assert dark[1].max() < 1e-3 * lit[1].mean()
+        assert 0.8 < dark[0].mean() / lit[0].mean() < 1.25

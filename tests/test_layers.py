@@ -27,8 +27,8 @@ WINGS = {"scene", "bound"}
 LIBRARY = {
     "budget", "color", "disk_cache", "errors", "files", "folder_lock", "settings", "output", "passes", "rt", "frame",
     "first_hits", "rendered", "picture_renderer", "tracer", "reference", "renderer", "frame_means", "bands", "batch",
-    "batch_options", "view_renderers", "annotate", "randomize", "sensors", "motion_blur", "host_array",
-    "sample_control", "frame_time",
+    "batch_options", "batch_frames", "batch_results", "view_renderers", "annotate", "randomize", "sensors",
+    "motion_blur", "host_array", "sample_control", "frame_time",
     *WINGS, *GPU,
 }  # fmt: skip
 RENDERING = {
@@ -71,7 +71,12 @@ MAY_IMPORT = {
     "bands": {"reference", *RENDERING},
     "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},
     "batch_options": {"host_array", "renderer", "gpu.acceleration", *RENDERING},
-    "batch": {"batch_options", "reference", "view_renderers", "gpu.acceleration", "gpu.shaders", *RENDERING},
+    "batch_frames": {"host_array", *RENDERING},
+    "batch_results": {"batch_frames", "batch_options", "view_renderers", *RENDERING},
+    "batch": {
+        "batch_options", "batch_frames", "batch_results", "reference", "view_renderers", "gpu.acceleration",
+        "gpu.shaders", *RENDERING,
+    },
     "frame_means": {"output", "renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,

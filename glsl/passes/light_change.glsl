@@ -12,10 +12,20 @@ struct ChangedLight {
     float power;   // by which the light changed, in lumens, roughly
     float recency;  // 1 in the first frame of a change; falls to 0
 };
+#ifdef MANY_VIEWS
+struct ChangedLights {
+    uint count;
+    ChangedLight at[8];
+    float share;  // of the power of all lights: FrameValues.lighting_change, without cuts of views
+};
+layout(set = 1, scalar) readonly buffer WorldChangesBlock { ChangedLights at[]; } world_changes;
+#define changed_lights world_changes.at[world_index * views.has_own_lights]
+#else
 layout(set = 1, scalar) uniform ChangedLightsBlock {
     uint count;
     ChangedLight at[8];
 } changed_lights;
+#endif
 
 const float NEW_CHANGE = 1.0, ANY_CHANGE = 0.0;  // how recent
 const float MIN_VISIBLE = 0.01;  // share of white; less light can't be seen

@@ -14,6 +14,9 @@
 #include "generated/bound/constants.glsl"
 #include "generated/bound/features.glsl"
 #include "generated/bound/material_record.glsl"
+#ifdef MANY_VIEWS
+#include "scene/camera_block.glsl"
+#endif
 
 // ---- geometry: each mesh has its own addresses, so no pool limits the size of a scene ---------------
 
@@ -92,14 +95,14 @@ struct LightLeaf {
     uint part_count;
 };
 
-// A node of the tree over the leaves that are not at infinity: light_tree.py. The root is node 0.
+// A node of the tree over the leaves that are not at infinity: light_tree.py.
 struct LightNode {
     vec3 center;
     vec3 half_size;  // of the bounds around the center
     float power;   // share of all lights in the tree
     uint child_count;
     uint first;    // child, which the others follow; without a child, the leaf's index in light_leaves
-    uint parent;   // 0 for the root too
+    uint parent;   // of the root: itself
 };
 
 layout(set = 0, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
@@ -109,17 +112,30 @@ layout(set = 0, scalar) readonly buffer TexturesBlock { Texture at[]; } textures
 layout(set = 0, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
 layout(set = 0, scalar) readonly buffer LightLeavesBlock { LightLeaf at[]; } light_leaves;
 layout(set = 0, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
-layout(set = 0, scalar) readonly buffer SceneInfoBlock {
+
+// The lights of a scene. Worlds of a batch may have lights of their own, whose records follow those of the world before
+// in all tables: solari_vk/bound/world_lights.py.
+struct SceneInfo {
     uint light_count;
     uint leaf_count;
     uint part_count;               // of all light sources together
+    uint first_leaf;               // into light_leaves
+    uint light_root;               // into light_tree
     // Indices into light_sources: portals, lights that rays pass, and lights at infinity come last, in this order.
     uint first_portal;
     uint first_pass_through_light;
     uint first_light_at_infinity;
-    uint first_environment;
+    uint light_end;                // one more than the last light
+    uint first_environment;        // where the light of the first record in `environments` is
     float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
-} scene_info;
+};
+
+layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene_infos;
+#ifdef MANY_VIEWS
+#define scene_info scene_infos.at[world_index * views.has_own_lights]
+#else
+#define scene_info scene_infos.at[0]
+#endif
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.
 layout(set = 0) uniform sampler2D texture_images[];

@@ -130,7 +130,7 @@ vec3 mis_weighted_environment(
 // chosen that compete with it.
 vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver receiver) {
     vec3 radiance = vec3(0.0);
-    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
+    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_end; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry, Shape
-from solari_vk.bound.lights.emissive_meshes import Emissions
-from solari_vk.bound.lights.light_list import ORIGIN, LightList
+from solari_vk.bound.lights.lamps import Lamps
+from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.table import Rows, Table, upload
 from solari_vk.bound.texture_table import TextureTable
@@ -27,7 +27,6 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.scene.matrices import placed_box
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
@@ -39,22 +38,23 @@ INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", 
 class SceneBinder:
     """A scene on a device, which several renderers may share. `resources` are those of descriptor set 0, by name.
 
-    `version` increases when a resource was replaced by another one or the scene got a new feature, `revision` with each
-    change of the scene.
+    `version` increases when a resource was replaced or the scene got a new feature, `revision` with each change of the
+    scene, `light_revision` with those that lists of lights may depend on, but for materials' emission.
     """
 
     def __init__(self, device: Device, scene: Scene) -> None:
         self.scene = scene
-        self.version = self.revision = self.blended_changes = 0
+        self.version = self.revision = self.light_revision = self.blended_changes = 0
         self._device = device
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
         self._features = Features()
+        self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         with device.undone_on_error():
             self._geometry = Geometry(device, layout, self._features, self)
             self._textures = TextureTable(device, layout["textures"], self)
-            self._emissions = Emissions(device, layout["light_leaves"]["by_power"])
             self.lights = LightList(device, layout)  # as of the latest `update`
+            self.lamps = Lamps(device, layout, self.lights, self._geometry, self._uses)
             self.materials = MaterialTable(device, layout["materials"], self._textures, self._features, self)
             self.instance_table = Table(device, "instances", layout["instances"], INSTANCE)
             self.instance_rows: Rows[Instance] = Rows()  # of instance_table
@@ -62,7 +62,6 @@ class SceneBinder:
         self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
                         self.materials.table, self.instance_table, *self.lights.tables, self.traced.table)  # fmt: skip
         self._unbound = (self.traced.table, *self._geometry.posed.tables)  # no frame's shader has them
-        self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
         self._previous_users: set[object] = set()
@@ -163,8 +162,11 @@ class SceneBinder:
     # ---- from changed objects to rows ---------------------------------------------------------------
 
     def _take_up(self, item: Observable) -> None:
+        self.light_revision += not isinstance(item, (Instance, Material, Camera))
         if isinstance(item, Instance):
+            used = self._uses.get(item)
             self._take_up_instance(item)
+            self.light_revision += self.lights.index(item) is not None or self._uses.get(item) != used
         elif isinstance(item, Light):
             present = item in self.scene.lights
             if present:
@@ -176,19 +178,20 @@ class SceneBinder:
         elif isinstance(item, Camera):
             self._features.note(item)
         elif isinstance(item, Material):
-            self._write_rows.update(dict.fromkeys(self.materials.change(item)))
+            # Worlds of a batch have materials for instances that may have left the scene, and lamps of their own.
+            self._write_rows |= {user: None for user in self.materials.change(item) if user in self._uses}
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
             for instance in users:
                 self._take_up_instance(instance)  # its pose may have no effect any more
-            self._emissions.change(item)
+            self.lamps.emissions.change(item)
             for instance in users:
                 if self.lights.index(instance) is not None:
                     self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
-            for users in (self._emissions.change(item), self.materials.users_of_image(item)):
-                self._write_rows.update(dict.fromkeys(users))
+            users = [*self.lamps.emissions.change(item), *self.materials.users_of_image(item)]
+            self._write_rows |= {user: None for user in users if user in self._uses}
 
     def _take_up_instance(self, instance: Instance) -> None:
         self.blended_changes += instance.alpha_mode == "blend"
@@ -207,49 +210,48 @@ class SceneBinder:
             if before != after:
                 if before is not None and before[1] is not ray_shape and self.lights.index(instance) is not None:
                     self.lights.renew(instance)
-                self._acquire(instance, after)
+                self._acquire(instance, *after)
                 self._uses[instance] = after
         elif before is not None:
             instance.unwatch(self)
             row = self.instance_rows[instance]
             self.instance_table.reserve(row + 1)  # the update that added the instance may have failed before
             self._write_rows.pop(instance, None)
-            self._set_emissive(instance, row, False)
+            self._set_lamp(instance, row, False)
             self.traced.remove(row)
             self.instance_table.records["mesh"][row] = self.instance_table.records["ray_mesh"][row] = NO_INDEX
             self.instance_table.mark([row])
             del self._uses[instance], self._ids[instance]
             self.instance_rows.release(instance, None)
         if before is not None and before != self._uses.get(instance):
-            self._release(instance, before)
+            self._release(instance, *before)
 
-    def _acquire(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
-        mesh, ray_mesh, material = uses
+    def _acquire(self, instance: Instance, mesh: Shape, ray_mesh: Shape, material: Material) -> None:
         self._geometry.acquire(mesh, instance, traced=False)
         self._geometry.acquire(ray_mesh, instance, traced=True)
         self.materials.acquire(material, instance)
 
-    def _release(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
-        mesh, ray_mesh, material = uses
+    def _release(self, instance: Instance, mesh: Shape, ray_mesh: Shape, material: Material) -> None:
         self._geometry.release(mesh, instance, traced=False)
         self._geometry.release(ray_mesh, instance, traced=True)
         self.materials.release(material, instance)
 
     # ---- from rows to records -----------------------------------------------------------------------
 
-    def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
-        if emits:
-            _, mesh, _ = self._uses[instance]
-            box = self._geometry.centers[mesh], self._geometry.half_sizes[mesh]
-            position, half_size, volume = placed_box(instance.transform, *box)
-            emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
-            area = volume ** (2 / 3) * emission.area_in(instance.joint_matrices)
-        else:
-            self._emissions.release(instance)
-        moved = self.lights.set_emissive(instance, row, emission, area, position, half_size)
-        if moved is not None:
-            self._write_rows[moved] = None
+    def _set_lamp(self, instance: Instance, row: int, emits: bool) -> None:
+        self._write_rows |= dict.fromkeys(self.lamps.set(instance, row, emits))
+
+    def note_feature(self, item: Observable) -> None:
+        """Take note of what another world has in place of an object of the scene."""
+        before = self.features
+        self._features.note(item)
+        self.version += self.features != before
+
+    def meet_once(self, mesh: Mesh) -> bool:
+        """As `Geometry.meet_once`; another `update` is needed if it returns True."""
+        if new := self._geometry.meet_once(mesh):
+            self.note(mesh)
+        return new
 
     def _note_alpha(self) -> None:
         for instance in self._write_rows:
@@ -263,8 +265,8 @@ class SceneBinder:
         for instance in list(self._write_rows):
             emits = instance.visible and instance.material in self.materials.emitting
             if emits or self.lights.index(instance) is not None:
-                self._set_emissive(instance, self.instance_rows[instance], emits)
-        self._emissions.end_update()
+                self._set_lamp(instance, self.instance_rows[instance], emits)
+        self.lamps.emissions.end_update()
         for instance in self._write_rows:
             self._write_instance(instance)
         self._write_rows.clear()
@@ -305,6 +307,6 @@ class SceneBinder:
         self.scene.unwatch(self)
         for item in (*self._uses, *self.scene.lights):
             item.unwatch(self)
-        for owner in (self._geometry, self.materials, self._textures, self._emissions, self.lights,
+        for owner in (self._geometry, self.materials, self._textures, self.lamps.emissions, self.lights,
                       self.instance_table, self.traced):  # fmt: skip
             owner.destroy()

@@ -119,11 +119,14 @@ class Geometry:
             self.kept = False
         return self.rows.users(mesh)
 
-    def meet_once(self, mesh: Mesh) -> None:
-        """Build the acceleration structure of a blended mesh so that no ray meets a triangle twice, before `update`."""
-        if mesh not in self._met_once:
-            self._met_once.add(mesh)
-            self.change(mesh)
+    def meet_once(self, mesh: Mesh) -> bool:
+        """Build the acceleration structure of a blended mesh so that no ray meets a triangle twice, before `update`.
+        Returns whether it is another one then."""
+        if mesh in self._met_once:
+            return False
+        self._met_once.add(mesh)
+        self.change(mesh)
+        return True
 
     def update(self, revision: int) -> list[Any]:
         """Upload new and changed meshes and build their acceleration structures, and write the records of new poses.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,9 +18,42 @@ from solari_vk.gpu.frame.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)
 _MOST_INLINE = 1 << 16  # bytes that vkCmdUpdateBuffer takes at most
+MakeTable = Callable[[str, np.dtype[Any]], Any]
+"""Makes a Table or a HostTable of a name and a dtype."""
 
 
-class Table:
+class HostTable:
+    """Records of one dtype in the host's memory."""
+
+    def __init__(self, name: str, dtype: np.dtype[Any]) -> None:
+        self.name = name
+        self._keep(np.zeros(16, dtype))
+
+    def _keep(self, records: NDArray[Any]) -> None:
+        self.records = records
+
+    def reserve(self, rows: int) -> None:
+        """Make room for `rows` rows."""
+        if rows > len(self.records):
+            grown = np.zeros(max(rows, self._doubled()), self.records.dtype)
+            grown[: len(self.records)] = self.records
+            self._keep(grown)
+            self.mark_all()
+
+    def _doubled(self) -> int:
+        return 2 * len(self.records)
+
+    def mark(self, rows: Iterable[int]) -> None:
+        """Tell the table which rows of `records` were written."""
+
+    def mark_all(self) -> None:
+        """Mark all rows, so that they are uploaded again."""
+
+    def destroy(self) -> None:
+        """Free what is on the device."""
+
+
+class Table(HostTable):
     """Records of one dtype, on the host in `records` and on the device in `buffer`.
 
     fields: the names of all fields, in the order in which `set` takes their numbers; only `set` needs them. Raises
@@ -28,7 +61,6 @@ class Table:
     """
 
     def __init__(self, device: Device, name: str, dtype: np.dtype[Any], fields: Sequence[str] | None = None) -> None:
-        self.name = name
         self._device = device
         names = dtype.names or ()
         if fields is not None:
@@ -36,13 +68,13 @@ class Table:
                 raise SolariError(f"the shaders' {name} have the fields {', '.join(names)}, not {', '.join(fields)}")
             self._packing, _ = packing(dtype, names)
         self._size = dtype.itemsize
-        self._keep(np.zeros(16, dtype))
+        super().__init__(name, dtype)
         self.buffer = self._make_buffer()
         self.marked: set[int] = set(range(len(self.records)))
         """The rows whose latest contents are not in `buffer` yet."""
 
     def _keep(self, records: NDArray[Any]) -> None:
-        self.records = records
+        super()._keep(records)
         self._bytes = records.view(np.uint8).data
         self._pointer = raw.ffi.cast("char*", raw.ffi.from_buffer(records))
 
@@ -51,15 +83,9 @@ class Table:
         self._mapped = buffer.view().data if buffer.mapped else None
         return buffer
 
-    def reserve(self, rows: int) -> None:
-        """Make room for `rows` rows."""
-        if rows > len(self.records):
-            # Doubling ends at the largest buffer that a shader can access.
-            max_rows = self._device.properties.limits.maxStorageBufferRange // self.records.itemsize
-            grown = np.zeros(max(rows, min(2 * len(self.records), max_rows)), self.records.dtype)
-            grown[: len(self.records)] = self.records
-            self._keep(grown)
-            self.mark_all()
+    def _doubled(self) -> int:
+        # Doubling ends at the largest buffer that a shader can access.
+        return min(super()._doubled(), int(self._device.properties.limits.maxStorageBufferRange) // self._size)
 
     def set(self, row: int, *numbers: float) -> None:
         """Write a row: the numbers of all its fields in order; fields with several numbers take them one by one."""
@@ -67,11 +93,9 @@ class Table:
         self.marked.add(row)
 
     def mark(self, rows: Iterable[int]) -> None:
-        """Tell the table which rows of `records` were written."""
         self.marked.update(rows)
 
     def mark_all(self) -> None:
-        """Mark all rows, so that they are uploaded again."""
         self.marked.update(range(len(self.records)))
 
     def replace(self) -> bool:
@@ -120,7 +144,6 @@ class Table:
         return [(int(run[0]) * size, (int(run[-1]) + 1) * size) for run in runs]
 
     def destroy(self) -> None:
-        """Free the device buffer."""
         self.buffer.destroy()
 
 

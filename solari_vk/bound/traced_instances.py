@@ -25,6 +25,16 @@ Box = tuple[NDArray[np.float32], NDArray[np.float32]]
 """The center and half the size (3,) of a mesh's bounds, in object space."""
 
 
+def mask_of(visible: bool, alpha_mode: str) -> int:
+    """The bits of custom_index_and_mask above the index, of an instance with a material of this mode."""
+    return HIDDEN if not visible else BLENDED if alpha_mode == "blend" else VISIBLE
+
+
+def flags_of(double_sided: bool, alpha_mode: str) -> int:
+    """sbt_offset_and_flags of such an instance."""
+    return (NO_CULLING if double_sided else 0) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
+
+
 class TracedInstances:
     """The records of the TLAS in spatial order; an instance's custom index is its row in the table of instances.
 
@@ -75,9 +85,9 @@ class TracedInstances:
         self._mesh_boxes[row] = box
         self._moved += 1
         # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
-        mask = HIDDEN if not visible else BLENDED if alpha_mode == "blend" else VISIBLE
-        flags = (NO_CULLING if double_sided else 0) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
-        self.table.set(index, *transform, row | mask, flags, address)
+        self.table.set(
+            index, *transform, row | mask_of(visible, alpha_mode), flags_of(double_sided, alpha_mode), address
+        )
 
     def remove(self, row: int) -> None:
         """Remove a row."""

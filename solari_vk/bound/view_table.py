@@ -53,7 +53,10 @@ class ViewTable:
         self.records = np.zeros(count, layout.element)
         self._begin = layout.element_offset
         self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
-        self.buffer.upload(np.array([columns, world_parts], np.uint32))
+        self._shared = columns, world_parts
+        self._shared_seen: tuple[int, ...] = ()
+        self.has_own_lights = False
+        """Whether each world has lights of its own."""
         self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
         self._shown = False
 
@@ -77,6 +80,10 @@ class ViewTable:
 
     def upload(self) -> None:
         """Have the device see the records, in the next submission."""
+        shared = (*self._shared, int(self.has_own_lights))
+        if shared != self._shared_seen:
+            self._shared_seen = shared
+            self.buffer.upload(np.array(shared, np.uint32))
         self.buffer.upload(self.records, self._begin)
 
 

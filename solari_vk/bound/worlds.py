@@ -1,4 +1,4 @@
-"""The worlds of a batch: one scene many times, each with transforms of its own for some instances.
+"""The worlds of a batch: one scene many times, each with transforms, materials and lights of its own.
 
 A world's rows of `instances` follow those of the world before. Each world has a top-level structure, whose instances
 have these rows as their custom indices, so that shaders which have a hit need not know its world.
@@ -6,86 +6,41 @@ have these rows as their custom indices, so that shaders which have a hit need n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
-from typing import Any
+import copy
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solari_vk.bound.binder import MAX_INSTANCES, SceneBinder
-from solari_vk.bound.view_table import array, check_transforms
-from solari_vk.errors import SolariError, quoted
+from solari_vk.bound.lights.bodies import has_body, transform_of
+from solari_vk.bound.lights.world_changes import Known
+from solari_vk.bound.traced_instances import flags_of, mask_of
+from solari_vk.bound.view_table import ViewTable
+from solari_vk.bound.world_lights import LightsOfWorlds
+from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
+from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuilds
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.model import Instance
+from solari_vk.scene.model import Instance, Material
 
-WHERE = "Batch.transforms"
+ROW_MASK = (1 << 24) - 1  # of custom_index_and_mask
 
 
-class WorldTransforms(MutableMapping[str | Instance, NDArray[np.float64]]):
-    """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
-    object. Instances without have the scene's in all worlds.
+class Differing(NamedTuple):
+    """What an instance has of its own in each world (worlds, ...), None for what the scene has: its transforms, the
+    rows of its materials, and the flags and masks of what rays hit."""
 
-    Assign numpy arrays, or tensors. Raises SolariError for an instance that the scene doesn't have, for
-    one that emits light, which all worlds share, and for transforms that `Instance.transform` doesn't take.
-    """
+    transforms: NDArray[np.float64] | None = None
+    materials: NDArray[np.uint32] | None = None
+    flags: NDArray[np.uint32] | None = None
+    masks: NDArray[np.uint32] | None = None
 
-    def __init__(self, binder: SceneBinder, worlds: int) -> None:
-        self._binder, self._worlds = binder, worlds
-        self._given: dict[Instance, NDArray[np.float64]] = {}
-        self.changed = True
 
-    def _instance(self, key: str | Instance) -> Instance:
-        instances = self._binder.scene.instances
-        if isinstance(key, Instance):
-            if key not in instances:
-                raise SolariError(f"{WHERE}: the scene doesn't have {key.describe()}")
-            return key
-        if not isinstance(key, str):
-            raise SolariError(f"{WHERE}: give the name of an instance or an Instance, not {quoted(key)}")
-        return instances[key]
-
-    def __setitem__(self, key: str | Instance, transforms: ArrayLike) -> None:
-        instance = self._instance(key)
-        if self._worlds == 1:
-            raise SolariError(f"{WHERE}: the batch has one world: assign the transform of {instance.describe()}")
-        given = array(transforms, f"of {instance.describe()}", (self._worlds, 4, 4), where=WHERE)
-        check_transforms(given, instance.describe(), WHERE, "world")
-        self._binder.update()
-        self.check_light(instance)
-        self._given[instance] = np.array(given)
-        self.changed = True
-
-    def check_light(self, instance: Instance) -> None:
-        """Raise SolariError for an instance that emits light."""
-        if self._binder.lights.index(instance) is not None:
-            raise SolariError(f"{WHERE}: {instance.describe()} emits light, and all worlds share their lights: move it "
-                              "in the scene")  # fmt: skip
-
-    def __getitem__(self, key: str | Instance) -> NDArray[np.float64]:
-        """A copy."""
-        instance = self._instance(key)
-        return np.array(np.broadcast_to(self._given.get(instance, instance.transform), (self._worlds, 4, 4)))
-
-    def __delitem__(self, key: str | Instance) -> None:
-        """Have all worlds show an instance where the scene has it."""
-        del self._given[self._instance(key)]
-        self.changed = True
-
-    def __iter__(self) -> Iterator[Instance]:
-        return iter(self._given)
-
-    def __len__(self) -> int:
-        return len(self._given)
-
-    def by_row(self) -> dict[int, NDArray[np.float64]]:
-        """The transforms by the instance's row; those of instances that left the scene are forgotten."""
-        rows = {instance: self._binder.instance_rows.get(instance) for instance in self._given}
-        self._given = {instance: given for instance, given in self._given.items() if rows[instance] is not None}
-        for instance in self._given:
-            self.check_light(instance)
-        return {row: self._given[instance] for instance, row in rows.items() if row is not None}
+def _same(before: Mapping[Instance, NDArray[Any]], after: Mapping[Instance, NDArray[Any]]) -> bool:
+    return before.keys() == after.keys() and all(np.array_equal(rows, after[lamp]) for lamp, rows in before.items())
 
 
 class Worlds:
@@ -94,11 +49,16 @@ class Worlds:
     def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
         self.count = count
         self.transforms = WorldTransforms(binder, count)
+        self.materials = WorldMaterials(binder, count)
+        self.lights = WorldLights(binder, count)
+        self._lit = LightsOfWorlds(device, binder, count)
         self._device, self._binder = device, binder
         self.version = 0  # of `resources`: frames bind them again when it has changed
-        self._seen: tuple[int, ...] = ()
+        self._seen = -1  # the revision of the scene that was written
         self._addresses: list[int] = []
         self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
+        self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
+        self._surfaces: dict[Instance, Differing] = {}  # of `materials`
         self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
         self._records: Buffer | None = None
         self._structures: list[Tlas] = []
@@ -107,34 +67,124 @@ class Worlds:
     @property
     def resources(self) -> Mapping[str, Any]:
         """Buffers by their names in GLSL."""
-        return self._buffers
+        return self._shared | self._buffers
 
     @property
     def rows(self) -> int:
         """The number of rows of a world in `instances`."""
         return self._binder.instance_capacity
 
-    def number(self, records: NDArray[Any]) -> None:
-        """Write to the records (N,) of views which world each shows: as many views to each, one after the other."""
+    @property
+    def known_lights(self) -> list[Known] | None:
+        """What is known of the lights of each world; None where all have the scene's."""
+        return self._lit.known if self._lit.tables else None
+
+    def number(self, table: ViewTable) -> None:
+        """Write to the records of views which world each shows: as many views to each, one after the other."""
+        table.has_own_lights = bool(self._lit.tables)
         if self.count > 1:
+            records = table.records
             records["world"] = np.arange(len(records)) // (len(records) // self.count)
             records["first_instance"] = records["world"] * self.rows
 
     def update(self) -> int:
-        """Have the next submission show the scene, whose edits are applied, and the transforms as they are; returns
-        `version`. Raises SolariError for more worlds than the device holds."""
+        """Have the next submission show the scene, whose edits are applied, and the worlds as they are; returns
+        `version`. Raises SolariError for more worlds than the device holds, and for what worlds can't have."""
         if self.count == 1:
             tlas, previous = self._binder.traced.tlas, self._binder.traced.previous
             self._show_addresses([tlas.address, (previous or tlas).address])
-        elif self._seen != (self._binder.revision,) or self.transforms.changed:
-            self._seen = ()  # until all is written
-            self._write(self.transforms.by_row())
-            self._seen, self.transforms.changed = (self._binder.revision,), False
+            return self.version
+        own = self.transforms, self.materials, self.lights
+        edited = self._seen != self._binder.revision
+        if edited or any(given.changed for given in own):
+            self._seen = -1  # until all is written
+            for given in own:
+                given.present()
+            if edited or self.materials.changed:
+                self._note_materials()
+            lit = self.lights.changed or self.materials.changed or any(map(self._is_lamp, self.transforms.changed))
+            lamp_rows = self._lit.lamp_rows
+            if edited or lit:
+                lamp_rows = {lamp: rows.copy() for lamp, rows in lamp_rows.items()}
+                self._lit.update(self.lights, self.materials, self.transforms, self.rows)
+                for name, table in self._lit.tables.items():
+                    self._upload(name, table)
+            bodies = self._bodies()
+            if (edited or bodies or self.transforms.changed or self.materials.changed
+                    or not _same(lamp_rows, self._lit.lamp_rows)):  # fmt: skip
+                self._write(self._differing(bodies))
+            self._seen = self._binder.revision
+            for given in own:
+                given.changed.clear()
+        self._share_lights()
         return self.version
 
-    def _write(self, moved: Mapping[int, NDArray[np.float64]]) -> None:
+    def _is_lamp(self, instance: Instance) -> bool:
+        return self._binder.lights.index(instance) is not None or instance in self._lit.lamp_rows
+
+    def _share_lights(self) -> None:
+        """Have `resources` name the scene's tables of lights, unless the worlds have some of their own."""
+        shared = {table.name: table.buffer for table in self._binder.lights.tables}
+        if self._lit.tables:
+            shared = {}
+        else:
+            for name in shared.keys() & self._buffers.keys():
+                self._buffers.pop(name).destroy()
+        if shared != self._shared:
+            self._shared = shared
+            self.version += 1
+
+    # ---- what differs between worlds ----------------------------------------------------------------
+
+    def _note_materials(self) -> None:
+        """Take note of the materials of instances, which must be in the binder's tables."""
+        self._surfaces, built_anew = {}, False
+        for instance, given in self.materials.present().items():
+            found: dict[Material, tuple[int, int, int]] = {}
+            for material in dict.fromkeys(given):
+                variant = copy.copy(instance)
+                variant.update(material=material)
+                if (mode := variant.alpha_mode) != "opaque":
+                    self._binder.note_feature(variant)
+                if mode == "blend":
+                    self._binder.blended_changes += 1
+                    built_anew |= self._binder.meet_once(instance.ray_mesh or instance.mesh)
+                flags = flags_of(material.double_sided, mode)
+                found[material] = self._binder.materials.rows[material], flags, mask_of(instance.visible, mode)
+            rows, flags, masks = np.array([found[material] for material in given], np.uint32).T
+            self._surfaces[instance] = Differing(None, rows, flags, masks)
+        if built_anew:
+            self._binder.update()
+
+    def _bodies(self) -> dict[Instance, Differing]:
+        """The bodies of lights that cast shadows."""
+        found = {}
+        for light, given in self.lights.present().items():
+            body = self._binder.lights.bodies.of(light)
+            if body is None:
+                wrong = [world for world, one in enumerate(given) if has_body(one)]
+                if wrong:
+                    raise SolariError(f"Batch.world_lights: {light.describe()} casts a shadow in world {wrong[0]}, for "
+                                      "which it needs a body in the scene: set casts_shadow there too")  # fmt: skip
+                continue
+            casts = [has_body(one) for one in given]
+            places = [transform_of(one) if has_body(one) else body.transform for one in given]
+            masks = np.array([mask_of(cast, "opaque") for cast in casts], np.uint32)
+            found[body] = Differing(np.stack(places), None, None, masks)
+        return found
+
+    def _differing(self, bodies: Mapping[Instance, Differing]) -> dict[Instance, Differing]:
+        differing = {**self._surfaces, **bodies}
+        for instance, transforms in self.transforms.present().items():
+            differing[instance] = differing.get(instance, Differing())._replace(transforms=transforms)
+        return differing
+
+    # ---- instances and their structures -------------------------------------------------------------
+
+    def _write(self, differing: Mapping[Instance, Differing]) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
-        kept = (binder.revision, tuple(moved))
+        lamp_rows = self._lit.lamp_rows
+        kept = binder.revision, (*differing,), (*(one.materials is None for one in differing.values()),), (*lamp_rows,)
         if self._kept is None or self._kept[0] != kept:
             self._check_room()
             records = np.tile(binder.instance_table.records, (worlds, 1))
@@ -142,12 +192,21 @@ class Worlds:
             instances["custom_index_and_mask"] += (np.arange(worlds, dtype=np.uint32) * self.rows)[:, None]
             self._kept = kept, records, instances
         _, records, instances = self._kept
-        for row, transforms in moved.items():
-            records["world_from_object"][:, row] = transforms[:, :3].transpose(0, 2, 1)
-            instances["transform"][:, traced.place(row)] = transforms[:, :3]
-        before = self._buffers.get("instances")
-        self._buffers["instances"] = self._uploaded(before, records, "instances")
-        self.version += self._buffers["instances"] is not before
+        for instance, own in differing.items():
+            row = binder.instance_rows[instance]
+            place = traced.place(row)
+            if own.transforms is not None:
+                records["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
+                instances["transform"][:, place] = own.transforms[:, :3]
+            if own.materials is not None:
+                records["material"][:, row] = own.materials
+                instances["sbt_offset_and_flags"][:, place] = own.flags
+            if own.masks is not None:
+                index = instances["custom_index_and_mask"][:, place] & ROW_MASK
+                instances["custom_index_and_mask"][:, place] = index | own.masks
+        for lamp, rows in lamp_rows.items():
+            records["light_index"][:, binder.instance_rows[lamp]] = rows
+        self._upload("instances", records)
         rays = self._uploaded(self._records, instances, "tlas_instances")
         if rays is not self._records or self._builds is None or self._structures[0].max_instances != traced.count:
             self._records = rays
@@ -163,6 +222,11 @@ class Worlds:
             raise SolariError(f"Batch: {self.count:,} worlds of {binder.scene.describe()}, with {self.rows:,} rows of "
                               f"instances each: this device holds at most {most:,}: share the worlds among several "
                               "batches")  # fmt: skip
+
+    def _upload(self, name: str, records: NDArray[Any]) -> None:
+        before = self._buffers.get(name)
+        self._buffers[name] = self._uploaded(before, records, name)
+        self.version += self._buffers[name] is not before
 
     def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
         size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
@@ -194,6 +258,8 @@ class Worlds:
 
     def destroy(self) -> None:
         """Free everything."""
+        self.materials.destroy()
+        self._lit.destroy()
         self._free_structures()
         for buffer in (*self._buffers.values(), self._records):
             if buffer is not None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.batch import Batch
+from solari_vk.batch_frames import ManyFrames
 from solari_vk.batch_options import OPTIONS
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.errors import SolariError
@@ -26,6 +27,8 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.tracer import RayTracer
 
 SAMPLES, ROUNDS, OBJECTS = 4, 5, 30
+AT_ONCE = 8  # frames of render_many
+STEADY_FRAMES, FEWEST_FRAMES, STEADY_SECONDS = 200, 20, 6.0  # of which the 95th percentile is taken
 MOVED = ("short block", "tall block")  # in worlds
 NAMES = ("depth", "instance_id")
 INTRO = (
@@ -35,13 +38,29 @@ INTRO = (
     f"Reference is the radiance of {SAMPLES} samples a pixel; one by one it is that of one `PathTracer`. "
     "Realtime is the denoised radiance: of cameras that move a little, which one by one are one camera of one "
     "`Renderer`; and after a cut of all views. In worlds, each view has a world of its own, whose blocks move in each "
-    "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view.",
+    "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view. "
+    f"At once: how many times as many views a second there are with {AT_ONCE} frames by `render_many`. "
+    f"p95: the 95th percentile of a frame's time over the median, of {FEWEST_FRAMES} to {STEADY_FRAMES} frames in "
+    f"{STEADY_SECONDS:g} s that follow the rounds.",
 )
-HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view")
+HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view", "at once", "p95")
 
 Work = Callable[[], object]
-Works = Iterator[tuple[str, Work, Work, Work | None]]
-"""Rows, while they are needed: a name, the work of a batch without and with reading, the same one by one."""
+
+
+class Row(NamedTuple):
+    """Works: `begin` a frame of a batch, a frame `together` with reading, AT_ONCE of them with `many`, the views of a
+    frame `alone`, one by one."""
+
+    name: str
+    begin: Work
+    together: Work
+    many: Work
+    alone: Work | None = None
+
+
+Works = Iterator[Row]
+"""Rows, while they are needed."""
 
 
 def run(
@@ -61,9 +80,9 @@ def run(
             for renderer in renderers or OPTIONS:
                 works = [_works(device, binder, count, size, renderer, tensors)]
                 works += [_works_in_worlds(device, binder, count, size, renderer, tensors)] * worlds
-                for name, begin, together, alone in (row for found in works for row in found):
-                    report.progress(f"{name}, {count} views")
-                    rows.append((f"{name}, {count}", *_measured(device, count, begin, together, alone)))
+                for row in (row for found in works for row in found):
+                    report.progress(f"{row.name}, {count} views")
+                    rows.append((f"{row.name}, {count}", *_measured(device, count, row)))
         binder.destroy()
         report.table(f"Views of {size[0]}x{size[1]}", HEAD, rows)
 
@@ -76,27 +95,36 @@ def _scene() -> Scene:
     return scene
 
 
-def _take(device: Device, batch: Batch, names: Sequence[str], tensors: bool) -> None:
+def _take(device: Device, batch: Batch | ManyFrames, names: Sequence[str], tensors: bool) -> None:
     for name in names:
         _ = batch.tensor(name) if tensors else batch[name]
     if tensors:
         device.wait_idle()
 
 
-def _measured(device: Device, count: int, begin: Work, together: Work, alone: Work | None) -> tuple[str, ...]:
-    works = [together] if alone is None else [together, alone]
+def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
+    works = [row.together, row.many] if row.alone is None else [row.together, row.many, row.alone]
     for work in works:
         warm(device, work, 2, 0.2)
     times = np.array([[seconds(work) for work in works] for _ in range(ROUNDS)])
     host = []
     for _ in range(ROUNDS):
         device.wait_idle()
-        host.append(seconds(begin))
+        host.append(seconds(row.begin))
     device.wait_idle()
-    speeds = [f"{count / time:,.1f}" for time in np.median(times, axis=0)]
-    if alone is not None:
-        speeds.append(f"{np.median(times[:, 1] / times[:, 0]):.2f}")
-    return (*speeds, *["-"] * (3 - len(speeds)), f"{1e6 * min(host) / count:.2f}")
+    speeds = [f"{count / np.median(times[:, 0]):,.1f}", "-", "-"]
+    if row.alone is not None:
+        speeds[1:] = f"{count / np.median(times[:, 2]):,.1f}", f"{np.median(times[:, 2] / times[:, 0]):.2f}"
+    at_once = np.median(AT_ONCE * times[:, 0] / times[:, 1])
+    return (*speeds, f"{1e6 * min(host) / count:.2f}", f"{at_once:.2f}", f"{_spread(row.together):.2f}")
+
+
+def _spread(work: Work) -> float:
+    """The 95th percentile over the median of the times of frames that follow each other."""
+    times: list[float] = []
+    while len(times) < FEWEST_FRAMES or (len(times) < STEADY_FRAMES and sum(times) < STEADY_SECONDS):
+        times.append(seconds(work))
+    return float(np.percentile(times, 95) / np.median(times))
 
 
 def _cameras(binder: SceneBinder, count: int) -> tuple[list[Camera], NDArray[np.float64], float]:
@@ -109,6 +137,7 @@ def _works(
 ) -> Works:
     cameras, poses, fov = _cameras(binder, count)
     options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
+    names = NAMES if renderer == "labels" else ("radiance",)
     with Batch(device, binder, size, count, renderer=renderer, **options) as batch:
         samples = SAMPLES if renderer == "reference" else None
 
@@ -117,11 +146,19 @@ def _works(
 
         def read(cut: bool = False) -> None:
             render(cut)
-            _take(device, batch, NAMES if renderer == "labels" else ("radiance",), tensors)
+            _take(device, batch, names, tensors)
+
+        def many(cut: bool = False) -> None:
+            every = np.tile(poses, (AT_ONCE, 1, 1, 1))
+            every[:, :, :3, 3] += 1e-3 * np.sin(np.arange(AT_ONCE))[:, None, None]
+            cuts = np.full((AT_ONCE, count), cut)
+            frames = batch.render_many(every, frames=AT_ONCE, outputs=names, vertical_fov=fov, samples=samples,
+                                       reset=cuts)  # fmt: skip
+            _take(device, frames, names, tensors)
 
         if renderer == "labels":
             with RayTracer(device, binder) as tracer:
-                yield "labels", render, read, lambda: _trace(tracer, cameras, size)
+                yield Row("labels", render, read, many, lambda: _trace(tracer, cameras, size))
         elif renderer == "reference":
             with PathTracer(device, binder, size, seed=1) as single:
 
@@ -130,7 +167,7 @@ def _works(
                         single.reset()
                         single.render(camera, samples=SAMPLES)["radiance"]
 
-                yield "reference", render, read, alone
+                yield Row("reference", render, read, many, alone)
         else:
             with Renderer(device, binder, size, seed=1) as frames:
 
@@ -146,8 +183,9 @@ def _works(
                         frames.render(camera if cut else cameras[0])["radiance"]
 
                 moves: list[None] = []
-                yield "realtime, moving", render, move, lambda: follow(False)
-                yield "realtime, cut", lambda: render(True), lambda: read(True), lambda: follow(True)
+                yield Row("realtime, moving", render, move, many, lambda: follow(False))
+                yield Row("realtime, cut", lambda: render(True), lambda: read(True), lambda: many(True),
+                          lambda: follow(True))  # fmt: skip
 
 
 def _works_in_worlds(
@@ -155,6 +193,7 @@ def _works_in_worlds(
 ) -> Works:
     _, poses, fov = _cameras(binder, count)
     options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
+    names = NAMES if renderer == "labels" else ("radiance",)
     with Batch(device, binder, size, count, renderer=renderer, worlds=count, **options) as batch:
         samples = SAMPLES if renderer == "reference" else None
         places = {name: batch.transforms[name] for name in MOVED}
@@ -168,9 +207,17 @@ def _works_in_worlds(
 
         def read() -> None:
             render()
-            _take(device, batch, NAMES if renderer == "labels" else ("radiance",), tensors)
+            _take(device, batch, names, tensors)
 
-        yield f"{renderer}, worlds", render, read, None
+        def many() -> None:
+            moves = {name: np.tile(place, (AT_ONCE, 1, 1, 1)) for name, place in places.items()}
+            for move in moves.values():
+                move[:, :, ::2, 3] += rng.uniform(-1e-3, 1e-3, (AT_ONCE, count, 2))
+            frames = batch.render_many(poses, frames=AT_ONCE, outputs=names, transforms=moves, vertical_fov=fov,
+                                       samples=samples)  # fmt: skip
+            _take(device, frames, names, tensors)
+
+        yield Row(f"{renderer}, worlds", render, read, many)
 
 
 def _trace(tracer: RayTracer, cameras: Sequence[Camera], size: tuple[int, int]) -> None:

@@ -6,7 +6,11 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.frame.stages import Draw, Pass, Size, Stage, Step
 from solari_vk.gpu.shaders.compiler import MANY_VIEWS, has_many_views
 
@@ -23,6 +27,13 @@ def grid(size: Size, views: int, max_side: int) -> Size:
 def tiled(size: Size, of: Size) -> Size:
     """The size of a grid, of so many columns and rows, of pictures of this size."""
     return size[0] * of[0], size[1] * of[1]
+
+
+def upload_rows(table: Buffer, rows: NDArray[np.uint8], worlds: int) -> None:
+    """Upload the bytes of a table of several worlds, one after the other, to one that has grown."""
+    grown = np.zeros((worlds, table.size // worlds), np.uint8)
+    grown[:, : rows.size // worlds] = rows.reshape(worlds, -1)
+    table.upload(grown)
 
 
 def over_views(stages: Sequence[Stage]) -> list[Stage]:

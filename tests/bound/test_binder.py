@@ -83,7 +83,7 @@ def assert_mirrors(binder, scene):
     meshes, sources = table(binder, "meshes"), table(binder, "light_sources")
     traced, geometry = binder.traced, binder._geometry
     traced = traced.table.buffer.read(traced.table.records.dtype)[: traced.count]
-    info = table(binder, "scene_info")[0]
+    info = table(binder, "scene_infos")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]
     assert info["light_count"] == len(emissive) + len(scene.lights)
     portals, suns, skies = ([light for light in scene.lights if isinstance(light, kind)]

@@ -24,8 +24,8 @@ def test_lamps_of_one_profile_share_its_buffer(device, bound):
         binder.scene.add(lamps[2])
         binder.update()
         assert made.call_count == 1
-        shared = binder.lights._own[lamps[1]]
-        assert binder.lights._own == {lamps[1]: shared, lamps[2]: shared}
+        shared = binder.lights.own[lamps[1]]
+        assert binder.lights.own == {lamps[1]: shared, lamps[2]: shared}
     with mock.patch.object(shared, "destroy", wraps=shared.destroy) as freed:
         lamps[1].profile = None
         binder.update()

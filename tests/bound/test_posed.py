@@ -292,8 +292,8 @@ def test_lights_follow_poses(bound):
     for leaf, node in zip(leaves, nodes, strict=True):
         corners = now[skin.triangles[order[leaf["first_part"] :][: leaf["part_count"]]]]
         assert (np.abs(corners - node["center"]) <= node["half_size"] * (1 + 1e-5)).all()
-    choices = binder._emissions._emissions[skin, None].choices
-    assert choices.read(binder._emissions._row)["probability"].min() > 0.05 / len(mesh.triangles)
+    choices = binder.lamps.emissions._emissions[skin, None].choices
+    assert choices.read(binder.lamps.emissions._row)["probability"].min() > 0.05 / len(mesh.triangles)
 
 
 def test_meshes_with_colors_alone(bound):

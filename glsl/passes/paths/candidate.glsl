@@ -25,7 +25,7 @@ uvec4 hit_light_point(inout Path path) {
     }
     uvec4 point = uvec4(NO_INDEX);
     float sum = 0.0;
-    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
+    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_end; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, path.walk.direction);
         if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }

@@ -29,7 +29,13 @@ bool is_outdated(uint cell) {
 // of a cell, which may be frames away, then replaces at least as large a share of its mean as the share of light that
 // changed. When all light changed, or most of the light at the cell, the cell has no value until then.
 void relight(uint cell) {
-    float change = is_outdated(cell) ? 1.0 : all_views.lighting_change;
+#ifdef MANY_VIEWS
+    world_index = world_cache_worlds.at[cell];
+    float share = changed_lights.share;
+#else
+    float share = this_frame.lighting_change;
+#endif
+    float change = is_outdated(cell) ? 1.0 : share;
     if (change == 0.0) { return; }
     float sample_count = world_cache_irradiance.at[cell].w;
     world_cache_irradiance.at[cell].w = min(sample_count, (1.0 - change) / change);

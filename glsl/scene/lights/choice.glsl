@@ -12,7 +12,7 @@ uint choose(uint row, AliasTableRow drawn, inout uint rng) {
 }
 
 uint choose_leaf(inout uint rng) {
-    uint row = rand_range_u(scene_info.leaf_count, rng);
+    uint row = scene_info.first_leaf + rand_range_u(scene_info.leaf_count, rng);
     return choose(row, light_leaves.at[row].by_power, rng);
 }
 

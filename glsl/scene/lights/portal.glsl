@@ -36,7 +36,7 @@ ResolvedLightSample sample_for_receiver_portal(ResolvedLightSample light_sample,
     if (!(own > 0.0 && own < INFINITY)) { return light_sample; }
     light_sample.inverse_area_pdf /= density;
     float all = own + pdf_of_openings(receiver, direction, index);
-    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
+    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_end; i++) {
         LightSource light = light_sources.at[i];
         if (!SCENE_ENVIRONMENT || light.kind != LIGHT_ENVIRONMENT) { continue; }
         LightHit light_hit = evaluate_environment(light.record_index, direction);

@@ -42,7 +42,8 @@ float importance(LightNode node, Receiver receiver) {
 }
 
 ChosenLeaf descend_light_tree(Receiver receiver, inout uint rng) {
-    uint count = light_tree.at[0].child_count, first = light_tree.at[0].first;
+    LightNode root = light_tree.at[scene_info.light_root];
+    uint count = root.child_count, first = root.first;
     float probability = 1.0;
     while (count > 0u) {
         uint chosen = first;
@@ -64,7 +65,8 @@ ChosenLeaf descend_light_tree(Receiver receiver, inout uint rng) {
 // The probability with which descend_light_tree ends in this node.
 float node_probability(uint node, Receiver receiver) {
     float probability = 1.0;
-    while (node != 0u) {
+    uint root = scene_info.light_root;
+    while (node != root) {
         uint parent = light_tree.at[node].parent;
         uint first = light_tree.at[parent].first, count = light_tree.at[parent].child_count;
         float sum = 0.0, own = 0.0;

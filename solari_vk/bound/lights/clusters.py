@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.spatial_order import halved, runs
 from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.model import Mesh
+from solari_vk.scene.model import Instance, Mesh
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -112,6 +112,35 @@ class Clusters:
         assert self._mesh.deformation.targets is not None
         found = [_extremes(target, self._triangles, self.starts) for target in self._mesh.deformation.targets]
         return np.stack(found).swapaxes(1, 2).astype(np.float64)
+
+
+class ClusterBoxes:
+    """The boxes around the clusters of a scene's instances."""
+
+    def __init__(self) -> None:
+        self.of: dict[Instance, Clusters] = {}
+        self.moved: dict[Instance, None] = {}
+        """Whose boxes were not taken yet."""
+        self._boxes: dict[Instance, Floats] = {}
+
+    def set(self, instance: Instance, clusters: Clusters | None) -> tuple[bool, bool]:
+        """Take note of an instance as it is; returns whether its clusters are others, and whether they have moved."""
+        other = self.of.get(instance) is not clusters
+        if other:
+            for known in (self.of, self._boxes, self.moved):
+                known.pop(instance, None)
+        if clusters is None:
+            return other, False
+        boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
+        moves = not np.array_equal(boxes, self._boxes.get(instance, ()))
+        if moves:
+            self.of[instance], self._boxes[instance], self.moved[instance] = clusters, boxes, None
+        return other, moves
+
+    def take_moved(self) -> list[tuple[Instance, Floats]]:
+        """The instances whose boxes were not taken yet, and these (C, 2, 3)."""
+        taken, self.moved = self.moved, {}
+        return [(instance, self._boxes[instance]) for instance in taken]
 
 
 def _arrange(

@@ -12,8 +12,7 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.alias_table import alias_table
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.light_tree import LightTree
-from solari_vk.bound.table import Table
-from solari_vk.gpu.device.device import Device
+from solari_vk.bound.table import MakeTable
 
 Floats = NDArray[np.float64]
 
@@ -21,12 +20,13 @@ Floats = NDArray[np.float64]
 class LightLeaves:
     """The tables `light_leaves`, in the order of the lights, and `light_tree` over those that are not at infinity."""
 
-    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
-        self.table = Table(device, "light_leaves", layout["light_leaves"])
-        self.tree = Table(device, "light_tree", layout["light_tree"])
+    def __init__(self, table: MakeTable, layout: dict[str, Any]) -> None:
+        self.table = table("light_leaves", layout["light_leaves"])
+        self.tree = table("light_tree", layout["light_tree"])
         self.firsts: NDArray[np.int64] = np.zeros(0, np.int64)
         """Each light's first leaf (N,)."""
         self.count = 0
+        self.node_count = 0
         self._nodes = LightTree(layout["light_tree"])
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
@@ -74,7 +74,8 @@ class LightLeaves:
             self._bounds[self.leaves(light)] = of_clusters
         before = self._nodes.leaves
         changed = self._nodes.update(ids[lights], self._bounds[:count], powers[lights] * self._shares[:count])
-        self.tree.reserve(len(self._nodes.nodes))
+        self.node_count = len(self._nodes.nodes)
+        self.tree.reserve(self.node_count)
         self.tree.records[changed] = self._nodes.nodes[changed]
         self.tree.mark(changed.tolist())
         records = self.table.records[: self.count]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,13 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
 from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.choice_weights import choice_weights_by_kind
-from solari_vk.bound.lights.clusters import Clusters
+from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
 from solari_vk.bound.lights.portal_maps import PortalMaps
-from solari_vk.bound.table import Table
+from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
@@ -30,27 +31,31 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 class LightList:
-    """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
+    """The tables `light_sources` and `scene_infos`, and one for each kind that has a buffer of records.
 
     An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
+
+    own: given for a list in the host's memory alone, which leaves bodies and the buffers of images to its maker.
     """
 
-    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
-        self.sources = Table(device, "light_sources", layout["light_sources"])
-        self.info = Table(device, "scene_info", layout["scene_info"])
-        self.leaves = LightLeaves(device, layout)
+    def __init__(self, device: Device, layout: dict[str, Any], own: OwnBuffers | None = None) -> None:
+        table: MakeTable = partial(Table, device) if own is None else HostTable
+        self.sources = table("light_sources", layout["light_sources"])
+        self.info = table("scene_infos", layout["scene_infos"])
+        self.leaves = LightLeaves(table, layout)
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
         with_records.sort(key=lambda kind: PLACES.index(kind.met_by_rays))
-        self._records = {kind: Table(device, str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
+        self._records = {kind: table(str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.bodies = Bodies()
-        self._own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype)
+        self._has_bodies = own is None
+        self.own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype) if own is None else own
         self._portal_maps = PortalMaps(device)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
@@ -69,18 +74,30 @@ class LightList:
         """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
         array."""
         self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
-        self._clusters: dict[Instance, Clusters] = {}
-        self._boxes: dict[Instance, NDArray[np.float64]] = {}  # of the clusters
-        self._moved: dict[Instance, None] = {}  # whose boxes the tree doesn't follow yet
+        self._clusters = ClusterBoxes()
         self._positions_changed = True
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
         """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
         array."""
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[Any, ...]:
         """All tables."""
         return self.sources, self.info, self.leaves.table, self.leaves.tree, *self._records.values()
+
+    @property
+    def others(self) -> dict[LightKind, list[Light]]:
+        """The other lights of each kind, which follow in this order."""
+        return {kind: list(lights) for kind, lights in self._others.items()}
+
+    def id_of(self, light: Instance | Light) -> int | None:
+        """The light's number in `ids`, if it is in the list."""
+        return self._id_of.get(light)
+
+    def records(self, kind: LightKind) -> NDArray[Any]:
+        """The records of the lights of a kind."""
+        records: NDArray[Any] = self._records[kind].records[: len(self._others[kind])]
+        return records
 
     def index(self, instance: Instance) -> int | None:
         """An instance's row in `sources`, None if it is no light."""
@@ -97,7 +114,9 @@ class LightList:
         position: of the center of its bounds. half_size: half of the bounds' size.
         """
         index = self._index.get(instance)
-        self._set_clusters(instance, None if emission is None else emission.clusters)
+        other, moved = self._clusters.set(instance, None if emission is None else emission.clusters)
+        self._changed |= other
+        self._positions_changed |= moved
         if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
@@ -146,35 +165,22 @@ class LightList:
         if not present:
             for known in (self._id_of, self._power_of, self._edited):
                 known.pop(light, None)
-            self._own.set(light, None)
+            self.own.set(light, None)
         elif light not in self._others[own]:
             self._others[own][light] = None
             self.renew(light)
         else:
             self._edited[light] = own
         self._changed |= not present
-        if present and self._own.set(light, own_data(light)):
+        if present and self.own.set(light, own_data(light)):
             self.renew(light)
-        return self.bodies.follow(light, present)
+        return self.bodies.follow(light, present) if self._has_bodies else None
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):
             self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 2, 3))])
         if self._emissive_places[index].tolist() != [[*position], [*half_size]]:
             self._emissive_places[index] = position, half_size
-            self._positions_changed = True
-
-    def _set_clusters(self, instance: Instance, clusters: Clusters | None) -> None:
-        if self._clusters.get(instance) is not clusters:
-            self._changed = True
-            for known in (self._clusters, self._boxes, self._moved):
-                known.pop(instance, None)
-        if clusters is None:
-            return
-        boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
-        if not np.array_equal(boxes, self._boxes.get(instance, ())):
-            self._clusters[instance], self._boxes[instance] = clusters, boxes
-            self._moved[instance] = None
             self._positions_changed = True
 
     def _set_power(self, light: Instance | Light, power: float) -> None:
@@ -238,10 +244,10 @@ class LightList:
             self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
             self._write_others(len(listed))
             sources = self.sources.records[: len(listed)]
-            self.leaves.arrange([*map(self._clusters.get, listed)], sources["part_count"])  # type: ignore[arg-type]
+            self.leaves.arrange([*map(self._clusters.of.get, listed)], sources["part_count"])  # type: ignore[arg-type]
             sources["first_leaf"] = self.leaves.firsts
             self.sources.mark(range(len(listed)))
-            self._moved = dict.fromkeys(self._clusters)
+            self._clusters.moved = dict.fromkeys(self._clusters.of)
         kinds = self.sources.records["kind"][: len(listed)]
         self.emitted = np.where(kinds == KIND_INDEX["portal"], 0.0, self.powers)
         self.leaves.choose(choice_weights_by_kind(self.powers, kinds))
@@ -254,8 +260,7 @@ class LightList:
         emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(solid, (-1, 2, 3))])
         self.places = bounds.mean(axis=1)
-        boxes = {self._index[instance]: self._boxes[instance] for instance in self._moved}
-        self._moved.clear()
+        boxes = {self._index[instance]: moved for instance, moved in self._clusters.take_moved()}
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], boxes)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
@@ -275,17 +280,18 @@ class LightList:
             if kind.source is EnvironmentLight:
                 info["first_environment"] = row
             for index, light in enumerate(lights):
-                found = self._own.get(light)
+                found = self.own.get(light)
                 self._write_source(row, kind, index, found.emission if found else ONE_PART)
                 self._write_record(kind, index, light)
                 row += 1
-        info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
+        info["light_count"] = info["light_end"] = light_count
+        info["first_light_at_infinity"] = first_at_infinity
         info["first_pass_through_light"] = first_at_infinity - counts[PASSED]
         info["first_portal"] = first_at_infinity - counts[PASSED] - counts[BEYOND]
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
-        table, found = self._records[kind], self._own.get(light)
+        table, found = self._records[kind], self.own.get(light)
         own = self._portal_maps.get(light) or (found.record if found else {})
         for field, value in (kind.record(light) | own).items():
             table.records[index][field] = value
@@ -295,5 +301,5 @@ class LightList:
         """Free the tables."""
         for table in self.tables:
             table.destroy()
-        self._own.destroy()
+        self.own.destroy()
         self._portal_maps.destroy()

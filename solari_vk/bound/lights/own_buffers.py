@@ -13,6 +13,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.profile import LightProfile
+from solari_vk.scene.lights.punctual import PointLight
 
 
 class ProfileBuffer:
@@ -82,4 +83,6 @@ class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
 
 def own_data(light: Any) -> Any:
     """An environment's image or a lamp's profile, None for lights without one."""
-    return light.image if isinstance(light, EnvironmentLight) else getattr(light, "profile", None)
+    if isinstance(light, EnvironmentLight):
+        return light.image
+    return light.profile if isinstance(light, PointLight) else None

@@ -71,6 +71,18 @@ class RecentChanges:
         self._records: Records = np.zeros(0, RECORD)
 
     @property
+    def records(self) -> Records:
+        """The changes (N,), of which there are at most MOST."""
+        return self._records
+
+    def copy(self) -> RecentChanges:
+        """Another list with the same changes."""
+        made = RecentChanges()
+        made._seen, made._old, made._keys = self._seen, self._old, self._keys
+        made._records = self._records.copy()
+        return made
+
+    @property
     def uniforms(self) -> dict[str, Any]:
         """The values of the uniform block `changed_lights`."""
         padded = np.zeros(MOST, RECORD)
@@ -83,9 +95,10 @@ class RecentChanges:
         Arrays that are the same objects as in the previous call are taken to be unchanged. places: (N, 3), and
         positions: (N or more, 3), in meters.
         """
-        self._records["recent"] *= CHANGE_DECAY
-        lasting = self._records["recent"] > MIN_CHANGE
-        self._keys, self._records = self._keys[lasting], self._records[lasting]
+        if len(self._records):
+            self._records["recent"] *= CHANGE_DECAY
+            lasting = self._records["recent"] > MIN_CHANGE
+            self._keys, self._records = self._keys[lasting], self._records[lasting]
         given = ids, powers, places, positions
         if self._seen is not None and all(a is b for a, b in zip(self._seen, given, strict=True)):
             return

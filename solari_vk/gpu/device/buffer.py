@@ -52,7 +52,7 @@ class Buffer(Storage):
         copy = partial(self.record_copy, size=size, offset=offset)
         return self._staging.read_back(size, copy).view(dtype)
 
-    def record_copy(self, cmd: raw.CData, target: raw.CData, *, size: int, offset: int = 0) -> None:
-        """Record a copy of `size` bytes, from a byte offset on, to the start of a VkBuffer."""
-        region = raw.struct("VkBufferCopy", srcOffset=offset, size=size)
+    def record_copy(self, cmd: raw.CData, target: raw.CData, *, size: int, offset: int = 0, begin: int = 0) -> None:
+        """Record a copy of `size` bytes, from a byte offset on, to a VkBuffer from its byte `begin` on."""
+        region = raw.struct("VkBufferCopy", srcOffset=offset, dstOffset=begin, size=size)
         self.device.vk.vkCmdCopyBuffer(cmd, self.handle, target, 1, region)

@@ -1,16 +1,19 @@
 """CUDA's driver, libcuda, as far as memory and semaphores of Vulkan are imported (CUDA driver API 12, group "External
-Resource Interoperability"). It comes with NVIDIA's driver, so nothing has to be installed."""
+Resource Interoperability"), which comes with NVIDIA's driver; and the same of HIP, libamdhip64, which comes with ROCm's
+PyTorch. HIP's functions and structures are CUDA's by other names."""
 
 from __future__ import annotations
 
+import os
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 from cffi import FFI
 
 from solari_vk.errors import DeviceError
+from solari_vk.gpu.device import dlpack
 
 _OPAQUE_FD, _TIMELINE_FD, _DEDICATED = 1, 9, 1
 _HEADER = """
@@ -36,6 +39,12 @@ typedef struct {
     } params;
     unsigned flags; unsigned reserved[16];
 } CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS;
+typedef struct {
+    struct {
+        unsigned long long value; unsigned long long nvSciSync; unsigned long long key; unsigned reserved[12];
+    } params;
+    unsigned flags; unsigned reserved[16];
+} CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS;
 int cuInit(unsigned);
 int cuGetErrorString(int, const char **);
 int cuDeviceGetCount(int *);
@@ -52,16 +61,38 @@ int cuMemFree_v2(CUdeviceptr);
 int cuImportExternalSemaphore(CUexternalSemaphore *, const CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC *);
 int cuWaitExternalSemaphoresAsync(
     const CUexternalSemaphore *, const CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS *, unsigned, CUstream);
+int cuSignalExternalSemaphoresAsync(
+    const CUexternalSemaphore *, const CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS *, unsigned, CUstream);
 int cuDestroyExternalSemaphore(CUexternalSemaphore);
+int cuStreamCreate(CUstream *, unsigned);
+int cuStreamDestroy_v2(CUstream);
+int cuCtxSynchronize(void);
 int cuEventCreate(CUevent *, unsigned);
 int cuEventRecord(CUevent, CUstream);
 int cuEventSynchronize(CUevent);
 int cuEventDestroy_v2(CUevent);
 int cuMemcpyDtoH_v2(void *, CUdeviceptr, size_t);
 """
+_HIP = {
+    "cuInit": "hipInit", "cuGetErrorString": "hipDrvGetErrorString", "cuDeviceGet": "hipDeviceGet",
+    "cuDevicePrimaryCtxRetain": "hipDevicePrimaryCtxRetain",
+    "cuDevicePrimaryCtxRelease_v2": "hipDevicePrimaryCtxRelease", "cuCtxPushCurrent_v2": "hipCtxPushCurrent",
+    "cuCtxPopCurrent_v2": "hipCtxPopCurrent", "cuImportExternalMemory": "hipImportExternalMemory",
+    "cuExternalMemoryGetMappedBuffer": "hipExternalMemoryGetMappedBuffer",
+    "cuDestroyExternalMemory": "hipDestroyExternalMemory", "cuMemFree_v2": "hipFree",
+    "cuEventCreate": "hipEventCreateWithFlags", "cuEventRecord": "hipEventRecord",
+    "cuEventSynchronize": "hipEventSynchronize", "cuEventDestroy_v2": "hipEventDestroy",
+    "cuCtxSynchronize": "hipCtxSynchronize",
+}  # fmt: skip
+"""HIP's names of the functions that it needs (hip_runtime_api.h of ROCm 5 to 7)."""
 _ffi: Any = FFI()
 _ffi.cdef(_HEADER)
+_ffi.cdef("int hipDeviceGetByPCIBusId(CUdevice *, const char *);")
+for _line in _HEADER.split("\n"):
+    if (_name := _line.partition("(")[0].removeprefix("int ")) in _HIP:
+        _ffi.cdef(_line.replace(_name, _HIP[_name]))
 _NO_TIMING = 2
+_NON_BLOCKING = 1  # a stream that doesn't wait for the default one
 CData = Any
 
 
@@ -71,29 +102,53 @@ class Cuda:
     Raises DeviceError without a driver of CUDA, and if CUDA doesn't show the device.
     """
 
-    def __init__(self, device_uuid: str) -> None:
-        try:
-            self._lib = _ffi.dlopen("libcuda.so.1")
-        except OSError as error:
-            raise DeviceError(f"CUDA's driver can't be opened: {error}") from None
+    name = "CUDA"
+    libraries: tuple[str, ...] = ("libcuda.so.1",)
+    dlpack_type = dlpack.CUDA
+    waits_for_timelines = True
+    """Whether streams wait for timeline semaphores of Vulkan."""
+    names: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, identity: str) -> None:
+        self._lib = self._opened()
         self.call("cuInit", 0)
-        count = _ffi.new("int *")
-        self.call("cuDeviceGetCount", count)
-        self.ordinal = next((i for i in range(count[0]) if self._uuid(i) == device_uuid), -1)
+        self.ordinal = self._find(identity)
         """The device's number in CUDA."""
-        if self.ordinal < 0:
-            raise DeviceError(f"CUDA shows no device with the UUID {device_uuid}: see CUDA_VISIBLE_DEVICES")
         context = _ffi.new("CUcontext *")
         self.call("cuDevicePrimaryCtxRetain", context, self._handle(self.ordinal))
         self._context = context[0]
 
+    def _opened(self) -> Any:
+        for library in self.libraries:
+            try:
+                return _ffi.dlopen(library)
+            except OSError as error:
+                reason = error
+        raise DeviceError(f"{self.name}'s library can't be opened: {reason}")
+
+    def _find(self, identity: str) -> int:
+        """The number of the device with a UUID."""
+        count = _ffi.new("int *")
+        self.call("cuDeviceGetCount", count)
+        ordinal = next((i for i in range(count[0]) if self._uuid(i) == identity), None)
+        if ordinal is None:
+            raise DeviceError(f"CUDA shows no device with the UUID {identity}: see CUDA_VISIBLE_DEVICES")
+        return ordinal
+
+    def _function(self, name: str) -> Any:
+        name = self.names.get(name, name)
+        try:
+            return getattr(self._lib, name)
+        except AttributeError:
+            raise DeviceError(f"{self.name}'s library is too old: it has no {name}") from None
+
     def call(self, name: str, *arguments: Any) -> None:
-        """Call a function of the driver. Raises DeviceError with its name and CUDA's reason."""
-        if result := getattr(self._lib, name)(*arguments):
+        """Call a function of the driver by its name in CUDA. Raises DeviceError with its name and the reason."""
+        if result := self._function(name)(*arguments):
             text = _ffi.new("const char **")
-            self._lib.cuGetErrorString(result, text)
+            self._function("cuGetErrorString")(result, text)
             reason = _ffi.string(text[0]).decode() if text[0] != _ffi.NULL else f"error {result}"
-            raise DeviceError(f"{name}: {reason}")
+            raise DeviceError(f"{self.names.get(name, name)}: {reason}")
 
     @contextmanager
     def current(self) -> Iterator[None]:
@@ -111,7 +166,7 @@ class Cuda:
     def import_timeline(self, fd: int) -> CData:
         """A timeline semaphore, whose file descriptor then belongs to CUDA."""
         semaphore = _ffi.new("CUexternalSemaphore *")
-        with self.current():
+        with self.current(), closed_on_error(fd):
             self.call("cuImportExternalSemaphore", semaphore, _ffi.new(
                 "CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC *", {"type": _TIMELINE_FD, "handle": {"fd": fd}}
             ))  # fmt: skip
@@ -128,6 +183,23 @@ class Cuda:
             self.call("cuWaitExternalSemaphoresAsync", _ffi.new("CUexternalSemaphore *", semaphore), wait, 1,
                       _ffi.cast("CUstream", stream))  # fmt: skip
 
+    def signal(self, semaphore: CData, value: int) -> None:
+        """Give a timeline semaphore a value now, whatever other streams wait for."""
+        stream = _ffi.new("CUstream *")
+        signal = _ffi.new("CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS *", {"params": {"value": value}})
+        with self.current():
+            self.call("cuStreamCreate", stream, _NON_BLOCKING)
+            try:
+                semaphores = _ffi.new("CUexternalSemaphore *", semaphore)
+                self.call("cuSignalExternalSemaphoresAsync", semaphores, signal, 1, stream[0])
+            finally:
+                self.call("cuStreamDestroy_v2", stream[0])  # when its work is done
+
+    def synchronize(self) -> None:
+        """Wait on the host for the work that all streams have now."""
+        with self.current():
+            self.call("cuCtxSynchronize")
+
     def _handle(self, ordinal: int) -> int:
         handle = _ffi.new("CUdevice *")
         self.call("cuDeviceGet", handle, ordinal)
@@ -139,6 +211,39 @@ class Cuda:
         return str(uuid.UUID(bytes=bytes(_ffi.buffer(found))))
 
 
+class Hip(Cuda):
+    """The HIP device at the Vulkan device's PCI address, such as 0000:03:00.0.
+
+    Its streams don't wait for timeline semaphores of Vulkan (ROCm's own tests leave them out). Written after its
+    documentation; no AMD device has run it.
+    """
+
+    name = "HIP"
+    libraries = ("libamdhip64.so.7", "libamdhip64.so.6", "libamdhip64.so.5", "libamdhip64.so")
+    dlpack_type = dlpack.ROCM
+    waits_for_timelines = False
+    names: ClassVar[dict[str, str]] = _HIP
+
+    def _find(self, identity: str) -> int:
+        ordinal = _ffi.new("CUdevice *")
+        try:
+            self.call("hipDeviceGetByPCIBusId", ordinal, identity.encode())
+        except DeviceError as error:
+            raise DeviceError(f"HIP shows no device at the PCI address {identity}: see HIP_VISIBLE_DEVICES; {error}"
+                              ) from None  # fmt: skip
+        return int(ordinal[0])
+
+
+@contextmanager
+def closed_on_error(fd: int) -> Iterator[None]:
+    """Close a file descriptor that an error leaves to its maker."""
+    try:
+        yield
+    except BaseException:
+        os.close(fd)
+        raise
+
+
 class CudaMemory:
     """Memory of `size` bytes that CUDA imports from a file descriptor, which then belongs to CUDA. `address` is its
     pointer. `allocated`: the bytes of the dedicated allocation of Vulkan."""
@@ -147,17 +252,22 @@ class CudaMemory:
         self._cuda = cuda
         memory, pointer = _ffi.new("CUexternalMemory *"), _ffi.new("CUdeviceptr *")
         with cuda.current():
-            cuda.call("cuImportExternalMemory", memory, _ffi.new("CUDA_EXTERNAL_MEMORY_HANDLE_DESC *", {
-                "type": _OPAQUE_FD, "handle": {"fd": fd}, "size": allocated, "flags": _DEDICATED,
-            }))  # fmt: skip
+            with closed_on_error(fd):
+                cuda.call("cuImportExternalMemory", memory, _ffi.new("CUDA_EXTERNAL_MEMORY_HANDLE_DESC *", {
+                    "type": _OPAQUE_FD, "handle": {"fd": fd}, "size": allocated, "flags": _DEDICATED,
+                }))  # fmt: skip
             self._memory = memory[0]
-            cuda.call("cuExternalMemoryGetMappedBuffer", pointer, self._memory,
-                      _ffi.new("CUDA_EXTERNAL_MEMORY_BUFFER_DESC *", {"size": size}))  # fmt: skip
+            try:
+                cuda.call("cuExternalMemoryGetMappedBuffer", pointer, self._memory,
+                          _ffi.new("CUDA_EXTERNAL_MEMORY_BUFFER_DESC *", {"size": size}))  # fmt: skip
+            except BaseException:
+                cuda.call("cuDestroyExternalMemory", self._memory)
+                raise
         self.address = int(pointer[0])
 
     def close(self) -> None:
         with self._cuda.current():
-            self._cuda.call("cuMemFree_v2", self.address)
+            self._cuda.call("cuMemFree_v2", _ffi.cast("CUdeviceptr", self.address))
             self._cuda.call("cuDestroyExternalMemory", self._memory)
 
 

@@ -14,11 +14,12 @@ from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import dlpack, raw
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.barriers import ALL_COMMANDS, WRITE, full_barrier
-from solari_vk.gpu.device.cuda import Cuda, CudaEvent, CudaMemory
+from solari_vk.gpu.device.cuda import Cuda, CudaEvent, CudaMemory, Hip
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.device.work_queue import WorkQueue
 
-EXTENSIONS = ("VK_KHR_external_memory_fd", "VK_KHR_external_semaphore_fd")
+MEMORY, SEMAPHORE, PCI = "VK_KHR_external_memory_fd", "VK_KHR_external_semaphore_fd", "VK_EXT_pci_bus_info"
+AMD = 0x1002  # the vendor's number at PCI-SIG
 _FD = raw.VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT
 _SEMAPHORE_FD = raw.VK_EXTERNAL_SEMAPHORE_HANDLE_TYPE_OPAQUE_FD_BIT
 _USAGE = raw.VK_BUFFER_USAGE_TRANSFER_DST_BIT | raw.VK_BUFFER_USAGE_TRANSFER_SRC_BIT
@@ -32,6 +33,7 @@ class _Place:
     def __init__(self, device: WorkQueue, memory: Allocator, cuda: Cuda, size: int) -> None:
         self.size, self.cuda, self._device = size, cuda, device
         self._events: list[CudaEvent] = []  # consumers' work that may still read
+        self._read_anywhere = False  # a consumer may have read in any stream
         external = raw.struct("VkExternalMemoryBufferCreateInfo", handleTypes=_FD)
         create = raw.struct("VkBufferCreateInfo", pNext=external, size=size, usage=_USAGE)
         vk = device.vk
@@ -73,14 +75,20 @@ class _Place:
         )
         return raw.struct("VkDependencyInfo", bufferMemoryBarrierCount=1, pBufferMemoryBarriers=barrier)
 
-    def release(self, stream: int) -> None:
-        """Note that a stream gets no more work that reads. Any thread may call this."""
+    def release(self, stream: int | None) -> None:
+        """Note that a stream, or None for any, gets no more work that reads. Any thread may call this."""
+        if stream is None:
+            self._read_anywhere = True
+            return
         event = CudaEvent(self.cuda)
         event.record(stream)
         self._events.append(event)
 
     def await_consumers(self) -> None:
         """Wait until no work reads any more, which is so already unless consumers fall behind."""
+        if self._read_anywhere:
+            self.cuda.synchronize()
+            self._read_anywhere = False
         while self._events:
             event = self._events.pop()
             event.wait()
@@ -95,59 +103,77 @@ class _Lease:
 
 
 class CudaTensor:
-    """A tensor in CUDA's memory, for `torch.from_dlpack`, `cupy.from_dlpack` and `jax.dlpack.from_dlpack`.
+    """A tensor in memory of CUDA, or of AMD's HIP, for `torch.from_dlpack`, `cupy.from_dlpack` and
+    `jax.dlpack.from_dlpack`.
 
     shape, dtype: as of numpy arrays. Later frames don't change it. Work of the stream that takes it waits on the device
-    until it is written; the host doesn't wait. It may outlive what it was made from.
+    until it is written; the host doesn't wait, but with HIP, and with a consumer that says that it waits by itself.
+    Work of other streams must wait for that stream, and it for them before the tensor is dropped, as PyTorch has it for
+    its own. It may outlive what it was made from.
     """
 
-    def __init__(self, lease: _Lease, semaphore: Any, value: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    def __init__(
+        self, lease: _Lease, await_written: Callable[[int | None], None], shape: tuple[int, ...], dtype: np.dtype[Any]
+    ) -> None:  # fmt: skip
         self.shape, self.dtype = shape, dtype
-        self._lease, self._semaphore, self._value = lease, semaphore, value
+        self._lease, self._await_written = lease, await_written
 
     def reshape(self, *shape: int) -> CudaTensor:
         """The same memory as a tensor of another shape."""
         if math.prod(shape) != math.prod(self.shape):
             raise SolariError(f"a tensor of the shape {self.shape} can't have the shape {shape}")
-        return CudaTensor(self._lease, self._semaphore, self._value, shape, self.dtype)
+        return CudaTensor(self._lease, self._await_written, shape, self.dtype)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        return dlpack.CUDA, self._lease.place.cuda.ordinal
+        return self._lease.place.cuda.dlpack_type, self._lease.place.cuda.ordinal
 
     def __dlpack__(self, *, stream: int | None = None, **_: Any) -> Any:
-        """A capsule. stream: the consumer's, as the array API standard has it; -1 for one that waits by itself."""
-        lease, stream = self._lease, 0 if stream is None else int(stream)
-        if stream == _NO_SYNC:
-            stream = 0
-        else:
-            lease.place.cuda.wait(self._semaphore, self._value, stream)
+        """A capsule. stream: the consumer's, as the array API standard has it. For -1, which names none, the host waits
+        until the tensor is written, and before its memory is used again for all streams."""
+        lease = self._lease
+        reader = None if stream == _NO_SYNC else int(stream or 0)
+        self._await_written(reader)
         return dlpack.capsule(
             lease.place.memory.address, self.shape, self.dtype, self.__dlpack_device__(),
-            lambda: lease.place.release(stream),
+            lambda: lease.place.release(reader),
         )  # fmt: skip
 
     def __repr__(self) -> str:
-        return f"<CudaTensor {self.shape} {self.dtype} on CUDA device {self._lease.place.cuda.ordinal}>"
+        cuda = self._lease.place.cuda
+        return f"<CudaTensor {self.shape} {self.dtype} on {cuda.name} device {cuda.ordinal}>"
 
 
 class CudaTensors:
-    """Makes tensors of a device. Raises DeviceError, with the reason, for a device that CUDA can't share."""
+    """Makes tensors of a device. Raises DeviceError, with the reason, for a device that neither CUDA nor HIP shares."""
 
     def __init__(self, device: WorkQueue, memory: Allocator) -> None:
-        if missing := [name for name in EXTENSIONS if name not in device.extensions]:
+        driver: type[Cuda] = Hip if device.properties.vendor_id == AMD else Cuda
+        needed = (MEMORY, SEMAPHORE) if driver.waits_for_timelines else (MEMORY,)
+        if missing := [name for name in needed if name not in device.extensions]:
             raise DeviceError(f"{device.name} lacks {' and '.join(missing)}")
         self._device, self._memory = device, memory
-        self.cuda = Cuda(device.properties.uuid)
+        self.cuda = driver(device.properties.uuid if driver is Cuda else pci_address(device))
+        self._value, self._free = 0, dict[int, list[_Place]]()
+        self._timeline = self._semaphore = None
+        with ExitStack() as undo:
+            undo.callback(self.cuda.close)
+            if driver.waits_for_timelines:
+                self._make_timeline(undo)
+            undo.callback(self._discard_free)
+            self._end = undo.pop_all().close
+        device.share(device.own(self._close))
+
+    def _make_timeline(self, undo: ExitStack) -> None:
+        device = self._device
         export = raw.struct("VkExportSemaphoreCreateInfo", handleTypes=_SEMAPHORE_FD)
         timeline = raw.struct("VkSemaphoreTypeCreateInfo", pNext=export, semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
         self._timeline = device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=timeline), "tensors")
+        undo.callback(lambda: device.vk.vkDestroySemaphore(device.handle, self._timeline, raw.NULL))
         info = raw.struct("VkSemaphoreGetFdInfoKHR", semaphore=self._timeline, handleType=_SEMAPHORE_FD)
         fd = raw.ffi.new("int*")
         device.vk.vkGetSemaphoreFdKHR(device.handle, info, fd)
         self._semaphore = self.cuda.import_timeline(fd[0])
-        self._value = 0
-        self._free: dict[int, list[_Place]] = {}
-        device.share(device.own(self._close))
+        undo.callback(lambda: self.cuda.destroy_semaphore(self._semaphore))
 
     def copy(
         self, record_copy: Callable[[raw.CData, raw.CData], None], shape: tuple[int, ...], dtype: np.dtype[Any]
@@ -165,16 +191,25 @@ class CudaTensors:
             device.vk.vkCmdPipelineBarrier2(cmd, place.to_cuda)
 
         copying = Recorded(device, record, "tensor")
+        signals: list[Any] = [] if self._timeline is None else [(self._timeline, self._value + 1)]
+        submitted = device.submit_prepared(device.submission([copying.commands], signals=signals))
         self._value += 1
-        device.submit_prepared(device.submission([copying.commands], signals=[(self._timeline, self._value)]))
         copying.destroy()
         lease = _Lease(place)
         device.lent.lend(lease, partial(self._give_back, place))
-        return CudaTensor(lease, self._semaphore, self._value, shape, dtype)
+        return CudaTensor(lease, partial(self._await_written, self._value, submitted), shape, dtype)
+
+    def _await_written(self, value: int, submitted: int, stream: int | None) -> None:
+        """Have a stream wait for the copy of a value of the timeline; None: the host, as where streams can't."""
+        if self._semaphore is None or stream is None:
+            self._device.await_value(submitted)
+        else:
+            self.cuda.wait(self._semaphore, value, stream)
 
     def _take(self, size: int) -> _Place:
         free = self._free.get(size)
-        place = free.pop() if free else _Place(self._device, self._memory, self.cuda, size)
+        # The one that has been free for longest, which consumers have most likely read.
+        place = free.pop(0) if free else _Place(self._device, self._memory, self.cuda, size)
         place.await_consumers()
         return place
 
@@ -189,10 +224,23 @@ class CudaTensors:
         place.await_consumers()
         place.close()
 
-    def _close(self) -> None:
+    def _discard_free(self) -> None:
         for place in [place for places in self._free.values() for place in places]:
             self._discard(place)
         self._free.clear()
-        self.cuda.destroy_semaphore(self._semaphore)
-        self._device.vk.vkDestroySemaphore(self._device.handle, self._timeline, raw.NULL)
-        self.cuda.close()
+
+    def _close(self) -> None:
+        if self._device.lost and self._semaphore is not None:
+            self.cuda.signal(self._semaphore, self._value)  # or streams would wait for ever for what isn't written
+        self._end()
+
+
+def pci_address(device: WorkQueue) -> str:
+    """Where a device is on the bus. Raises DeviceError for one that doesn't say it."""
+    bus = raw.struct("VkPhysicalDevicePCIBusInfoPropertiesEXT")
+    if PCI not in device.offered_extensions:
+        raise DeviceError(f"{device.name} lacks {PCI}")
+    device.instance_vk.vkGetPhysicalDeviceProperties2(
+        device.physical_device, raw.struct("VkPhysicalDeviceProperties2", pNext=bus)
+    )
+    return f"{bus.pciDomain:04x}:{bus.pciBus:02x}:{bus.pciDevice:02x}.{bus.pciFunction:x}"

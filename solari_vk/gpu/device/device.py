@@ -91,11 +91,12 @@ class Device(WorkQueue):
         return Uploads(self.staging_pool)
 
     def trim(self) -> None:
-        """Free compiled pipelines that nothing uses.
+        """Free compiled pipelines that nothing uses, and memory that results were read through.
 
         Else up to 256 of them stay, so that the next renderer doesn't wait for the driver's compiler.
         """
         self.pipelines.clear()
+        self.staging_pool.trim()
 
     def close(self) -> None:
         """Wait for the device, destroy everything that is left, and close it. Safe to call twice.

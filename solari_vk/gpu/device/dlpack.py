@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-CPU, CUDA = 1, 2
+CPU, CUDA, ROCM = 1, 2, 10
 _KINDS = {"i": 0, "u": 1, "f": 2}
 
 

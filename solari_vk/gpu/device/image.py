@@ -175,12 +175,12 @@ class Image:
         read = self._staging.read_back(size, lambda cmd, target: self.record_copy(cmd, target, level))
         return read.view(self.dtype).reshape(shape)
 
-    def record_copy(self, cmd: raw.CData, target: raw.CData, level: int = 0) -> None:
-        """Record a copy of a mip level to the start of a VkBuffer, packed row by row."""
+    def record_copy(self, cmd: raw.CData, target: raw.CData, level: int = 0, *, begin: int = 0) -> None:
+        """Record a copy of a mip level to a VkBuffer, packed row by row, from its byte `begin` on."""
         vk = self.device.vk
         general = self.layout == raw.VK_IMAGE_LAYOUT_GENERAL
         layout = self.layout if general else raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
-        region = raw.struct("VkBufferImageCopy", **self.copy_region(level, 0))
+        region = raw.struct("VkBufferImageCopy", **self.copy_region(level, begin))
         if not general:
             vk.vkCmdPipelineBarrier2(cmd, self.layout_change(self.layout, layout))
         vk.vkCmdCopyImageToBuffer(cmd, self.handle, layout, target, 1, region)

@@ -68,6 +68,7 @@ class LogicalDevice:
         self.properties: DeviceProperties = chosen.properties
         self.name = chosen.properties.name
         self.missing_rays = chosen.missing_rays
+        self.offered_extensions = frozenset(chosen.extensions)
         self.queue_family = chosen.queue_family
         self.timestamp_bits = chosen.timestamp_bits
         optional = [name for name in OPTIONAL_EXTENSIONS if name in chosen.extensions]

@@ -94,6 +94,7 @@ class DeviceProperties:
     uuid: str
     driver: str
     api_version: tuple[int, int, int]
+    vendor_id: int
     limits: Any
     core12: Any
     acceleration: Any
@@ -149,6 +150,7 @@ class PhysicalDevice:
             uuid=str(uuid.UUID(bytes=bytes(core11.deviceUUID))),
             driver=driver or f"version {core.driverVersion:#x}",
             api_version=version,
+            vendor_id=core.vendorID,
             limits=core.limits,
             core12=core12,
             acceleration=acceleration,

@@ -15,6 +15,7 @@ from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
 from solari_vk.gpu.device.storage import Storage, as_bytes
 
 CHUNK_SIZE = 4 << 20
+LARGEST_KEPT = 256 << 20  # of the larger chunks one is kept, for results that are read in each frame
 FLUSH_SIZE = 64 << 20  # a larger batch is submitted in parts, which bounds staging memory
 _ALIGNMENT = 16  # bytes between pieces of data in a chunk: no texel that is uploaded is larger
 _TRANSFER_LAYOUT = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
@@ -27,21 +28,35 @@ class StagingPool:
         self.memory = memory
         self.device = memory.device
         self._chunks: list[Storage] = []
+        self._large: Storage | None = None
 
     def take(self, size: int) -> Storage:
         """A mapped buffer of at least `size` bytes; return it with `give` when the copy is done."""
         if size <= CHUNK_SIZE and self._chunks:
             return self._chunks.pop()
+        if size > CHUNK_SIZE and self._large is not None and size <= self._large.size:
+            chunk, self._large = self._large, None
+            return chunk
         return Storage(self.memory, max(size, CHUNK_SIZE), "staging", host=True, shared=True)
 
     def give(self, chunk: Storage) -> None:
-        """Take a chunk back that the device no longer uses. The pool keeps up to 16 chunks of ordinary size."""
+        """Take a chunk back that the device no longer uses. The pool keeps up to 16 chunks of ordinary size, and the
+        latest larger one."""
         if self.device.closed:
             return
-        if chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
+        if CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
+            self.trim()
+            self._large = chunk
+        elif chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
             self._chunks.append(chunk)
         else:
             chunk.destroy()
+
+    def trim(self) -> None:
+        """Free the large chunk."""
+        if self._large is not None:
+            self._large.destroy()
+            self._large = None
 
     def read_back(self, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
         """The bytes that `copy(command buffer, VkBuffer)` writes into a chunk; waits for the copy."""

@@ -11,14 +11,14 @@ from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks
+from solari_vk.gpu.device.gathering import GatheringDevice
 from solari_vk.gpu.device.lent import Lent
-from solari_vk.gpu.device.logical import LogicalDevice
 from solari_vk.gpu.device.submission import SemaphoreValue, Submission
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
 
 
-class WorkQueue(LogicalDevice):
+class WorkQueue(GatheringDevice):
     """A device with its queue. Every submission increments the timeline; waiting means waiting for a timeline value."""
 
     def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
@@ -96,8 +96,7 @@ class WorkQueue(LogicalDevice):
         if self._before_next and not internal:
             self.flush()
         value = self.submitted + 1
-        submission.signal.value = value
-        self.vk.vkQueueSubmit2(self.queue, 1, submission.info_behind(self._with_next), raw.NULL)
+        self._hand_over_or_gather(submission, value, self._with_next)
         self.submitted = value
         if self._with_next:
             self._with_next.clear()
@@ -198,6 +197,7 @@ class WorkQueue(LogicalDevice):
         if value > self.submitted:
             raise DeviceError(f"wait for submission {value}, but there were only {self.submitted} submissions")
         if self._completed < value:
+            self._hand_over()
             self._wait_value[0] = value
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
                 pass

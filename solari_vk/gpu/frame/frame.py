@@ -1,8 +1,9 @@
 """A frame: the passes of its stages, recorded once per slot with derived barriers, and submitted with little Python.
 
-Two slots take turns, so that one can be prepared while the other runs. Each has its own descriptor sets, command
-buffer, uniform memory and timestamps. Frames run one after the other: each starts with a full barrier, so it sees
-everything submitted before, including uploads. The barriers between its steps are derived by `hazards`.
+Two slots take turns, so that one can be prepared while the other runs; more where many frames are submitted at once.
+Each has its own descriptor sets, command buffer, uniform memory and timestamps. Frames run one after the other: each
+starts with a full barrier, so it sees everything submitted before, including uploads. The barriers between its steps
+are derived by `hazards`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import numpy as np
 from solari_vk.errors import DeviceError, SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
-from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
@@ -38,7 +38,7 @@ from solari_vk.gpu.shaders.spirv import Binding
 __all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step",
            "Within"]  # fmt: skip
 
-SLOTS = 2
+SIDES = 2  # of a history, which slots take in turn
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ class Frame:
         with device.undone_on_error(), ExitStack() as undo:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
-            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
+            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
+            self._latest = self._slots[0]
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
             undo.pop_all()
@@ -109,7 +110,7 @@ class Frame:
         resources = self._resources
         try:
             resources = self._resources.changed_to(stages, program.interface)
-            bound = [resources.named(index) | external for index in range(SLOTS)]
+            bound = [resources.named(index) | external for index in range(SIDES)]
             program.check(bound[0])
             accesses = program.accesses(bound[0])
         except BaseException:
@@ -128,14 +129,20 @@ class Frame:
         self.uniforms.declare({name: dtype for name, dtype in blocks.items() if dtype and name not in bound[0]})
         if old is not None:
             self._builder.discard(old, program)
-        for slot, named in zip(self._slots, bound, strict=True):
-            slot.renew(program, named, self.uniforms)
+        for slot in self._slots:
+            slot.renew(program, bound[slot.index % SIDES], self.uniforms)
+
+    def prepare_many(self, frames: int) -> None:
+        """Have slots for so many frames that none of them waits for the frames of the previous time."""
+        assert self._program is not None
+        for index in range(len(self._slots), SIDES * frames):
+            slot = Slot(self.device, index, *self._pool.allocate(1))
+            slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
+            self._slots.append(slot)
 
     def bind(self, external: Mapping[str, Any]) -> None:
-        """Replace external resources from the next frame on. The replaced ones may be destroyed at once.
-
-        Raises SolariError for an indirect buffer that is too small; the frame is then as before.
-        """
+        """Replace external resources from the next frame on. The replaced ones may be destroyed at once. Raises
+        SolariError for an indirect buffer that is too small; the frame is then as before."""
         assert self._program is not None
         self._program.check({**self._resources.named(0), **self._external, **external})
         self._external.update(external)
@@ -153,7 +160,7 @@ class Frame:
         shaders must not be used (`Tlas.check_usable`), and after `close`.
         """
         self.check_open()
-        slot = self._slots[self.frame_count % SLOTS]
+        slot = self._slots[self.frame_count % len(self._slots)]
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
@@ -169,7 +176,7 @@ class Frame:
                 self.device.submit_prepared(slot.submission)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
-        self.frame_count += 1
+        self.frame_count, self._latest = self.frame_count + 1, slot
         return slot.value
 
     def _note_structures(self) -> None:
@@ -181,14 +188,10 @@ class Frame:
 
     # ---- results ------------------------------------------------------------------------------------
 
-    @property
-    def _latest(self) -> Slot:
-        return self._slots[(self.frame_count - 1) % SLOTS]
-
     def resource(self, name: str) -> Any:
         """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none. For
         a buffer within another one it is the whole of that one."""
-        index = (self.frame_count - 1) % SLOTS if self.frame_count else 0
+        index = (self.frame_count - 1) % SIDES if self.frame_count else 0
         bound = self._resources.named(index) | self._external
         if name not in bound:
             raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
@@ -249,33 +252,28 @@ class Frame:
         if element is None:
             raise SolariError(f"{name} isn't an array")
         if count is None:
-            buffer: Buffer = self.resource(name)
-            count = (buffer.size - self.binding(name).element_offset) // element.itemsize
+            count = (self.resource(name).size - self.binding(name).element_offset) // element.itemsize
         return (count, *element.shape), element.base, self.binding(name).element_offset
 
     @property
     def memory(self) -> dict[str, int]:
-        """The bytes of each buffer and image that the stages declare, by name; both of a history count. A buffer within
-        another one isn't listed."""
+        """The bytes of buffers and images that stages declare, by name; both of a history, none within another one."""
         return self._resources.sizes
 
     @property
     def timings(self) -> dict[str, float]:
-        """GPU milliseconds of each step in the latest finished frame; empty before the first frame.
-
-        Waits if no frame has finished yet. Empty as well on a device without timestamps. Sets `timed_value` to the
-        timeline value that `submit` returned for that frame.
-        """
+        """GPU milliseconds of each step in the latest finished frame, for which it waits; empty before the first frame,
+        and on a device without timestamps. Sets `timed_value` to what `submit` returned for that frame."""
         if not self._done:
             self.device.await_value(self._latest.value)
         return self.timings_so_far()
 
     def timings_so_far(self) -> dict[str, float]:
         """As `timings`, but waits only for what the next `submit` waits for; empty if no frame has finished then."""
-        self.device.await_value(self._slots[self.frame_count % SLOTS].value)
+        self.device.await_value(self._slots[self.frame_count % len(self._slots)].value)
         slot = max(self._done, key=lambda slot: slot.value, default=None)
-        self.timed_value = slot.value if slot else 0
-        return slot.read_timings() if slot else {}
+        self.timed_value, found = (slot.value, slot.read_timings()) if slot else (0, {})
+        return found
 
     @property
     def _done(self) -> list[Slot]:

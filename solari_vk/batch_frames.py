@@ -1,0 +1,161 @@
+"""Several frames of a batch in one submission: `Batch.render_many`, and the results that it keeps of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound import view_table
+from solari_vk.errors import SolariError, quoted, unknown_name
+from solari_vk.frame import SceneFrame
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import Image
+from solari_vk.host_array import host_array
+from solari_vk.scene.model import Camera
+
+WHERE = "Batch.render_many"
+
+
+class Result(NamedTuple):
+    """A result of a batch. frame: has it as its resource, of so many values of a dtype. shaped: makes (N, height,
+    width[, channels]) of these values."""
+
+    frame: SceneFrame
+    resource: str
+    dtype: np.dtype[Any]
+    values: int
+    shaped: Callable[[Any], Any]
+
+    @property
+    def size(self) -> int:
+        """In bytes."""
+        return self.values * self.dtype.itemsize
+
+    def record_copy(self, cmd: raw.CData, target: Buffer, begin: int) -> None:
+        """Record a copy of the latest frame's to a byte of a buffer."""
+        source: Buffer | Image = self.frame.resource(self.resource)
+        if isinstance(source, Image):
+            source.record_copy(cmd, target.handle, begin=begin)
+        else:
+            offset = self.frame.binding(self.resource).element_offset
+            source.record_copy(cmd, target.handle, size=self.size, offset=offset, begin=begin)
+
+
+class ManyFrames(Mapping[str, NDArray[Any]]):
+    """What several frames of a batch show: results by their names, (frames, N, height, width[, channels]).
+
+    They are these until the batch renders many frames again, or is closed; arrays are copies.
+    """
+
+    def __init__(
+        self, device: Device, results: Mapping[str, Result], frames: int, lend: Callable[[NDArray[Any]], None]
+    ) -> None:  # fmt: skip
+        self._device, self._results, self._frames, self._lend = device, dict(results), frames, lend
+        self._buffers: dict[str, Buffer] = {}
+        with device.undone_on_error():
+            for name, result in results.items():
+                self._buffers[name] = device.buffer(frames * result.size, f"frames of {name}")
+
+    def holds(self, results: Mapping[str, Result], frames: int) -> bool:
+        """Whether there is room for just these results."""
+        sizes = [(name, frames * result.size) for name, result in results.items()]
+        return sizes == [(name, buffer.size) for name, buffer in self._buffers.items()]
+
+    def take(self, index: int, results: Mapping[str, Result]) -> None:
+        """Have the device copy what the latest frame shows, which is number `index`."""
+        self._results = dict(results)
+
+        def record(cmd: raw.CData) -> None:
+            self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            for name, result in results.items():
+                result.record_copy(cmd, self._buffers[name], index * result.size)
+            self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+        self._device.start(record, "results of a frame")
+
+    def _of(self, name: str) -> tuple[Result, Buffer]:
+        if name not in self._buffers:
+            raise unknown_name(f"{WHERE} kept no result", name, self._buffers)
+        if self._buffers[name].handle is None:
+            raise SolariError(f"there is no '{name}' any more: the batch was closed, or has rendered many frames again")
+        return self._results[name], self._buffers[name]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        result, buffer = self._of(name)
+        values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
+        return np.stack([result.shaped(one) for one in values])
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """A result that stays on the device, as `Batch.tensor` has those of the latest frame."""
+        result, buffer = self._of(name)
+        if isinstance(result.frame.resource(result.resource), Image):
+            raise SolariError(f"{WHERE}: '{name}' is an image: frames['{name}'] copies it")
+        count = self._frames * result.values
+        if buffer.mapped:
+            self._device.sync_host()
+            memory = buffer.view(result.dtype, count)
+            self._lend(memory)
+            first = result.shaped(memory[: result.values])
+            shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
+            return shown
+        shape = result.shaped(np.empty(result.values, result.dtype)).shape
+        copy = partial(buffer.record_copy, size=buffer.size)
+        return self._device.cuda.copy(copy, (self._frames, *shape), result.dtype)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._buffers)
+
+    def __len__(self) -> int:
+        return len(self._buffers)
+
+    def close(self) -> None:
+        """Free the memory. Safe to call twice."""
+        for buffer in self._buffers.values():
+            buffer.destroy()
+
+
+def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:
+    """The cameras of each frame: those of all, or for each its own."""
+    if isinstance(cameras, (list, tuple)) and cameras and isinstance(cameras[0], (Camera, list, tuple)):
+        lists = [one for one in cameras if isinstance(one, (list, tuple)) and one and isinstance(one[0], Camera)]
+        if isinstance(cameras[0], Camera):
+            return [cameras] * frames
+        if lists:
+            if len(lists) != len(cameras) or len(cameras) != frames:
+                raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
+            return lists
+    shape = views, 4, 4
+    poses = view_table.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
+    return list(np.broadcast_to(poses, (frames, *shape)))
+
+
+def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
+    """The views (frames, N) that are cut, of all or some in the first frame, or in each."""
+    try:
+        mask = host_array(reset)
+    except (TypeError, ValueError, RuntimeError):
+        mask = np.zeros(0)
+    if mask.dtype != np.bool_ or mask.shape not in ((), (views,), (frames, views)):
+        raise SolariError(f"{WHERE}: reset is True, False or an array ({views},) or ({frames}, {views}) of these, not "
+                          f"{quoted(reset)}")  # fmt: skip
+    if mask.ndim == 2:
+        return mask
+    cuts = np.zeros((frames, views), bool)
+    cuts[0] = mask
+    return cuts
+
+
+def seeds_of(frames: int, views: int, seeds: Any) -> Sequence[Any]:
+    """The seeds of each frame, None for those that the batch has."""
+    if seeds is None:
+        return [None] * frames
+    given = view_table.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
+    return list(np.broadcast_to(given, (frames, views)))

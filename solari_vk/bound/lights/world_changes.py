@@ -1,0 +1,88 @@
+"""How the lights of each world of a batch have changed in recent frames: the buffer `world_changes`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, share_changed, share_moved
+from solari_vk.bound.lights.light_list import LightList
+from solari_vk.bound.lights.recent_changes import MOST, RECORD, RecentChanges
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+
+WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MOST), ("share", "<f4")])
+"""ChangedLights in glsl/passes/light_change.glsl."""
+
+
+class Known(NamedTuple):
+    """What `LightList` knows of the lights of a world, for passes that follow changes."""
+
+    ids: NDArray[np.uint32]
+    powers: NDArray[np.float64]
+    places: NDArray[np.float64]
+    positions: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, lights: LightList) -> Known:
+        """Of a list."""
+        return cls(lights.ids, lights.emitted, lights.places, lights.positions)
+
+
+class WorldChanges:
+    """The changes of the lights of worlds. Worlds that share the scene's lights have one record together."""
+
+    def __init__(self, device: Device, worlds: int) -> None:
+        self.buffer: Buffer = device.buffer(worlds * WORLD.itemsize, "world_changes")
+        self.newest = np.zeros(1)
+        """Of the latest update: the share of the power of each world's lights that was added, removed or moved."""
+        self.change = np.zeros(1)
+        """The same of recent frames; it decays."""
+        self._worlds = worlds
+        self._seen: list[Known] = []
+        self._recent: list[RecentChanges] = []
+
+    def update(self, known: Sequence[Known], cell_size: float) -> None:
+        """Compare with the lights of the previous frame. known: for each world, or one for all. cell_size: of the world
+        cache, in meters."""
+        if not self._seen:
+            self._seen = [*known]
+            self._recent = [RecentChanges() for _ in known]
+        self._spread(len(known))
+        self.newest = np.zeros(len(known))
+        for world, (before, now, recent) in enumerate(zip(self._seen, known, self._recent, strict=True)):
+            if before is not now and any(a is not b for a, b in zip(before, now, strict=True)):
+                changed = share_changed(before.ids, before.powers, now.ids, now.powers)
+                moved = share_moved(before.ids, before.positions, now.ids, now.positions, now.powers, cell_size)
+                self.newest[world] = max(changed, moved)
+            recent.update(now.ids, now.powers, now.places, now.positions, cell_size)
+        self._seen = [*known]
+        change = self.change * CHANGE_DECAY
+        self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
+
+    def _spread(self, count: int) -> None:
+        """Go over from lights that worlds share to those of their own, or back."""
+        if count == len(self._seen):
+            return
+        at = np.zeros(count, np.int64)
+        self.change, self._seen = self.change[at], [self._seen[0]] * count
+        self._recent = [self._recent[0].copy() for _ in at]
+
+    def clear(self) -> None:
+        """Forget all changes so far."""
+        self.change = np.zeros(len(self.change))
+        for recent in self._recent:
+            recent.clear()
+
+    def upload(self) -> None:
+        """Have the next submission see the changes."""
+        records = np.zeros(len(self.change), WORLD)
+        records["share"] = self.change
+        for record, recent in zip(records, self._recent, strict=True):
+            if recent.records.size:
+                record["count"] = len(recent.records)
+                record["at"][: len(recent.records)] = recent.records
+        self.buffer.upload(records)

@@ -1,0 +1,201 @@
+"""What the worlds of a batch have of their own, by the scene's objects: transforms, materials and lights."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator, MutableMapping, Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.view_table import array, check_transforms
+from solari_vk.errors import SolariError, quoted
+from solari_vk.scene.lights.portal import Portal
+from solari_vk.scene.model import Instance, Light, Material
+from solari_vk.scene.observed import Checked, Observable
+
+Item = TypeVar("Item", bound=Checked)
+Values = TypeVar("Values")
+
+
+class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
+    """What objects of the scene are in each world, by the name of an object or by itself. Objects without are the
+    scene's in all worlds."""
+
+    where: str  # for messages
+    kind: type[Any]
+    among: str  # the scene's collection
+
+    def __init__(self, binder: SceneBinder, worlds: int) -> None:
+        self._binder, self._worlds = binder, worlds
+        self._given: dict[Item, Values] = {}
+        self.changed: set[Item] = set()
+
+    def _item(self, key: str | Item) -> Item:
+        items, name = getattr(self._binder.scene, self.among), self.among.removesuffix("s")
+        if isinstance(key, self.kind):
+            if key not in items:
+                raise SolariError(f"{self.where}: the scene doesn't have {key.describe()}")
+            item: Item = key
+            return item
+        if not isinstance(key, str):
+            article = "an" if self.kind is Instance else "a"
+            raise SolariError(f"{self.where}: give the name of {article} {name} or {article} {self.kind.__name__}, "
+                              f"not {quoted(key)}")  # fmt: skip
+        found: Item = items[key]
+        return found
+
+    def _checked(self, item: Item, values: Any) -> Values:
+        raise NotImplementedError
+
+    def _by_default(self, item: Item) -> Values:
+        raise NotImplementedError
+
+    def _replace(self, item: Item, values: Values | None) -> None:
+        """Keep what is checked, or None for the scene's."""
+        if values is None:
+            self._given.pop(item, None)
+        else:
+            self._given[item] = values
+        self.changed.add(item)
+
+    def __setitem__(self, key: str | Item, values: Any) -> None:
+        item = self._item(key)
+        if self._worlds == 1:
+            raise SolariError(f"{self.where}: the batch has one world: change {item.describe()} in the scene")
+        self._replace(item, self._checked(item, values))
+
+    def __getitem__(self, key: str | Item) -> Values:
+        """A copy."""
+        item = self._item(key)
+        values: Any = self._given[item] if item in self._given else self._by_default(item)
+        copy: Values = values.copy()
+        return copy
+
+    def __delitem__(self, key: str | Item) -> None:
+        """Have all worlds show an object as the scene has it."""
+        item = self._item(key)
+        if item not in self._given:
+            raise KeyError(key)
+        self._replace(item, None)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._given)
+
+    def __len__(self) -> int:
+        return len(self._given)
+
+    def present(self) -> dict[Item, Values]:
+        """What was given; what left the scene is forgotten."""
+        items = getattr(self._binder.scene, self.among)
+        for item in [item for item in self._given if item not in items]:
+            self._replace(item, None)
+        return self._given
+
+    def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
+        given = list(values) if isinstance(values, Sequence) else None
+        if given is None or len(given) != self._worlds:
+            there = quoted(values) if given is None else f"{len(given)}"
+            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self._worlds} {what}, one for each "
+                              f"world, not {there}")  # fmt: skip
+        for world, value in enumerate(given):
+            if not isinstance(value, kind):
+                raise SolariError(f"{self.where}: world {world} of {item.describe()} takes one of {what}, not "
+                                  f"{quoted(value)}")  # fmt: skip
+        return given
+
+
+class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
+    """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
+    object. Instances without have the scene's in all worlds.
+
+    Assign numpy arrays, or tensors. Raises SolariError for an instance that the scene doesn't have, and for transforms
+    that `Instance.transform` doesn't take.
+    """
+
+    where, kind, among = "Batch.transforms", Instance, "instances"
+
+    def _checked(self, item: Instance, values: ArrayLike) -> NDArray[np.float64]:
+        given = array(values, f"of {item.describe()}", (self._worlds, 4, 4), where=self.where)
+        check_transforms(given, item.describe(), self.where, "world")
+        return np.array(given)
+
+    def _by_default(self, item: Instance) -> NDArray[np.float64]:
+        return np.broadcast_to(item.transform, (self._worlds, 4, 4))
+
+
+class WorldMaterials(OfWorlds[Instance, list[Material]]):
+    """The materials of instances by world, by the name of each instance or by itself: a list with one for each world,
+    in which materials may occur several times. Instances without have the scene's in all worlds.
+
+    A material may have textures, and emit light. It may be edited, as any other. Raises SolariError for an instance
+    that the scene doesn't have, and for wrong lists.
+    """
+
+    where, kind, among = "Batch.world_materials", Instance, "instances"
+
+    def _checked(self, item: Instance, values: Any) -> list[Material]:
+        return self._checked_list(item, values, Material, "sv.Material")
+
+    def _by_default(self, item: Instance) -> list[Material]:
+        return [item.material] * self._worlds
+
+    def _replace(self, item: Instance, values: list[Material] | None) -> None:
+        before = self._given.get(item, [])
+        super()._replace(item, values)
+        table = self._binder.materials
+        for material in dict.fromkeys(values or ()):
+            table.acquire(material, item)
+        for material in dict.fromkeys(before):
+            table.release(material, item)
+        for material in dict.fromkeys([*before, *(values or ())]):
+            self._binder.note(material)
+
+    def destroy(self) -> None:
+        """Let go of the materials."""
+        for item in list(self._given):
+            self._replace(item, None)
+
+
+class WorldLights(OfWorlds[Light, list[Light | None]]):
+    """The lights of the scene by world, by the name of each light or by itself: a list with what takes its place in
+    each world, None for nothing. Lights without are the scene's in all worlds.
+
+    They are of any kind but portals, environments with images of their own among them, and may be edited as any other.
+    Raises SolariError for a light that the scene doesn't have, and for wrong lists.
+    """
+
+    where, kind, among = "Batch.world_lights", Light, "lights"
+
+    def __init__(self, binder: SceneBinder, worlds: int) -> None:
+        super().__init__(binder, worlds)
+        self._edits = weakref.WeakKeyDictionary[Light, int]()
+
+    def _checked(self, item: Light, values: Any) -> list[Light | None]:
+        given = self._checked_list(item, values, Light | None, "sv lights, or None")  # type: ignore[arg-type]
+        for world, light in enumerate(given):
+            if isinstance(light, Portal):
+                raise SolariError(f"{self.where}: world {world} of {item.describe()} can't have a portal: all worlds "
+                                  "share the scene's")  # fmt: skip
+        return given
+
+    def _by_default(self, item: Light) -> list[Light | None]:
+        return [item] * self._worlds
+
+    def note(self, changed: Observable) -> None:
+        """A light in use was edited."""
+        assert isinstance(changed, Light)
+        self._edits[changed] = self._edits.get(changed, 0) + 1
+        self.changed.add(changed)
+
+    def edits_of(self, light: Light | None) -> int:
+        """How often a light was edited since it was first given."""
+        return 0 if light is None else self._edits.get(light, 0)
+
+    def _replace(self, item: Light, values: list[Light | None] | None) -> None:
+        super()._replace(item, values)
+        for light in values or ():
+            if light is not None:
+                light.watch(self)
