@@ -152,8 +152,8 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "solari-vk[terminal]"
     )
     mode: str = option(
-        "realtime lighting, or the reference path tracer; auto is the mode whose options are given, otherwise the "
-        "denoised reference, or realtime where OIDN isn't installed (auto)",
+        "realtime lighting, or the reference path tracer. auto is realtime if an option of realtime frames is given, "
+        "such as --frames, and otherwise the denoised reference if OIDN is installed (auto)",
         choices=("auto", "realtime", "reference"), default="auto",
     )
     aov: tuple[str, ...] = option("layers of an .exr or .npz, otherwise further files", "A,B", type=words, default=())

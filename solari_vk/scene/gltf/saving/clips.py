@@ -24,7 +24,7 @@ from solari_vk.scene.objects import Instance
 POINTER = "KHR_animation_pointer"
 _PARTS = ("translation", "rotation", "scale")
 _ROUNDING = 1e-5  # of coordinates, relative to the largest
-_AT_REST = "what follows clips is written as it is before one is played"
+_AT_REST = "clips play from the pose in which the file was loaded, in which these are written"
 
 
 class RigNodes:
