@@ -302,8 +302,8 @@ class PathTracer(ShutterRenderer):
     def error(self) -> float:
         """The picture's estimated error relative to its luminance, 0.01 for 1 %: the root of relMSE.
 
-        inf before there are enough samples, and after `render` without target_error. Of a denoised picture it is that of
-        an earlier one with half the samples or fewer, noise and bias, which the samples since then show."""
+        inf before there are enough samples, and after `render` without target_error. Of a denoised picture it is noise
+        and bias of an earlier one with half the samples or fewer, which the samples since then show."""
         return self._control.error
 
     @property

@@ -87,8 +87,8 @@ class Settings(SeparatePasses):
     )
 
     # ---- ReSTIR of paths (lighting=paths)
-    restir: bool = _restir(False, "Pixels reuse light that others found (ReSTIR). Less noise of direct light "
-                           "in raw frames of many lamps; denoised frames are often no better. Slower.", rebuilds=True)
+    restir: bool = _restir(False, "Pixels reuse light that others found (ReSTIR). Less noise in some scenes, "
+                           "more in others, which the measured pages name; slower.", rebuilds=True)
     restir_confidence_cap: float = _restir(
         8.0, "Largest confidence of history, in frames. More: noise that lasts.", low=1, high=1e4
     )
