@@ -14,9 +14,9 @@ from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.studio import add_floor, add_lamp, heading, studio_lights
 
-# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls. Weaker ones are signs and screens,
-# and so are surfaces as dark as paper, unless they are as bright on average as the walls.
-LEAST_EMISSION, LEAST_OF_PAPER = 0.04, 0.4
+# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls, or a fifth if none is brighter than
+# white paper there. Weaker ones are signs, screens and labels.
+LEAST_EMISSION, LEAST_OF_PAPER = 0.04, 0.08
 SUN_HEADING, SUN_HEIGHT = math.radians(-50), math.radians(40)  # from the camera's heading, and above the horizon
 
 
