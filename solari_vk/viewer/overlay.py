@@ -154,7 +154,8 @@ class Overlay:
             imgui.pop_style_var()
 
     def _help(self) -> None:
-        self._centered()
+        """In the middle of the window: a picture beside the panels may be too narrow."""
+        imgui.set_next_window_pos(imgui.get_main_viewport().get_center(), 0, imgui.ImVec2(0.5, 0.5))
         imgui.begin("keys", None, BARE | imgui.WindowFlags_.always_auto_resize)
         if imgui.begin_table("keys", 2):
             for text in itertools.chain.from_iterable(KEYS_HELP):
