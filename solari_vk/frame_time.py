@@ -34,8 +34,9 @@ class FrameTimeControl:
         self.share = 1.0
         """Of the latest frame."""
         self.limit = ""
-        """What keeps frames from taking the time that is asked for: "fewest paths", so that they take longer, or "most
-        paths", so that they are done sooner; empty if nothing does."""
+        """What keeps frames from taking the time that is asked for: "fewest paths", so that they take longer, "most
+        paths", so that they are done sooner, or "denoise=off", so that each pixel takes a path; empty if nothing
+        does."""
         self._estimate: tuple[float, float] | None = None  # of the other passes; of all paths at a share of 1
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time
@@ -51,6 +52,9 @@ class FrameTimeControl:
         """As `choose`, for the next submission of a frame, after a look at the times of those before."""
         times = frame.timings_so_far()
         self.note_times(frame.timed_value, times)
+        if not settings.denoise:
+            self.share, self.limit, self._next, self._history = 1.0, "denoise=off", (1.0, 0.0), 0.0
+            return self.share
         return self.choose(settings.frame_ms, settings.paths_short_history_samples, is_cut)
 
     def choose(self, frame_ms: float, short_history_samples: int, is_cut: bool) -> float:

@@ -129,6 +129,10 @@ def test_on_a_device(device):
             renderer.settings.frame_ms = frame_ms
             settle(renderer, None, 6)
             assert (renderer.frame_time.share, renderer.frame_time.limit) == (share, limit)
+        renderer.settings.denoise = False
+        renderer.render()
+        assert (renderer.frame_time.share, renderer.frame_time.limit) == (1.0, "denoise=off")
+        renderer.settings.reset("denoise")
         for name, value in (("restir", True), ("lighting", "split")):
             setattr(renderer.settings, name, value)
             with pytest.raises(sv.SolariError, match="frame_ms needs lighting=paths and restir=off"):
