@@ -23,7 +23,7 @@ LONG_HISTORY = 8.0  # frames: SHORT_HISTORY of glsl/passes/paths/short_history.g
 FRAMES = 64  # whose percentile is taken
 FEW_FRAMES = 8  # with fewer of them there is no percentile yet
 WEIGHT = 0.2  # of the newest frame in an estimate
-JUMP = 1.25  # how much slower than estimated a frame is to be for its time to replace the estimate
+JUMP = 1.25  # how much slower than estimated two frames in a row are to be for their time to replace the estimate
 PATHS = "paths/"  # what the names of their passes begin with
 
 
@@ -40,7 +40,9 @@ class FrameTimeControl:
         self._estimate: tuple[float, float] | None = None  # of the other passes; of all paths at a share of 1
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time
+        self._found = 0.0, 0.0  # the latest frame's own estimate
         self._next = 1.0, 0.0
+        self._is_first = True
         self._history = 0.0  # frames of light since the latest cut
 
     @property
@@ -71,8 +73,11 @@ class FrameTimeControl:
         return self.share
 
     def note_submission(self, value: int) -> None:
-        """value: the device's timeline value of the frame that was chosen for."""
-        self._submitted[value] = self._next
+        """value: the device's timeline value of the frame that was chosen for. The first one's time, which may include
+        what a driver does once, doesn't count."""
+        if not self._is_first:
+            self._submitted[value] = self._next
+        self._is_first = False
 
     def note_times(self, value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""
@@ -81,13 +86,15 @@ class FrameTimeControl:
         count, expected = self._submitted[value]
         self._submitted = {later: what for later, what in self._submitted.items() if later > value}
         paths = sum(time for name, time in times.items() if name.startswith(PATHS))
-        found = sum(times.values()) - paths, paths / count
+        before, found = self._found, (sum(times.values()) - paths, paths / count)
+        self._found = found
         if self._estimate is None:
             self._estimate = found
             return
         if expected > 0.0:
             self._ratios.append(sum(times.values()) / expected)
-        self._estimate = _updated(self._estimate[0], found[0]), _updated(self._estimate[1], found[1])
+        others, all_paths = map(_updated, self._estimate, before, found)
+        self._estimate = others, all_paths
 
 
 def check_frame_ms(settings: Settings, device: Device) -> None:
@@ -100,5 +107,7 @@ def check_frame_ms(settings: Settings, device: Device) -> None:
         raise SolariError(f"Renderer: {device.name} has no timestamps, which the setting frame_ms needs: set it to 0")
 
 
-def _updated(estimate: float, found: float) -> float:
-    return found if found > JUMP * estimate else estimate + WEIGHT * (found - estimate)
+def _updated(estimate: float, before: float, found: float) -> float:
+    """An estimate, after two frames. One slow frame alone, as other programs cause, changes it little."""
+    at_once = min(before, found)
+    return at_once if at_once > JUMP * estimate else estimate + WEIGHT * (min(found, JUMP * estimate) - estimate)

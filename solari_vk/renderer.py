@@ -180,6 +180,7 @@ class Renderer(ExposureRenderer):
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
+        self.frame_time = FrameTimeControl()
         self._note_build()
         if self._built_render_size != rendered:
             self.reset()  # histories have another size

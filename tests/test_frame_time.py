@@ -20,10 +20,10 @@ MEAN = Rule("frames with half of the paths have the mean of those with all", SUI
 TILES = Rule("so has each of 4 x 4 tiles", SUITE, "Frame time")
 
 
-def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), noise=0.05, delay=2):
+def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), hitches=(), noise=0.05, delay=2):
     """The times of the frames of a device whose other passes take 2 ms and its paths `paths(frame)` at a share of 1,
     each up to `noise` (a standard deviation); they are known `delay` frames later. After a cut pixels take two paths
-    for 8 frames, at first of 1.5 times the length."""
+    for 8 frames, at first of 1.5 times the length. Hitches take ten times as long."""
     random, times, history = np.random.default_rng(1), [], 0.0
     for frame in range(frames):
         if frame >= delay:
@@ -34,7 +34,7 @@ def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), 
         history = 0.0 if cut else history
         count = share * (2 if history < 8 else 1) * (1.5 if history < 3 else 1.0)
         history += min(count, 1.0)
-        spread = np.exp(noise * random.standard_normal(2))
+        spread = np.exp(noise * random.standard_normal(2)) * (10 if frame in hitches else 1)
         times.append({"paths/first_ray": (0.3 + paths(frame) * count) * spread[0], "taa/resolve": 2.0 * spread[1]})
     return np.array([sum(passes.values()) for passes in times])
 
@@ -53,11 +53,18 @@ def test_the_percentile_holds(case, noise):
 
 
 def test_slower_frames_are_followed_at_once():
-    """Their times are known two frames later."""
+    """Their times are known two frames later, and two of them count."""
     paths = lambda frame: 4.0 if frame < 200 else 9.0  # noqa: E731
     times = device_times(FrameTimeControl(), 6.0, frames=220, paths=paths, noise=0.0)
-    assert (times[200:202] > 1.1 * 6.0).all()
+    assert (times[200:203] > 1.1 * 6.0).all()
     assert (times[203:] < 1.1 * 6.0).all()
+
+
+def test_one_slow_frame_costs_no_paths():
+    """Neither the first one nor one later."""
+    times = device_times(FrameTimeControl(), 6.0, hitches=(0, 200), noise=0.0)
+    assert (times[16:200] > 0.9 * 6.0).all()
+    assert (times[201:] > 0.85 * 6.0).all()
 
 
 def test_it_says_what_it_cannot_hold():
@@ -129,6 +136,10 @@ def test_on_a_device(device):
             renderer.settings.frame_ms = frame_ms
             settle(renderer, None, 6)
             assert (renderer.frame_time.share, renderer.frame_time.limit) == (share, limit)
+        control = renderer.frame_time
+        renderer.resize((16, 16))
+        renderer.render()
+        assert renderer.frame_time is not control
         renderer.settings.denoise = False
         renderer.render()
         assert (renderer.frame_time.share, renderer.frame_time.limit) == (1.0, "denoise=off")
