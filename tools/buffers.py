@@ -60,15 +60,17 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
 
 
 def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
-    """The frame of the BRDF's tables, and one of all others: each lighting, with and without reuse, either G-buffer,
-    realtime views, the path tracer, first hits by raster. The next one closes it."""
+    """The frame of the BRDF's tables, and one of all others: each lighting, with and without reuse and a given time,
+    either G-buffer, realtime views, the path tracer, first hits by raster. The next one closes it."""
     import solari_vk as sv
     from solari_vk.passes import brdf_table, gbuffer, pathtracer
 
     scene = sv.builtin("cornell_box")
     scene.instances[0].material.transmission = 0.5  # features of scenes: lobes, meshes for rays alone
     scene.instances[0].ray_mesh = scene.instances[0].mesh
-    choices = {"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"lighting": "split"}
+    choices = (
+        {"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"frame_ms": 1.0}, {"lighting": "split"}
+    )  # fmt: skip
     with sv.Frame(device, [brdf_table.stage()]) as tables:
         for choice in choices:
             with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:
