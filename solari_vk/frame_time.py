@@ -15,11 +15,11 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
+from solari_vk.passes.paths import MIN_TIMED_SAMPLES, SHORT_HISTORY, most_timed_samples
 from solari_vk.settings import Settings
 
 MIN_SHARE = 1 / 16  # below it the other passes take most of a frame, and histories would hardly grow
-MAX_SHARE = 2.0
-LONG_HISTORY = 8.0  # frames: SHORT_HISTORY of glsl/passes/paths/short_history.glsl
+MAX_SHARE = float(MIN_TIMED_SAMPLES)
 FRAMES = 64  # whose percentile is taken
 FEW_FRAMES = 8  # with fewer of them there is no percentile yet
 WEIGHT = 0.2  # of the newest frame in an estimate
@@ -41,7 +41,7 @@ class FrameTimeControl:
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time
         self._found = 0.0, 0.0  # the latest frame's own estimate
-        self._next = 1.0, 0.0
+        self._next: tuple[float, float] | None = None  # of the frame that is chosen for
         self._is_first = True
         self._history = 0.0  # frames of light since the latest cut
 
@@ -57,27 +57,31 @@ class FrameTimeControl:
         if not settings.denoise:
             self.share, self.limit, self._next, self._history = 1.0, "denoise=off", (1.0, 0.0), 0.0
             return self.share
-        return self.choose(settings.frame_ms, settings.paths_short_history_samples, is_cut)
+        long = min(SHORT_HISTORY, settings.denoise_max_history - 1)
+        return self.choose(settings.frame_ms, settings.paths_short_history_samples, is_cut, long)
 
-    def choose(self, frame_ms: float, short_history_samples: int, is_cut: bool) -> float:
-        """The share for the next frame, which is to take frame_ms. is_cut: it has no history."""
+    def choose(self, frame_ms: float, short_samples: int, is_cut: bool, long_history: float = SHORT_HISTORY) -> float:
+        """The share for the next frame, which is to take frame_ms. short_samples: the paths of pixels with fewer than
+        long_history frames, at a share of 1. is_cut: it has no history."""
         self._history = 0.0 if is_cut else self._history
-        samples = short_history_samples if self._history < LONG_HISTORY else 1
+        samples = short_samples if self._history < long_history else 1
+        max_share = min(MAX_SHARE, most_timed_samples(short_samples) / samples)
+        others, paths = self._estimate or (0.0, 0.0)
         if self._estimate is not None:
-            others, paths = self._estimate
             wanted = (frame_ms / max(self.percentile, 1.0) - others) / max(paths * samples, 1e-9)
-            self.share = min(max(wanted, MIN_SHARE), MAX_SHARE)
+            self.share = min(max(wanted, MIN_SHARE), max_share)
             self.limit = "fewest paths" if wanted < self.share else "most paths" if wanted > self.share else ""
-            self._next = self.share * samples, others + paths * self.share * samples
-        self._history += min(self.share * samples, 1.0)
+        count = max(self.share * samples, 1.0 if self._history < 1.0 else 0.0)  # as in short_history.glsl
+        self._next = count, others + paths * count
+        self._history += min(count, 1.0)
         return self.share
 
     def note_submission(self, value: int) -> None:
-        """value: the device's timeline value of the frame that was chosen for. The first one's time, which may include
-        what a driver does once, doesn't count."""
-        if not self._is_first:
+        """value: the device's timeline value of a frame. Without a choice for it nothing is noted. The first one's
+        time, which may include what a driver does once, doesn't count."""
+        if self._next and not self._is_first:
             self._submitted[value] = self._next
-        self._is_first = False
+        self._next, self._is_first = None, False
 
     def note_times(self, value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""

@@ -83,11 +83,10 @@ class Renderer(ExposureRenderer):
         self._owned.callback(self.binder.keep_previous_tlas, self, False)
         try:
             self.view, self.tonemap = PICTURE, "agx"
-            self.frame_count = 0
+            self.frame_count, self.frame_time = 0, FrameTimeControl()
             self._has_history, self._blended_changes = False, 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            self.frame_time = FrameTimeControl()  # of the setting frame_ms
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
@@ -142,8 +141,7 @@ class Renderer(ExposureRenderer):
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
-        if self.settings.frame_ms > 0:
-            self.frame_time.note_submission(submission)
+        self.frame_time.note_submission(submission)
         return projection, submission
 
     def _prepare(self) -> None:
@@ -172,6 +170,7 @@ class Renderer(ExposureRenderer):
         self._built = self._build_key()
         self._built_render_size = self.render_size
         self._jitters = jitters(taa.jitter_count(self.settings))
+        self.frame_time = FrameTimeControl()  # of the setting frame_ms
 
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
@@ -181,7 +180,6 @@ class Renderer(ExposureRenderer):
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
-        self.frame_time = FrameTimeControl()
         self._note_build()
         if self._built_render_size != rendered:
             self.reset()  # histories have another size

@@ -23,7 +23,7 @@ TILES = Rule("so has each of 4 x 4 tiles", SUITE, "Frame time")
 def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), hitches=(), noise=0.05, delay=2):
     """The times of the frames of a device whose other passes take 2 ms and its paths `paths(frame)` at a share of 1,
     each up to `noise` (a standard deviation); they are known `delay` frames later. After a cut pixels take two paths
-    for 8 frames, at first of 1.5 times the length. Hitches take ten times as long."""
+    for 8 frames, one at least in the first, at first of 1.5 times the length. Hitches take ten times as long."""
     random, times, history = np.random.default_rng(1), [], 0.0
     for frame in range(frames):
         if frame >= delay:
@@ -32,10 +32,12 @@ def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), 
         share = control.choose(target, 2, cut)
         control.note_submission(frame)
         history = 0.0 if cut else history
-        count = share * (2 if history < 8 else 1) * (1.5 if history < 3 else 1.0)
+        count = max(min(share * (2 if history < 8 else 1), 2.0), float(history < 1))
+        length = 1.5 if history < 3 else 1.0
         history += min(count, 1.0)
         spread = np.exp(noise * random.standard_normal(2)) * (10 if frame in hitches else 1)
-        times.append({"paths/first_ray": (0.3 + paths(frame) * count) * spread[0], "taa/resolve": 2.0 * spread[1]})
+        traced = 0.3 + paths(frame) * count * length
+        times.append({"paths/first_ray": traced * spread[0], "taa/resolve": 2.0 * spread[1]})
     return np.array([sum(passes.values()) for passes in times])
 
 
@@ -65,6 +67,20 @@ def test_one_slow_frame_costs_no_paths():
     times = device_times(FrameTimeControl(), 6.0, hitches=(0, 200), noise=0.0)
     assert (times[16:200] > 0.9 * 6.0).all()
     assert (times[201:] > 0.85 * 6.0).all()
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+def test_pixels_with_a_short_history_take_no_more_than_they_may(samples):
+    """A device of plenty: first 4 paths or 2, then 2."""
+    control = FrameTimeControl()
+    control.note_submission(0)
+    for frame in range(1, 12):
+        control.note_times(frame - 1, {"paths/first_ray": 1.0})
+        control.choose(1e3, samples, frame == 1, 4.0)
+        count = control._next[0]
+        control.note_submission(frame)
+        if frame > 2:
+            assert count == (max(samples, 2) if frame < 5 else 2.0)
 
 
 def test_it_says_what_it_cannot_hold():
@@ -134,7 +150,7 @@ def test_on_a_device(device):
     with make_renderer(device, builtin("cornell_box"), SIZE, **PLAIN, frame_ms=1e-3) as renderer:
         for frame_ms, share, limit in ((1e-3, MIN_SHARE, "fewest paths"), (1e4, MAX_SHARE, "most paths")):
             renderer.settings.frame_ms = frame_ms
-            settle(renderer, None, 6)
+            settle(renderer, None, 16)
             assert (renderer.frame_time.share, renderer.frame_time.limit) == (share, limit)
         control = renderer.frame_time
         renderer.resize((16, 16))
@@ -143,6 +159,11 @@ def test_on_a_device(device):
         renderer.settings.denoise = False
         renderer.render()
         assert (renderer.frame_time.share, renderer.frame_time.limit) == (1.0, "denoise=off")
+        assert len(renderer.frame_time._submitted) < 4
+        renderer.settings.frame_ms = 0.0
+        settle(renderer, None, 4)
+        assert not renderer.frame_time._submitted, "frames without frame_ms are not noted"
+        renderer.settings.frame_ms = 1.0
         renderer.settings.reset("denoise")
         for name, value in (("restir", True), ("lighting", "split")):
             setattr(renderer.settings, name, value)

@@ -66,7 +66,7 @@ MAY_IMPORT = {
     "sample_control": {"errors", "output", "passes", "gpu.frame"},
     "reference": {"motion_blur", "sample_control", *RENDERING},
     "light_meter": {"color", "reference", "gpu.acceleration", *RENDERING},
-    "frame_time": {"errors", "settings", "gpu.device", "gpu.frame"},
+    "frame_time": {"errors", "passes", "settings", "gpu.device", "gpu.frame"},
     "renderer": {"frame_time", "motion_blur", "settings", *RENDERING},
     "bands": {"reference", *RENDERING},
     "view_renderers": {"reference", "renderer", "gpu.shaders", *RENDERING},

@@ -14,6 +14,7 @@ RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that take the memory of paths that waited, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # paths that a pixel may take with frame_ms, at least
+SHORT_HISTORY = 8.0  # frames of history from which one path is enough
 WAVES = 3  # dispatches that go on with the paths that are left after their first rays
 
 
@@ -27,7 +28,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
     short = 1 if settings.restir else settings.paths_short_history_samples
     timed = settings.frame_ms > 0
-    samples = max(short, MIN_TIMED_SAMPLES) if timed else short
+    samples = most_timed_samples(short) if timed else short
     numbers = {"short_history_samples": short, "max_timed_samples": samples if timed else 0}
     traced = brdf | numbers | {"paths_reuse": settings.restir}
     of_list = Pass("paths/first_ray", indirect="paths_wave", constants=traced)
@@ -62,6 +63,11 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     )
 
 
+def most_timed_samples(short_history_samples: int) -> int:
+    """The most paths that a pixel takes with frame_ms."""
+    return max(short_history_samples, MIN_TIMED_SAMPLES)
+
+
 def glsl_header() -> str:
-    """The index of the last wave."""
-    return constants(LAST_WAVE=WAVES)
+    """The index of the last wave; frames of history from which one path is enough."""
+    return constants(LAST_WAVE=WAVES, SHORT_HISTORY=SHORT_HISTORY)

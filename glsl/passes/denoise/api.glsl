@@ -24,7 +24,7 @@ float specular_history_length(uint index) { return unpack_lobe_history(denoise_s
 float history_noise(uint index) {
     LobeHistory lobe = unpack_lobe_history(denoise_diffuse.at[index]);
     float mean = luminance(lobe.radiance), variance = max(lobe.second_moment - mean * mean, 0.0);
-    return mean > 0.0 ? sqrt(variance / lobe.frames) / mean : 0.0;
+    return mean > 0.0 ? sqrt(variance / max(lobe.frames, 1.0)) / mean : 0.0;
 }
 
 // The estimated error of the luminance of light that is multiplied by these albedos: noise and the filter's bias.

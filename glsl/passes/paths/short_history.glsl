@@ -4,6 +4,7 @@
 #define PASSES_PATHS_SHORT_HISTORY_GLSL
 
 #include "common/random.glsl"
+#include "generated/passes/paths.glsl"
 #include "passes/bindings.glsl"
 #include "passes/denoise/api.glsl"
 
@@ -14,7 +15,6 @@ layout(constant_id = max_timed_samples_id) const uint max_timed_samples = 0u;
 // The mean number of paths that pixels take with the setting frame_ms, over the number without it.
 layout(set = 1, scalar) uniform PathShareBlock { float value; } path_share;
 
-const float SHORT_HISTORY = 8.0;  // frames of history from which one path is enough
 const uint SHARE_SALT = 0x5BE0CD19u;
 const uint GOLDEN_RATIO = 2654435769u;  // of 2^32
 
@@ -27,10 +27,12 @@ uint samples_per_pixel(uint index) {
     uint samples = frames < long_enough ? short_history_samples : 1u;
     if (max_timed_samples == 0u) { return samples; }
     // Rounded up or down by a number that is uniform over pixels and, within a pixel, evenly spaced over frames. So the
-    // chance of a path doesn't depend on what paths have found. Pixels without a history take a path at least.
+    // chance of a path doesn't depend on what paths have found. Pixels without a frame of history, as after most of it
+    // was dropped, take a path at least.
     uint offset = seed_rng(uvec2(index, 0u), 0u, this_frame.seed ^ SHARE_SALT);
     float expected = min(path_share.value * float(samples), float(max_timed_samples));
-    return max(uint(expected + unit_float(offset + this_frame.index * GOLDEN_RATIO)), frames == 0.0 ? 1u : 0u);
+    uint chosen = uint(expected + unit_float(offset + this_frame.index * GOLDEN_RATIO));
+    return clamp(chosen, frames < 1.0 ? 1u : 0u, max_timed_samples);  // unit_float rounds to 1 in sums
 }
 
 #endif
