@@ -142,8 +142,7 @@ class Renderer(ExposureRenderer):
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
-        if self.settings.frame_ms > 0:
-            self.frame_time.note_submission(submission)
+        self.frame_time.note_submission(submission)
         return projection, submission
 
     def _prepare(self) -> None:

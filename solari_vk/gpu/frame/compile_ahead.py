@@ -63,7 +63,7 @@ def compiling_ahead(
                 while (made := take()) is not None:
                     _run_once(users, same, sets, made)
                     taken[made].set()
-        except Exception:  # noqa: BLE001, S110  # the frame's own device compiles the rest, and raises what it meets
+        except Exception:  # the frame's own device compiles the rest, and raises what it meets
             pass
         finally:
             if made is not None:
