@@ -41,7 +41,7 @@ class FrameTimeControl:
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time
         self._found = 0.0, 0.0  # the latest frame's own estimate
-        self._next: tuple[float, float] | None = None  # of the frame that is chosen for
+        self._next: tuple[float, float] | None = None  # what was chosen for the next frame
         self._is_first = True
         self._history = 0.0  # frames of light since the latest cut
 
