@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import settle
+from support.frames import find, settle
 from support.measured import hold
 from support.realtime import Effort, make_renderer, measure_mean, measure_significance, read_radiance, run_pictures
 from support.seeded_bugs import Bug, bug_tests
@@ -98,25 +98,27 @@ class FixedShare(FrameTimeControl):
         return self.share
 
 
-def with_share(device, share, **settings):
-    renderer = make_renderer(device, builtin("cornell_box"), SIZE, **PLAIN, **settings, frame_ms=1.0)
+def with_share(device, share, scene=None, **settings):
+    chosen = PLAIN | settings | {"frame_ms": 1.0}
+    renderer = make_renderer(device, scene or builtin("cornell_box"), SIZE, **chosen)
     renderer.frame_time = FixedShare()
     renderer.frame_time.share = share
     return renderer
 
 
-def check_mean(device):
+def check_mean(device, **settings):
     """Denoised frames with half of the paths against those with all."""
     effort, found = Effort(), []
     for share in (0.5, 1.0):
-        with with_share(device, share) as renderer:
+        with with_share(device, share, **settings) as renderer:
             found.append(run_pictures(renderer, renderer.binder.scene.camera, effort, read_radiance))
     half, whole = found
     return [measure_mean(MEAN, half, whole.mean(axis=0), 0.005, effort), measure_significance(TILES, half, whole)]
 
 
-def test_half_of_the_paths_have_the_same_mean(device):
-    hold(check_mean(device))
+@pytest.mark.parametrize("world_cache", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_half_of_the_paths_have_the_same_mean(device, world_cache):
+    hold(check_mean(device, world_cache=world_cache))
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
@@ -136,6 +138,18 @@ def test_pixels_take_no_one_or_two_paths(device):
         shown = np.asarray(renderer["sample_radiance"]).any(axis=-1)
         assert (shown >= lit).all()
         assert shown[later[1]].all(), "pixels without a path show their history"
+
+
+def test_few_paths_follow_a_lamp(device):
+    """The share of the former light that is left: pixels without a path show it in one frame and no longer."""
+    scene = builtin("cornell_box")
+    lamp = find(scene, "lamp").material
+    with with_share(device, MIN_SHARE, scene, world_cache=True, jitter=False) as renderer:
+        before = read_radiance(settle(renderer, None, 64)).mean()
+        lamp.emissive = tuple(0.2 * np.array(lamp.emissive))
+        left = [(read_radiance(renderer.render()).mean() / before - 0.2) / 0.8 for _ in range(8)]
+    assert left[0] < 0.5
+    assert np.abs(left[1:]).max() < 0.05, left
 
 
 @pytest.mark.slow

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import os
 
 import numpy as np
 import pytest
 
 import solari_vk as sv
 from solari_vk.gpu.device import dlpack
+from solari_vk.gpu.device.cuda import Cuda, CudaMemory
 
 SIZE = (40, 24)
 
@@ -39,6 +41,22 @@ class HostTensor:
         return dlpack.capsule(
             self._array.ctypes.data, self._array.shape, self._array.dtype, (dlpack.CPU, 0), self._released
         )
+
+
+@pytest.mark.parametrize("take", [Cuda.import_timeline, lambda cuda, fd: CudaMemory(cuda, fd, 64, 64)])
+def test_files_are_closed_if_there_is_no_context(take):
+    class WithoutContext(Cuda):
+        def __init__(self):
+            pass
+
+        def current(self):
+            raise sv.DeviceError("cuCtxPushCurrent: no context")
+
+    fd = os.open(os.devnull, os.O_RDONLY)
+    with pytest.raises(sv.DeviceError, match="no context"):
+        take(WithoutContext(), fd)
+    with pytest.raises(OSError, match="descriptor"):
+        os.fstat(fd)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int32, np.uint8, np.float16])

@@ -128,6 +128,24 @@ def test_as_many_devices_compile_as_there_are_cores(monkeypatch, threads, disabl
     assert compile_ahead.device_count() == count
 
 
+def test_devices_without_a_listener_compile_ahead_too(any_device, stage, shaders, monkeypatch):
+    counts, run_new = [], Slot.run_new
+    monkeypatch.setattr(Slot, "run_new", lambda slot: (counts.append(1), run_new(slot)))
+    with Device(validation=False, on_compile=None) as device:
+        assert results(device, stage, shaders) == EXPECTED
+        assert bool(counts) == (device.properties.kind == "cpu")
+
+
+@pytest.mark.parametrize(("text", "count"), [("200000 100000", 2), ("50000 100000", 1), ("max 100000", 3), (None, 3)])
+def test_devices_keep_to_the_quota_of_a_container(monkeypatch, tmp_path, text, count):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(3), raising=False)
+    monkeypatch.setattr(compile_ahead, "CPU_QUOTA", tmp_path / "cpu.max")
+    monkeypatch.delenv("LP_NUM_THREADS", raising=False)
+    if text is not None:
+        (tmp_path / "cpu.max").write_text(text)
+    assert compile_ahead.device_count() == count
+
+
 def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch):
     created = []
 

@@ -166,7 +166,7 @@ class Cuda:
     def import_timeline(self, fd: int) -> CData:
         """A timeline semaphore, whose file descriptor then belongs to CUDA."""
         semaphore = _ffi.new("CUexternalSemaphore *")
-        with self.current(), closed_on_error(fd):
+        with closed_on_error(fd), self.current():
             self.call("cuImportExternalSemaphore", semaphore, _ffi.new(
                 "CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC *", {"type": _TIMELINE_FD, "handle": {"fd": fd}}
             ))  # fmt: skip
@@ -251,12 +251,12 @@ class CudaMemory:
     def __init__(self, cuda: Cuda, fd: int, allocated: int, size: int) -> None:
         self._cuda = cuda
         memory, pointer = _ffi.new("CUexternalMemory *"), _ffi.new("CUdeviceptr *")
+        with closed_on_error(fd), cuda.current():
+            cuda.call("cuImportExternalMemory", memory, _ffi.new("CUDA_EXTERNAL_MEMORY_HANDLE_DESC *", {
+                "type": _OPAQUE_FD, "handle": {"fd": fd}, "size": allocated, "flags": _DEDICATED,
+            }))  # fmt: skip
+        self._memory = memory[0]
         with cuda.current():
-            with closed_on_error(fd):
-                cuda.call("cuImportExternalMemory", memory, _ffi.new("CUDA_EXTERNAL_MEMORY_HANDLE_DESC *", {
-                    "type": _OPAQUE_FD, "handle": {"fd": fd}, "size": allocated, "flags": _DEDICATED,
-                }))  # fmt: skip
-            self._memory = memory[0]
             try:
                 cuda.call("cuExternalMemoryGetMappedBuffer", pointer, self._memory,
                           _ffi.new("CUDA_EXTERNAL_MEMORY_BUFFER_DESC *", {"size": size}))  # fmt: skip

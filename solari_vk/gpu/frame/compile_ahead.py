@@ -11,6 +11,7 @@ import os
 import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -21,6 +22,7 @@ from solari_vk.gpu.frame.pipelines import Pipeline, Pipelines
 from solari_vk.gpu.shaders.spirv import Module
 
 MOST_DEVICES = 4  # each takes some hundred megabytes while it compiles
+CPU_QUOTA = Path("/sys/fs/cgroup/cpu.max")  # "QUOTA PERIOD" in microseconds, or "max PERIOD"
 
 
 def device_count() -> int:
@@ -29,7 +31,18 @@ def device_count() -> int:
         return 1
     given = os.environ.get("LP_NUM_THREADS", "")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = min(cores, _cores_of_group())
     return min(int(given) if given.isdigit() else cores, cores, MOST_DEVICES)
+
+
+def _cores_of_group() -> int:
+    """The quota of processor time of a container, in cores, at least 1; MOST_DEVICES without one. Of version 2 of
+    Linux's control groups."""
+    try:
+        quota, period = CPU_QUOTA.read_text(encoding="ascii").split()
+        return max(int(quota) // int(period), 1)
+    except (OSError, ValueError):  # no such file, or "max"
+        return MOST_DEVICES
 
 
 @contextmanager

@@ -164,7 +164,7 @@ class Frame:
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
-            if self.device.on_compile is not None and self.device.properties.kind == "cpu":
+            if self.device.properties.kind == "cpu":
                 slot.run_new()
         for structure in self._structures:
             structure.check_usable()
