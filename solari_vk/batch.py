@@ -225,7 +225,7 @@ class Batch(BatchResults):
                 results = {name: self._result(name) for name in names}
                 if index == 0 and (self._many is None or not self._many.holds(results, frames)):
                     self._close_many()
-                    self._many = ManyFrames(self.device, results, frames, self._lend)
+                    self._many = ManyFrames(self.device, results, frames)
                 assert self._many is not None
                 self._many.take(index, results)
         assert self._many is not None

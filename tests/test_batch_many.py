@@ -103,6 +103,12 @@ def test_tensors_of_frames_outlive_the_batch(device):
     with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, outputs=["depth"]) as batch:
         many = batch.render_many(poses_of(), frames=FRAMES)
         expected, tensor = many["depth"], many.tensor("depth")
+        batch.render_many(poses_of(2), frames=2)  # into other memory
+        device.wait_idle()
+        others = [device.buffer(tensor.nbytes, "other") for _ in range(256)]
+        assert not any(np.shares_memory(other.view(), tensor) for other in others)
+        for other in others:
+            other.destroy()
     np.testing.assert_array_equal(tensor, expected)
     live = device.objects_in_use
     del tensor
