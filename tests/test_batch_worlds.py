@@ -120,6 +120,37 @@ def test_edits_of_the_scene_reach_all_worlds(device, renderer):
         assert not batch.transforms
 
 
+def test_transforms_go_back_to_the_scenes(device):
+    scene = sv.builtin("cornell_box")
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+        poses = np.tile(CAMERAS[:1], (2, 1, 1))
+        before = batch.render(poses)["depth"]
+        batch.world_materials["short block"] = [sv.Material(), sv.Material()]
+        apart = np.tile(scene.instances["short block"].transform, (2, 1, 1))
+        apart[:, 1, 3] += 5
+        batch.transforms["short block"] = apart
+        assert (batch.render(poses)["depth"] != before).any()
+        del batch.transforms["short block"]
+        np.testing.assert_array_equal(batch.render(poses)["depth"], before)
+
+
+def test_lamps_of_worlds_move_with_the_scene(device):
+    """What emits light in worlds alone, at the scene's place."""
+    powers = []
+    for moved_early in (True, False):
+        scene = sv.builtin("cornell_box")
+        with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+            batch.world_materials["tall block"] = [sv.Material(emissive=(5, 5, 5)), sv.Material(emissive=(1, 9, 1))]
+            if not moved_early:
+                batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+            scene.instances["tall block"].update(scale=3, position=(0, 0.7, 0))
+            batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+            powers.append([(known.powers, known.positions) for known in batch._worlds.known_lights])
+    for early, late in zip(*powers, strict=True):
+        np.testing.assert_array_equal(late[0], early[0])
+        np.testing.assert_array_equal(late[1], early[1])
+
+
 def own_room(everything):
     """The Cornell box with a sun. everything: what costs shaders of their own too, a bulb and a sky."""
     scene, lights = sv.builtin("cornell_box"), [sv.DirectionalLight((0.1, -0.3, 1), illuminance=20, name="sun")]

@@ -184,7 +184,8 @@ class Worlds:
     def _write(self, differing: Mapping[Instance, Differing]) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         lamp_rows = self._lit.lamp_rows
-        kept = binder.revision, (*differing,), (*(one.materials is None for one in differing.values()),), (*lamp_rows,)
+        given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
+        kept = binder.revision, (*given,), (*lamp_rows,)
         if self._kept is None or self._kept[0] != kept:
             self._check_room()
             records = np.tile(binder.instance_table.records, (worlds, 1))
@@ -231,9 +232,10 @@ class Worlds:
     def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
         size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
         if buffer is None or buffer.size != size:
+            made = self._device.buffer(size, name)
             if buffer is not None:
                 buffer.destroy()
-            buffer = self._device.buffer(size, name)
+            buffer = made
         if records.nbytes:
             buffer.upload(records)
         return buffer
