@@ -151,6 +151,26 @@ def test_lamps_of_worlds_move_with_the_scene(device):
         np.testing.assert_array_equal(late[1], early[1])
 
 
+def test_worlds_stay_as_they_were_without_memory(device, monkeypatch):
+    scene, _ = own_room(False)
+    lamps, make = [sv.Material(emissive=(1, 1, 1)), sv.Material()], device.buffer
+
+    def refuse(size, name, **options):
+        if name == "light_sources":
+            raise sv.DeviceError("out of memory")
+        return make(size, name, **options)
+
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+        batch.world_lights["sun"] = [None, None]
+        batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+        batch.world_materials["short block"] = batch.world_materials["tall block"] = lamps
+        with monkeypatch.context() as patch, pytest.raises(sv.DeviceError, match="out of memory"):
+            patch.setattr(device, "buffer", refuse)
+            batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+        batch.world_materials.clear()
+        batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+
+
 def own_room(everything):
     """The Cornell box with a sun. everything: what costs shaders of their own too, a bulb and a sky."""
     scene, lights = sv.builtin("cornell_box"), [sv.DirectionalLight((0.1, -0.3, 1), illuminance=20, name="sun")]
