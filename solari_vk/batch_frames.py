@@ -108,9 +108,11 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             first = result.shaped(memory[: result.values])
             shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
             return shown
+        if self._device.properties.kind == "cpu":
+            return self[name]
         shape = result.shaped(np.empty(result.values, result.dtype)).shape
         copy = partial(buffer.record_copy, size=buffer.size)
-        return self._device.cuda.copy(copy, (self._frames, *shape), result.dtype)
+        return self._device.cuda_for(name).copy(copy, (self._frames, *shape), result.dtype)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._buffers)

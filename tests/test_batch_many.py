@@ -119,6 +119,32 @@ def test_tensors_of_frames_outlive_the_batch(device):
         many["depth"]
 
 
+def test_what_is_wrong_in_a_later_frame_changes_nothing(device):
+    scene = sv.builtin("cornell_box")
+    moves = np.tile(scene.instances["short block"].transform, (3, 2, 1, 1))
+    moves[:, :, 1, 3] += 5
+    with sv.Batch(device, scene, SIZE, VIEWS, worlds=2, outputs=["depth"]) as batch:
+        before = batch.render(poses_of(1)[0])["depth"]
+        wrong_poses, wrong_moves = poses_of(3), moves.copy()
+        wrong_poses[2, 0] = wrong_moves[2, 1] = 0
+        for poses, given in ((wrong_poses, moves), (poses_of(3), wrong_moves)):
+            with pytest.raises(sv.SolariError, match="must be affine"):
+                batch.render_many(poses, frames=3, transforms={"short block": given})
+            assert not batch.transforms
+            np.testing.assert_array_equal(batch["depth"], before)
+
+
+def test_frames_have_tensors_where_memory_is_not_mapped(device):
+    if device.properties.kind != "cpu":
+        pytest.skip("needs a software device")
+    with (
+        sv.Device(validation=True, staging=True) as device,
+        sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, outputs=["depth"]) as batch,
+    ):
+        many = batch.render_many(poses_of(2), frames=2)
+        np.testing.assert_array_equal(many.tensor("depth"), many["depth"])
+
+
 @pytest.mark.parametrize(("options", "said"), [
     ({"frames": 0}, "frames is 0"), ({"frames": 4}, r"must have the shape \(2, 4, 4\) or \(4, 2, 4, 4\)"),
     ({"outputs": ["radience"]}, "no result 'radience'"), ({"reset": np.zeros((3, 2))}, r"\(2,\) or \(5, 2\)"),
@@ -126,6 +152,8 @@ def test_tensors_of_frames_outlive_the_batch(device):
     ({"transforms": {"short block": np.eye(4)}}, r"transforms of short block must have the shape \(5, 1, 4, 4\)"),
     ({"cameras": [[sv.Camera()] * 2] * 3}, "give 5 lists of cameras, one for each frame, not 3"),
     ({"cameras": np.zeros((5, 2, 4, 4))}, "the pose of view 0 must be affine"),
+    ({"transforms": [1]}, r"transforms is a dictionary of arrays by instance, not \[1\]"),
+    ({"reset_cache": np.array([True, False])}, "reset_cache is True or False, not"),
 ])  # fmt: skip
 def test_wrong_frames_are_named(device, options, said):
     with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, renderer="realtime", outputs=()) as batch:

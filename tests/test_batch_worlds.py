@@ -164,9 +164,10 @@ def test_worlds_stay_as_they_were_without_memory(device, monkeypatch):
         batch.world_lights["sun"] = [None, None]
         batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
         batch.world_materials["short block"] = batch.world_materials["tall block"] = lamps
-        with monkeypatch.context() as patch, pytest.raises(sv.DeviceError, match="out of memory"):
-            patch.setattr(device, "buffer", refuse)
+        monkeypatch.setattr(device, "buffer", refuse)
+        with pytest.raises(sv.DeviceError, match="out of memory"):
             batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+        monkeypatch.setattr(device, "buffer", make)
         batch.world_materials.clear()
         batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
 
@@ -305,6 +306,20 @@ def test_wrong_worlds_are_named(device, monkeypatch):
             sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})
     with sv.Batch(device, scene, SIZE, 2) as batch, pytest.raises(sv.SolariError, match="has one world"):
         batch.transforms["short block"] = np.eye(4)[None]
+
+
+def test_a_light_takes_one_place_in_a_world(device):
+    scene, _ = own_room(False)
+    scene.add(sv.PointLight((1, 1, 1), intensity=1, name="bulb"))
+    shared, poses = sv.PointLight((0.5, 1, 1), intensity=2), np.tile(CAMERAS[:1], (2, 1, 1))
+    with sv.Batch(device, scene, SIZE, 2, worlds=2) as batch:
+        batch.world_lights["sun"] = [shared, None]
+        for given in ([None, shared], [shared, None]):
+            batch.world_lights["bulb"] = given
+            if given[0] is None:
+                batch.render(poses)
+        with pytest.raises(sv.SolariError, match="takes the places of two lights in world 0: give a copy"):
+            batch.render(poses)
 
 
 @pytest.mark.parametrize("way", ["material", "light"])

@@ -78,6 +78,7 @@ class LightsOfWorlds:
         shown = []
         for world in range(self._worlds):
             own = [(light if given is None else given[world]) for light, given in listed.items()]
+            _check_once(own, world)
             lit = [(lamp, made_of[lamp][world] if lamp in made_of else lamp.material,
                     moved[lamp][world] if lamp in moved else None) for lamp in lamps]  # fmt: skip
             lit = [one for one in lit if one[0].visible and one[1].emits]
@@ -214,6 +215,14 @@ class LightsOfWorlds:
         """Free everything."""
         self._forget()
         self._own.destroy()
+
+
+def _check_once(lights: Sequence[Light | None], world: int) -> None:
+    given = [light for light in lights if light is not None]
+    if len(set(given)) < len(given):
+        twice = next(light for light in given if given.count(light) > 1)
+        raise SolariError(f"Batch.world_lights: {twice.describe()} takes the places of two lights in world {world}: "
+                          "give a copy.copy of it for one of them")  # fmt: skip
 
 
 def _emission_key(material: Material) -> tuple[Any, ...]:

@@ -6,7 +6,7 @@ import os
 from functools import cached_property
 from typing import Any, Literal
 
-from solari_vk.errors import SolariError, checked_keywords, quoted
+from solari_vk.errors import DeviceError, SolariError, checked_keywords, quoted
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes
@@ -85,6 +85,13 @@ class Device(WorkQueue):
     def cuda(self) -> CudaTensors:
         """Makes tensors that CUDA shares. Raises DeviceError, with the reason, where it can't."""
         return CudaTensors(self, self.memory)
+
+    def cuda_for(self, name: str) -> CudaTensors:
+        """`cuda`, for a tensor of what has this name. Raises SolariError, with the reason, where there is none."""
+        try:
+            return self.cuda
+        except DeviceError as error:
+            raise SolariError(f"there is no tensor of {name} on the device: {error}: read it to the host") from None
 
     def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""

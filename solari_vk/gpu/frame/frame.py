@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import DeviceError, SolariError, checked_keywords
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.command_pool import CommandPool
@@ -232,10 +232,7 @@ class Frame:
         if self.device.properties.kind == "cpu":
             return self[name][:count]
         resource = self.resource(name)
-        try:
-            cuda = self.device.cuda
-        except DeviceError as error:
-            raise SolariError(f"there is no tensor of {name} on the device: {error}: read it to the host") from None
+        cuda = self.device.cuda_for(name)
         if isinstance(resource, Image):
             return cuda.copy(resource.record_copy, resource.level_shape(0), resource.dtype)
         shape, dtype, offset = self._elements(name)
