@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.gpu.frame.slot import Slot
 from solari_vk.settings import Settings
 
 SIZE, VIEWS, FRAMES = (13, 9), 2, 5
@@ -117,6 +118,24 @@ def test_tensors_of_frames_outlive_the_batch(device):
     assert device.objects_in_use < live
     with pytest.raises(sv.SolariError, match="the batch was closed, or has rendered many frames again"):
         many["depth"]
+
+
+def test_single_frames_take_two_slots(device, monkeypatch):
+    recorded, record = set(), Slot.record
+
+    def noted(slot, barriers):
+        recorded.add(slot.index)
+        record(slot, barriers)
+
+    scene = sv.builtin("cornell_box")
+    with sv.Batch(device, scene, SIZE, VIEWS, outputs=["depth"]) as batch:
+        batch.render_many(poses_of(), frames=FRAMES)
+        monkeypatch.setattr(Slot, "record", noted)
+        for index in range(64):  # more than the table of instances has
+            scene.add(sv.shapes.box(), sv.Material(), position=(9 + index, 0, 0))
+        for _ in range(2 * FRAMES):
+            batch.render(poses_of(1)[0])
+    assert recorded == {0, 1}
 
 
 def test_what_is_wrong_in_a_later_frame_changes_nothing(device):

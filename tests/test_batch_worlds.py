@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.bound.lights.world_changes import WORLD, Known, WorldChanges
 from solari_vk.passes import world_cache
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.settings import Settings
@@ -320,6 +321,25 @@ def test_a_light_takes_one_place_in_a_world(device):
                 batch.render(poses)
         with pytest.raises(sv.SolariError, match="takes the places of two lights in world 0: give a copy"):
             batch.render(poses)
+
+
+def test_changes_of_all_worlds_count_where_they_share_lights_again(device):
+    def known(power):
+        return Known(np.ones(1, np.uint32), np.array([power]), np.zeros((1, 3)), np.zeros((1, 3)))
+
+    scene, off = known(10.0), known(0.0)
+    changes = WorldChanges(device, 2)
+    for own in ([scene, off], [scene, off]):
+        changes.update(own, 0.1)
+    changes.update([scene], 0.1)  # the second world's light goes on
+    assert changes.newest == changes.change == 1
+    changes.upload()
+    records = changes.buffer.read(WORLD, 1)
+    assert records["count"] == 1
+    assert records["at"]["power"][0, 0] == 10
+    changes.update([scene, off], 0.1)
+    np.testing.assert_array_equal(changes.newest, [0, 1])
+    changes.buffer.destroy()
 
 
 @pytest.mark.parametrize("way", ["material", "light"])

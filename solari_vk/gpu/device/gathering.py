@@ -15,6 +15,11 @@ class GatheringDevice(LogicalDevice):
 
     _gathered: dict[Submission, raw.CData] | None = None  # with what they are submitted with
 
+    @property
+    def gathers(self) -> bool:
+        """Whether submissions are being gathered."""
+        return self._gathered is not None
+
     @contextmanager
     def gathered(self) -> Iterator[None]:
         """Hand all that is submitted inside to the driver in one call at the end, or as soon as something waits for it.

@@ -88,7 +88,7 @@ class Frame:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
             self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
-            self._latest = self._slots[0]
+            self._latest, self._gathered_slots = self._slots[0], SIDES
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
             undo.pop_all()
@@ -139,6 +139,12 @@ class Frame:
             slot = Slot(self.device, index, *self._pool.allocate(1))
             slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
             self._slots.append(slot)
+        self._gathered_slots = SIDES * frames
+
+    @property
+    def _next_slot(self) -> Slot:
+        """Which the next frame takes. More than two only serve frames that are submitted together."""
+        return self._slots[self.frame_count % (self._gathered_slots if self.device.gathers else SIDES)]
 
     def bind(self, external: Mapping[str, Any]) -> None:
         """Replace external resources from the next frame on. The replaced ones may be destroyed at once. Raises
@@ -160,7 +166,7 @@ class Frame:
         shaders must not be used (`Tlas.check_usable`), and after `close`.
         """
         self.check_open()
-        slot = self._slots[self.frame_count % len(self._slots)]
+        slot = self._next_slot
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
@@ -267,7 +273,7 @@ class Frame:
 
     def timings_so_far(self) -> dict[str, float]:
         """As `timings`, but waits only for what the next `submit` waits for; empty if no frame has finished then."""
-        self.device.await_value(self._slots[self.frame_count % len(self._slots)].value)
+        self.device.await_value(self._next_slot.value)
         slot = max(self._done, key=lambda slot: slot.value, default=None)
         self.timed_value, found = (slot.value, slot.read_timings()) if slot else (0, {})
         return found
