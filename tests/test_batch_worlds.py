@@ -309,6 +309,57 @@ def test_wrong_worlds_are_named(device, monkeypatch):
         batch.transforms["short block"] = np.eye(4)[None]
 
 
+def test_what_is_given_is_a_mapping(device):
+    scene = sv.builtin("cornell_box")
+    with sv.Batch(device, scene, SIZE, 2, worlds=2) as batch:
+        given = batch.world_materials
+        assert "tall block" not in given
+        assert given.get("tall block") is None
+        assert given.pop("tall block", 3) == 3
+        with pytest.raises(KeyError):
+            given.pop("tall block")
+        lists = [[sv.Material(), sv.Material()] for _ in range(2)]
+        assert given.setdefault("tall block", lists[0]) == given.setdefault("tall block", lists[1]) == lists[0]
+        given["short block"] = lists[1]
+        assert "short block" in given
+        assert "block" not in given
+        scene.remove(scene.instances["tall block"])
+        assert list(dict(given).values()) == [lists[1]]
+        assert given.pop("short block") == lists[1]
+        given.clear()
+        assert not given
+
+
+def test_blended_instances_of_worlds_count_when_they_change(device):
+    """Which cuts the history of pixels behind them."""
+    scene = sv.builtin("cornell_box")
+    poses, moved = np.tile(CAMERAS[:1], (2, 1, 1)), np.tile(scene.instances["tall block"].transform, (2, 1, 1))
+    glass = [sv.Material(alpha=0.5, alpha_mode="blend")] * 2
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+        for step, counts in (
+            (lambda: batch.world_materials.update({"tall block": glass}), True),
+            (lambda: scene.instances["short block"].update(position=(0.1, 0, 0)), False),
+            (lambda: batch.transforms.update({"short block": moved}), False),
+            (lambda: scene.instances["tall block"].update(position=(0.1, 0, 0)), True),
+            (lambda: batch.transforms.update({"tall block": moved}), True), (lambda: None, False),
+            (lambda: batch.world_materials.clear(), True),
+        ):  # fmt: skip
+            before = batch.binder.blended_changes
+            step()
+            batch.render(poses)
+            assert (batch.binder.blended_changes != before) == counts
+
+
+@pytest.mark.parametrize("renderer", ["reference", "realtime"])
+def test_light_of_worlds_is_light(device, renderer, recwarn):
+    scene = sv.Scene()
+    scene.add(sv.shapes.box(), sv.Material(), name="box")
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, **{**OPTIONS[renderer], "renderer": renderer}) as batch:
+        batch.world_materials["box"] = [sv.Material(), sv.Material(emissive=(1, 1, 1))]
+        batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+    assert not [warning for warning in recwarn if "has no light" in str(warning.message)]
+
+
 def test_a_light_takes_one_place_in_a_world(device):
     scene, _ = own_room(False)
     scene.add(sv.PointLight((1, 1, 1), intensity=1, name="bulb"))

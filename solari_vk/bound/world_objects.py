@@ -85,11 +85,35 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
             raise KeyError(key)
         self.replace(item, None)
 
+    def __contains__(self, key: object) -> bool:
+        """Whether an object has something of its own in each world."""
+        try:
+            return self._item(key) in self._given  # type: ignore[arg-type]
+        except SolariError:
+            return False
+
+    def get(self, key: str | Item, default: Any = None) -> Any:
+        if key not in self:
+            return default
+        return self[key]
+
+    def pop(self, key: str | Item, *default: Any) -> Any:
+        if default and key not in self:
+            return default[0]
+        values = self[key]
+        del self[key]
+        return values
+
+    def setdefault(self, key: str | Item, default: Any = None) -> Any:
+        if key not in self:
+            self[key] = default
+        return self[key]
+
     def __iter__(self) -> Iterator[Any]:
-        return iter(self._given)
+        return iter(self.present())
 
     def __len__(self) -> int:
-        return len(self._given)
+        return len(self.present())
 
     def present(self) -> dict[Item, Values]:
         """What was given; what left the scene is forgotten."""

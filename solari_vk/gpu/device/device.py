@@ -113,9 +113,13 @@ class Device(WorkQueue):
         """
         if self.closed:
             return
-        self.collect()
-        self.closed = True
-        self.lent.close(self._end)
+        try:
+            if not self.lost:
+                self._hand_over()
+        finally:
+            self.collect()
+            self.closed = True
+            self.lent.close(self._end)
 
     def _end(self) -> None:
         self._finish()

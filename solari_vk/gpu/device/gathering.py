@@ -43,7 +43,11 @@ class GatheringDevice(LogicalDevice):
         if self._gathered:
             gathered, self._gathered = self._gathered, {}
             infos = raw.array("VkSubmitInfo2", [*gathered.values()])
-            self.vk.vkQueueSubmit2(self.queue, len(gathered), infos, raw.NULL)
+            try:
+                self.vk.vkQueueSubmit2(self.queue, len(gathered), infos, raw.NULL)
+            except BaseException:
+                self.lost = True  # the timeline never reaches what counts as submitted
+                raise
 
     def _hand_over_or_gather(self, submission: Submission, value: int, ahead: Collection[raw.CData]) -> None:
         """Submit what signals a value of the timeline, behind other command buffers, now or with what is gathered."""
