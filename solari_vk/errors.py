@@ -167,7 +167,7 @@ def warn_of_old_name(what: str, old: str, new: str) -> None:
 
 def warn(text: str, kind: type[Warning] = UserWarning) -> None:
     """Warn, at the line outside of the package that led here."""
-    level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:
+    level, frame, passed = 2, sys._getframe(1), {__package__, "functools", "contextlib", "dataclasses"}
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in passed:
         level, frame = level + 1, frame.f_back
     warnings.warn(text, kind, stacklevel=level)

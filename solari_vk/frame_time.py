@@ -39,7 +39,7 @@ class FrameTimeControl:
         self._estimate: tuple[float, float] | None = None  # of the other passes; of all paths at a share of 1
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time
-        self._next = 1.0, 0.0
+        self._next: tuple[float, float] | None = None  # what was chosen for the next frame
         self._history = 0.0  # frames of light since the latest cut
 
     @property
@@ -57,6 +57,7 @@ class FrameTimeControl:
         """The share for the next frame, which is to take frame_ms. is_cut: it has no history."""
         self._history = 0.0 if is_cut else self._history
         samples = short_history_samples if self._history < LONG_HISTORY else 1
+        self._next = 1.0, 0.0
         if self._estimate is not None:
             others, paths = self._estimate
             wanted = (frame_ms / max(self.percentile, 1.0) - others) / max(paths * samples, 1e-9)
@@ -67,8 +68,9 @@ class FrameTimeControl:
         return self.share
 
     def note_submission(self, value: int) -> None:
-        """value: the device's timeline value of the frame that was chosen for."""
-        self._submitted[value] = self._next
+        """value: the device's timeline value of the frame that was chosen for; nothing is kept of others."""
+        if self._next is not None:
+            self._submitted[value], self._next = self._next, None
 
     def note_times(self, value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""

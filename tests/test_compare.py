@@ -28,6 +28,9 @@ def test_frames_and_what_is_refused(device):
         assert sv.compare(frame, frame["radiance"]).relative_mse == 0
         with pytest.warns(UserWarning, match="has 2 samples of earlier calls, more than 1: call reset"):
             tracer.render(samples=1)
-    for wrong in (3, np.ones((4, 4)), np.full((12, 16, 3), np.nan), np.ones((4, 4, 3))):
+    with pytest.raises(sv.SolariError, match="exposure is a factor above 0"):
+        sv.compare(np.ones((2, 2, 3)), np.ones((2, 2, 3)), exposure=0)
+    codes, nan = np.ones((12, 16, 3), np.uint8), np.full((12, 16, 3), np.nan)
+    for wrong in (3, np.ones((4, 4)), codes, np.ones((0, 0, 3)), nan, np.ones((4, 4, 3))):
         with pytest.raises(sv.SolariError, match=r"compare: (takes frames|pictures have one size)"):
             sv.compare(wrong, np.ones((12, 16, 3)))

@@ -31,6 +31,8 @@ def compare(picture: Any, reference: Any, *, exposure: float = 1.0) -> Differenc
     the error. exposure: the factor around which FLIP looks, such as `camera.exposure`. Raises SolariError for arrays of
     other or different shapes, and for values that aren't finite.
     """
+    if not (isinstance(exposure, (int, float)) and 0 < exposure < math.inf):
+        raise SolariError(f"compare: exposure is a factor above 0, such as camera.exposure, not {quoted(exposure)}")
     given, true = _radiance(picture), _radiance(reference)
     if given.shape != true.shape:
         raise SolariError(f"compare: pictures have one size, not {given.shape} and {true.shape}")
@@ -45,8 +47,9 @@ def _radiance(picture: Any) -> NDArray[np.float64]:
         found = np.asarray(given, np.float64)
     except (TypeError, ValueError):
         found = np.empty(0)
-    if found.ndim != 3 or found.shape[2] != 3 or not np.isfinite(found).all():
-        raise SolariError("compare: takes frames, or arrays (height, width, 3) of finite radiance, not "
+    eight_bit = getattr(given, "dtype", None) == np.uint8
+    if found.ndim != 3 or found.shape[2] != 3 or not found.size or eight_bit or not np.isfinite(found).all():
+        raise SolariError("compare: takes frames, or arrays (height, width, 3) of finite radiance (not of 8 bits), not "
                           f"{quoted(picture if not isinstance(picture, np.ndarray) else picture.shape)}")  # fmt: skip
     return found
 

@@ -267,6 +267,7 @@ def _turn(item: Any, degrees: float, *others: Instance) -> None:
 
 
 def _aim(camera: Any, target: Any) -> None:
+    """Raises SolariError for a target at the camera, which is where the recipe put it."""
     camera.place(camera.position, target)
 
 

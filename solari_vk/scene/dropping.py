@@ -35,7 +35,7 @@ FLAT = 1e-5  # of a mesh's size, by which a convex mesh's vertices may stand bef
 
 
 def drop(
-    falling: Sequence[Sequence[Instance]], *, on: Sequence[Instance], region: Any, seed: int, upright: bool,
+    falling: Sequence[Sequence[Instance] | Group], *, on: Sequence[Instance], region: Any, seed: int, upright: bool,
     seconds: float,
 ) -> None:  # fmt: skip
     """The work of `Scene.drop`; falling: the parts of each thing. on: what they fall on, and the things themselves,
@@ -44,10 +44,10 @@ def drop(
         import mujoco
     except ImportError:
         raise SolariError('Scene.drop: needs MuJoCo: install it by "pip install solari-vk[physics]"') from None
-    moved = {part for parts in falling for part in parts}
+    moved = {part for thing in falling for part in (thing.items if isinstance(thing, Group) else thing)}
     supports = [one for one in on if one.visible and one not in moved]
     low, high = _region(region, supports)
-    bodies = [_Body(parts) for parts in falling]
+    bodies = [_Body(thing) for thing in falling]
     _place(bodies, low, high, np.random.default_rng(seed), upright)
     still = _still(supports, high[1])
     # Where nothing of a thing can touch what lies still any more.
@@ -78,8 +78,11 @@ class _Body:
     """A thing that falls, of one part or several: their points about the middle of all, in the world's scale, and where
     it starts."""
 
-    def __init__(self, parts: Sequence[Instance]) -> None:
-        self.parts, self.instance, start = parts, parts[0], parts[0].transform[:3, 3]
+    def __init__(self, thing: Sequence[Instance] | Group) -> None:
+        self.group = thing if isinstance(thing, Group) else None
+        held = thing.items if isinstance(thing, Group) else thing
+        self.parts = parts = [one for one in held if isinstance(one, Instance)]
+        self.instance, start = parts[0], parts[0].transform[:3, 3]
         hulls = [np.unique(part.posed_mesh().positions.astype(np.float64) @ part.transform[:3, :3].T
                            + (part.transform[:3, 3] - start), axis=0) for part in parts]  # fmt: skip
         points = np.concatenate(hulls)
@@ -94,8 +97,8 @@ class _Body:
     def apply(self, position: Floats, turn: Floats) -> None:
         move = np.eye(4)
         move[:3, :3], move[:3, 3] = turn, position - turn @ self.middle
-        for part in self.parts:
-            part.transform = move @ part.transform
+        for thing in [self.group] if self.group is not None else self.parts:
+            thing.transform = move @ thing.transform
 
 
 def _has_volume(points: Floats) -> bool:
@@ -246,11 +249,13 @@ class Dropping:
             checks.number(STEP, 1e5, "s")(seconds)
         except (TypeError, ValueError) as error:
             raise SolariError(f"Scene.drop: seconds {error}") from None
-        groups = [self._instances_of([item]) for item in items if isinstance(item, Group)]
+        groups = [item for item in items if isinstance(item, Group)]
+        held = self._instances_of(groups)
         alone = self._instances_of([item for item in items if not isinstance(item, Group)])
         numbered = dict(enumerate(alone))
-        falling = groups + [[numbered[part] for part in parts] for parts in objects_of(numbered).values()]
-        times = Counter(alone + [part for parts in groups for part in parts])
+        falling: list[Sequence[Instance] | Group] = [*groups]
+        falling += [[numbered[part] for part in parts] for parts in objects_of(numbered).values()]
+        times = Counter(alone + held)
         for one in (one for one, count in times.items() if count > 1):
             raise SolariError(f"Scene.drop: {one.describe()} is given twice: it falls once")
         given = [on] if isinstance(on, (Group, str)) or not np.iterable(on) else on

@@ -101,11 +101,12 @@ class Group(Scaled, Hints):
             names = {name: checks.line(fields.pop(name)) for name in NAMES if name in fields}
         except (TypeError, ValueError) as error:
             raise SolariError(f"{self.describe()}: a label {error}") from None
+        moved = self._held() if fields else {}
         after = self._changed(fields, self._transform)
         move = after @ np.linalg.inv(self._transform)
         before = []
         try:
-            for item in self._held():
+            for item in moved:
                 before.append((item, _where(item)))
                 _move(item, move)
         except SolariError:

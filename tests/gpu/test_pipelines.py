@@ -21,7 +21,7 @@ from solari_vk.gpu.device import pipeline_cache, raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.kept import Kept
 from solari_vk.gpu.frame import compile_ahead, pipelines
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame, Pass, RayPass, Stage
 from solari_vk.gpu.frame.slot import Slot
 from solari_vk.gpu.shaders import shaderc
 
@@ -79,9 +79,16 @@ def test_shaders_are_compiled_and_pipelines_created_at_the_same_time(own_device,
     assert len(threads) == COUNT + 1
 
 
-@pytest.mark.parametrize("fails", [False, True])
-def test_other_devices_compile_from_the_end(any_device, stage, shaders, monkeypatch, fails):
-    """While the frame's own device waits before its first pipeline; without them it compiles all."""
+RAYS = """#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_ray_tracing : require
+"""
+
+
+@pytest.mark.parametrize(("fails", "rays"), [(False, "query"), (True, "query"), (False, "pipeline")])
+def test_other_devices_compile_from_the_end(any_device, stage, shaders, monkeypatch, fails, rays):
+    """While the frame's own device waits before its first pipeline; without them it compiles all, as it does ray
+    pipelines."""
     ran, helped = [], threading.Event()
     run_once = compile_ahead._run_once
 
@@ -91,14 +98,20 @@ def test_other_devices_compile_from_the_end(any_device, stage, shaders, monkeypa
             raise DeviceError("no memory")
         run_once(users, interface, sets, given)
         ran.append(given)
+        assert given.table is None
 
     def wait(state):
         if state.what == "machine code" and state.done == 0:
             helped.wait(20)
+            time.sleep(0.5)
 
     monkeypatch.setattr(compile_ahead, "_run_once", note)
     monkeypatch.setattr(compile_ahead, "device_count", lambda: 3)
-    with Device(validation=False, on_compile=wait) as device:
+    if rays == "pipeline":
+        shaders.write("passes/rays.rgen", RAYS + "void main() {}")
+        shaders.write("passes/miss.rmiss", RAYS + "layout(location = 0) rayPayloadInEXT uint payload; void main() {}")
+        stage.passes.insert(3, RayPass("rays", threads=1, misses=["passes/miss.rmiss"]))
+    with Device(validation=False, on_compile=wait, rays=rays) as device:
         if not device.buffers_by_address:
             pytest.skip("other devices compile when pipelines are made")
         assert results(device, stage, shaders) == EXPECTED

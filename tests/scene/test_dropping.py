@@ -120,7 +120,9 @@ def test_a_group_is_one_thing():
     scene = table_scene()
     parts = [scene.add(shapes.box(), name=f"cup/{x}", position=(x, 1, 0), scale=0.1) for x in (0.0, 0.1)]
     group = scene.group(*parts)
+    before = np.linalg.inv(group.transform) @ parts[0].transform
     scene.drop(group, seed=3)
+    np.testing.assert_allclose(group.transform @ before, parts[0].transform, atol=1e-9)
     np.testing.assert_allclose(np.linalg.inv(parts[0].transform) @ parts[1].transform[:, 3], (1, 0, 0, 1), atol=1e-9)
     scene.drop(*group, seed=3)
     assert abs((np.linalg.inv(parts[0].transform) @ parts[1].transform[:, 3])[0] - 1) > 0.1

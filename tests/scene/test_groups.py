@@ -100,6 +100,10 @@ def test_labels_are_those_of_all_instances():
     assert [(one.label, one.part_of, one.position[0]) for one in (first, second)] == [("van", "van 1", 1)] * 2
     first.label = "door"
     assert group.label == ""
+    group.transform = [[0.1, 0.2, 0, 1], [-0.2, 0.1, 0, 0], [0, 0, 1, 0]]
+    before = first.transform
+    group.label = "van"
+    assert first.transform is before
     with pytest.raises(sv.SolariError, match="Group: a label must be one line"):
         group.label = "a\nb"
 

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.recorded import Recorded
@@ -43,18 +42,17 @@ def compiling_ahead(
     modules: those of the interface. counts: the lengths of its bindless arrays.
     """
     device = interface.device
-    waiting = list(pipelines)
+    waiting = [pipeline for pipeline in pipelines if pipeline.table is None]  # others compile with their tables
     taken: dict[Pipeline, threading.Event] = {}
     lock = threading.Lock()
 
     def take() -> Pipeline | None:
         with lock:
-            while waiting:
-                found = waiting.pop()
-                if found.table is None:
-                    taken[found] = threading.Event()
-                    return found
-        return None
+            if not waiting:
+                return None
+            found = waiting.pop()
+            taken[found] = threading.Event()
+            return found
 
     def work() -> None:
         made = None
@@ -65,8 +63,8 @@ def compiling_ahead(
                 while (made := take()) is not None:
                     _run_once(users, same, sets, made)
                     taken[made].set()
-        except SolariError:
-            pass  # the frame's own device compiles the rest
+        except Exception:  # the frame's own device compiles the rest, and raises what it meets
+            pass
         finally:
             if made is not None:
                 taken[made].set()
@@ -74,7 +72,7 @@ def compiling_ahead(
     def wait_for(pipeline: Pipeline) -> None:
         with lock:
             done = taken.get(pipeline)
-            if done is None:
+            if pipeline in waiting:
                 waiting.remove(pipeline)
         if done is not None:
             done.wait()
