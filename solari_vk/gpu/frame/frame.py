@@ -73,8 +73,7 @@ class Frame:
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
-        self.frame_count = 0
-        self.timed_value = 0
+        self.frame_count = self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
         self.stages: list[Stage] = list(stages)
@@ -121,8 +120,7 @@ class Frame:
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
         self._resources.destroy_all_but(resources)
-        self.stages, self._external, self._resources = stages, external, resources
-        self.features = features
+        self.stages, self._external, self._resources, self.features = stages, external, resources, features
         self._note_structures()
         kinds = program.interface.bindings.values()
         blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}
