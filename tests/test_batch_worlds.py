@@ -135,16 +135,20 @@ def test_transforms_go_back_to_the_scenes(device):
         np.testing.assert_array_equal(batch.render(poses)["depth"], before)
 
 
-def test_lamps_of_worlds_move_with_the_scene(device):
-    """What emits light in worlds alone, at the scene's place."""
-    powers = []
+@pytest.mark.parametrize("change", [{"scale": 3, "position": (0, 0.7, 0)}, {"joint_matrices": [np.diag((2, 2, 2, 1))]}])
+def test_lamps_of_worlds_move_with_the_scene(device, change):
+    """What emits light in worlds alone, at the scene's place and in its pose."""
+    powers, box = [], sv.shapes.box()
+    count = len(box.positions)
+    box.deformation = sv.Deformation(joints=np.zeros((count, 1), np.uint32), joint_weights=np.ones((count, 1)))
     for moved_early in (True, False):
         scene = sv.builtin("cornell_box")
+        scene.instances["tall block"].update(mesh=box, joint_matrices=[np.eye(4)])
         with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
             batch.world_materials["tall block"] = [sv.Material(emissive=(5, 5, 5)), sv.Material(emissive=(1, 9, 1))]
             if not moved_early:
                 batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
-            scene.instances["tall block"].update(scale=3, position=(0, 0.7, 0))
+            scene.instances["tall block"].update(**change)
             batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
             powers.append([(known.powers, known.positions) for known in batch._worlds.known_lights])
     for early, late in zip(*powers, strict=True):
