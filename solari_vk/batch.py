@@ -13,6 +13,7 @@ from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, seeds_of
 from solari_vk.batch_options import (
     LIGHT,
     check_realtime,
+    checked_flag,
     checked_mask,
     checked_names,
     checked_results,
@@ -26,7 +27,7 @@ from solari_vk.bound.features import LENSES
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
-from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.errors import SolariError, checked_keywords, quoted
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
@@ -37,7 +38,7 @@ from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
@@ -158,15 +159,26 @@ class Batch(BatchResults):
         rendered then.
         """
         self._check_open()
-        samples = self._checked_samples(samples)
+        samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         current = self._cameras  # the same memory in each frame, which costs less than new memory
         current.view(np.uint8)[:] = 0
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = view_table.write(current, cameras, self.size, options)
-        seeds = self._seeds if seeds is None else self._checked_seeds(seeds)
+        written = self._write(current, cameras, options)
         cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
+        self._render(current, written, samples, self._checked_seeds(seeds), cut, begins_anew)
+        return self
+
+    def _write(self, current: NDArray[Any], cameras: Any, options: Mapping[str, Any]) -> view_table.Written:
+        """Write the records (N,) of cameras, which are zero."""
+        written = view_table.write(current, cameras, self.size, options)
         if self._realtime is not None:
             check_realtime(cameras)
+        return written
+
+    def _render(
+        self, current: NDArray[Any], written: view_table.Written, samples: int, seeds: NDArray[np.uint32],
+        cut: NDArray[np.bool_], reset_cache: bool,
+    ) -> None:  # fmt: skip
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
         if self._worlds.count > 1:
@@ -181,7 +193,6 @@ class Batch(BatchResults):
             self._paths.trace(samples)
         if self._realtime is not None:
             self._realtime.render_views(current, written, cut, seeds, not reset_cache)
-        return self
 
     @checked_keywords()
     def render_many(
@@ -200,36 +211,47 @@ class Batch(BatchResults):
         `batch.transforms` is in each frame. The others are those of `render`, for all frames.
 
         The results are bit by bit those of as many calls of `render`, of which the batch then has those of the last.
-        They take memory for each frame. Raises SolariError as `render`; what is wrong in a later frame leaves the batch
-        with the frames before it.
+        They take memory for each frame. Raises SolariError as `render`; nothing is rendered then.
         """
         self._check_open()
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
-        moved = {key: view_table.array(given, f"transforms of {key}", (frames, self._worlds.count, 4, 4), where=MANY)
-                 for key, given in (transforms or {}).items()}  # fmt: skip
-        options: dict[str, Any] = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100,
-                                   "samples": samples}  # fmt: skip
+        samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
+        moves = self._moves(frames, transforms)
+        options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
+        current = np.zeros((frames, self.views), self._cameras.dtype)
+        shown = cameras_of(frames, self.views, cameras)
+        written = [self._write(records, of_frame, options) for records, of_frame in zip(current, shown, strict=True)]
+        numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
-        each = zip(cameras_of(frames, self.views, cameras), cuts, seeds_of(frames, self.views, seeds), strict=True)
         if self._labels is not None:
             self._labels.prepare_many(frames)
         for renderer in (self._paths, self._realtime):
             if renderer is not None:
                 renderer.frame.prepare_many(frames)
         with self.device.gathered():
-            for index, (shown, cut, numbers) in enumerate(each):
-                for instance, given in moved.items():
-                    self.transforms[instance] = given[index]
-                self.render(shown, reset=cut, seeds=numbers, reset_cache=reset_cache and index == 0, **options)
+            for index in range(frames):
+                for instance, given in moves[index]:
+                    self.transforms.replace(instance, given)
+                self._render(current[index], written[index], samples, numbers[index], cuts[index],
+                             begins_anew and index == 0)  # fmt: skip
                 results = {name: self._result(name) for name in names}
                 if index == 0 and (self._many is None or not self._many.holds(results, frames)):
                     self._close_many()
-                    self._many = ManyFrames(self.device, results, frames, self._lend)
+                    self._many = ManyFrames(self.device, results, frames)
                 assert self._many is not None
                 self._many.take(index, results)
         assert self._many is not None
         return self._many
+
+    def _moves(self, frames: int, transforms: Any) -> list[list[tuple[Instance, NDArray[np.float64]]]]:
+        """What to replace in `transforms` before each frame."""
+        if not isinstance(transforms, Mapping | None):
+            raise SolariError(f"{MANY}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
+        shape = frames, self._worlds.count, 4, 4
+        given = [(key, view_table.array(values, f"transforms of {key}", shape, where=MANY))
+                 for key, values in (transforms or {}).items()]  # fmt: skip
+        return [[self.transforms.checked(key, values[index]) for key, values in given] for index in range(frames)]
 
     def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
@@ -266,6 +288,8 @@ class Batch(BatchResults):
         return whole_number(16 if samples is None else samples, "Batch.render: samples", 1)
 
     def _checked_seeds(self, seeds: Any) -> NDArray[np.uint32]:
+        if seeds is None:
+            return self._seeds
         if self._paths is None and self._realtime is None:
             raise SolariError("Batch.render: labels have no seeds: make the batch with renderer='reference'")
         given = view_table.array(seeds, "seeds", (self.views,))

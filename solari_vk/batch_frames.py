@@ -55,10 +55,11 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     They are these until the batch renders many frames again, or is closed; arrays are copies.
     """
 
-    def __init__(
-        self, device: Device, results: Mapping[str, Result], frames: int, lend: Callable[[NDArray[Any]], None]
-    ) -> None:  # fmt: skip
-        self._device, self._results, self._frames, self._lend = device, dict(results), frames, lend
+    _tensors = 0  # that somebody has
+    _closed = False
+
+    def __init__(self, device: Device, results: Mapping[str, Result], frames: int) -> None:
+        self._device, self._results, self._frames = device, dict(results), frames
         self._buffers: dict[str, Buffer] = {}
         with device.undone_on_error():
             for name, result in results.items():
@@ -84,7 +85,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     def _of(self, name: str) -> tuple[Result, Buffer]:
         if name not in self._buffers:
             raise unknown_name(f"{WHERE} kept no result", name, self._buffers)
-        if self._buffers[name].handle is None:
+        if self._closed:
             raise SolariError(f"there is no '{name}' any more: the batch was closed, or has rendered many frames again")
         return self._results[name], self._buffers[name]
 
@@ -102,13 +103,16 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         if buffer.mapped:
             self._device.sync_host()
             memory = buffer.view(result.dtype, count)
-            self._lend(memory)
+            self._tensors += 1
+            self._device.lent.lend(memory, self._release_tensor)
             first = result.shaped(memory[: result.values])
             shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
             return shown
+        if self._device.properties.kind == "cpu":
+            return self[name]
         shape = result.shaped(np.empty(result.values, result.dtype)).shape
         copy = partial(buffer.record_copy, size=buffer.size)
-        return self._device.cuda.copy(copy, (self._frames, *shape), result.dtype)
+        return self._device.cuda_for(name).copy(copy, (self._frames, *shape), result.dtype)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._buffers)
@@ -117,9 +121,17 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         return len(self._buffers)
 
     def close(self) -> None:
-        """Free the memory. Safe to call twice."""
-        for buffer in self._buffers.values():
-            buffer.destroy()
+        """Free the memory, when no tensor shows it any more. Safe to call twice."""
+        self._closed = True
+        if not self._tensors:
+            for buffer in self._buffers.values():
+                buffer.destroy()
+
+    def _release_tensor(self) -> None:
+        """A tensor, and all that was made of it, is gone."""
+        self._tensors -= 1
+        if self._closed:
+            self.close()
 
 
 def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:

@@ -39,6 +39,12 @@ def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
     return mask
 
 
+def checked_flag(value: Any, name: str) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise SolariError(f"Batch.render: {name} is True or False, not {quoted(value)}")
+    return bool(value)
+
+
 def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[str, ...]:
     """The names of the labels among the outputs; raises SolariError for wrong ones, and for wrong options."""
     if renderer not in OPTIONS:

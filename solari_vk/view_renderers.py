@@ -41,6 +41,10 @@ class ViewTracer(PathTracer):
         """What has the result, `radiance_mean`."""
         return self._frame
 
+    @property
+    def _has_lights(self) -> bool:
+        return super()._has_lights or self._worlds.lit
+
     def _stages(self, size: Size) -> list[Stage]:
         return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
 
@@ -97,6 +101,10 @@ class ViewRenderer(Renderer):
     def _checked_size(self, size: Size) -> Size:
         super()._checked_size(tiled(size, self._grid))
         return size
+
+    @property
+    def _has_lights(self) -> bool:
+        return super()._has_lights or self._worlds.lit
 
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.gpu.frame.slot import Slot
 from solari_vk.settings import Settings
 
 SIZE, VIEWS, FRAMES = (13, 9), 2, 5
@@ -103,6 +104,12 @@ def test_tensors_of_frames_outlive_the_batch(device):
     with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, outputs=["depth"]) as batch:
         many = batch.render_many(poses_of(), frames=FRAMES)
         expected, tensor = many["depth"], many.tensor("depth")
+        batch.render_many(poses_of(2), frames=2)  # into other memory
+        device.wait_idle()
+        others = [device.buffer(tensor.nbytes, "other") for _ in range(256)]
+        assert not any(np.shares_memory(other.view(), tensor) for other in others)
+        for other in others:
+            other.destroy()
     np.testing.assert_array_equal(tensor, expected)
     live = device.objects_in_use
     del tensor
@@ -113,6 +120,50 @@ def test_tensors_of_frames_outlive_the_batch(device):
         many["depth"]
 
 
+def test_single_frames_take_two_slots(device, monkeypatch):
+    recorded, record = set(), Slot.record
+
+    def noted(slot, barriers):
+        recorded.add(slot.index)
+        record(slot, barriers)
+
+    scene = sv.builtin("cornell_box")
+    with sv.Batch(device, scene, SIZE, VIEWS, outputs=["depth"]) as batch:
+        batch.render_many(poses_of(), frames=FRAMES)
+        monkeypatch.setattr(Slot, "record", noted)
+        for index in range(64):  # more than the table of instances has
+            scene.add(sv.shapes.box(), sv.Material(), position=(9 + index, 0, 0))
+        for _ in range(2 * FRAMES):
+            batch.render(poses_of(1)[0])
+    assert recorded == {0, 1}
+
+
+def test_what_is_wrong_in_a_later_frame_changes_nothing(device):
+    scene = sv.builtin("cornell_box")
+    moves = np.tile(scene.instances["short block"].transform, (3, 2, 1, 1))
+    moves[:, :, 1, 3] += 5
+    with sv.Batch(device, scene, SIZE, VIEWS, worlds=2, outputs=["depth"]) as batch:
+        before = batch.render(poses_of(1)[0])["depth"]
+        wrong_poses, wrong_moves = poses_of(3), moves.copy()
+        wrong_poses[2, 0] = wrong_moves[2, 1] = 0
+        for poses, given in ((wrong_poses, moves), (poses_of(3), wrong_moves)):
+            with pytest.raises(sv.SolariError, match="must be affine"):
+                batch.render_many(poses, frames=3, transforms={"short block": given})
+            assert not batch.transforms
+            np.testing.assert_array_equal(batch["depth"], before)
+
+
+def test_frames_have_tensors_where_memory_is_not_mapped(device):
+    if device.properties.kind != "cpu":
+        pytest.skip("needs a software device")
+    with (
+        sv.Device(validation=True, staging=True) as device,
+        sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, outputs=["depth"]) as batch,
+    ):
+        many = batch.render_many(poses_of(2), frames=2)
+        np.testing.assert_array_equal(many.tensor("depth"), many["depth"])
+
+
 @pytest.mark.parametrize(("options", "said"), [
     ({"frames": 0}, "frames is 0"), ({"frames": 4}, r"must have the shape \(2, 4, 4\) or \(4, 2, 4, 4\)"),
     ({"outputs": ["radience"]}, "no result 'radience'"), ({"reset": np.zeros((3, 2))}, r"\(2,\) or \(5, 2\)"),
@@ -120,6 +171,8 @@ def test_tensors_of_frames_outlive_the_batch(device):
     ({"transforms": {"short block": np.eye(4)}}, r"transforms of short block must have the shape \(5, 1, 4, 4\)"),
     ({"cameras": [[sv.Camera()] * 2] * 3}, "give 5 lists of cameras, one for each frame, not 3"),
     ({"cameras": np.zeros((5, 2, 4, 4))}, "the pose of view 0 must be affine"),
+    ({"transforms": [1]}, r"transforms is a dictionary of arrays by instance, not \[1\]"),
+    ({"reset_cache": np.array([True, False])}, "reset_cache is True or False, not"),
 ])  # fmt: skip
 def test_wrong_frames_are_named(device, options, said):
     with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, renderer="realtime", outputs=()) as batch:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.bound.lights.world_changes import WORLD, Known, WorldChanges
 from solari_vk.passes import world_cache
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.settings import Settings
@@ -118,6 +119,62 @@ def test_edits_of_the_scene_reach_all_worlds(device, renderer):
         assert (batch["instance_id"] != row).all()
         np.testing.assert_array_equal(batch["depth"], before)
         assert not batch.transforms
+
+
+def test_transforms_go_back_to_the_scenes(device):
+    scene = sv.builtin("cornell_box")
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+        poses = np.tile(CAMERAS[:1], (2, 1, 1))
+        before = batch.render(poses)["depth"]
+        batch.world_materials["short block"] = [sv.Material(), sv.Material()]
+        apart = np.tile(scene.instances["short block"].transform, (2, 1, 1))
+        apart[:, 1, 3] += 5
+        batch.transforms["short block"] = apart
+        assert (batch.render(poses)["depth"] != before).any()
+        del batch.transforms["short block"]
+        np.testing.assert_array_equal(batch.render(poses)["depth"], before)
+
+
+@pytest.mark.parametrize("change", [{"scale": 3, "position": (0, 0.7, 0)}, {"joint_matrices": [np.diag((2, 2, 2, 1))]}])
+def test_lamps_of_worlds_move_with_the_scene(device, change):
+    """What emits light in worlds alone, at the scene's place and in its pose."""
+    powers, box = [], sv.shapes.box()
+    count = len(box.positions)
+    box.deformation = sv.Deformation(joints=np.zeros((count, 1), np.uint32), joint_weights=np.ones((count, 1)))
+    for moved_early in (True, False):
+        scene = sv.builtin("cornell_box")
+        scene.instances["tall block"].update(mesh=box, joint_matrices=[np.eye(4)])
+        with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+            batch.world_materials["tall block"] = [sv.Material(emissive=(5, 5, 5)), sv.Material(emissive=(1, 9, 1))]
+            if not moved_early:
+                batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+            scene.instances["tall block"].update(**change)
+            batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+            powers.append([(known.powers, known.positions) for known in batch._worlds.known_lights])
+    for early, late in zip(*powers, strict=True):
+        np.testing.assert_array_equal(late[0], early[0])
+        np.testing.assert_array_equal(late[1], early[1])
+
+
+def test_worlds_stay_as_they_were_without_memory(device, monkeypatch):
+    scene, _ = own_room(False)
+    lamps, make = [sv.Material(emissive=(1, 1, 1)), sv.Material()], device.buffer
+
+    def refuse(size, name, **options):
+        if name == "light_sources":
+            raise sv.DeviceError("out of memory")
+        return make(size, name, **options)
+
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+        batch.world_lights["sun"] = [None, None]
+        batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+        batch.world_materials["short block"] = batch.world_materials["tall block"] = lamps
+        monkeypatch.setattr(device, "buffer", refuse)
+        with pytest.raises(sv.DeviceError, match="out of memory"):
+            batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+        monkeypatch.setattr(device, "buffer", make)
+        batch.world_materials.clear()
+        batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
 
 
 def own_room(everything):
@@ -254,6 +311,90 @@ def test_wrong_worlds_are_named(device, monkeypatch):
             sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})
     with sv.Batch(device, scene, SIZE, 2) as batch, pytest.raises(sv.SolariError, match="has one world"):
         batch.transforms["short block"] = np.eye(4)[None]
+
+
+def test_what_is_given_is_a_mapping(device):
+    scene = sv.builtin("cornell_box")
+    with sv.Batch(device, scene, SIZE, 2, worlds=2) as batch:
+        given = batch.world_materials
+        assert "tall block" not in given
+        assert given.get("tall block") is None
+        assert given.pop("tall block", 3) == 3
+        with pytest.raises(KeyError):
+            given.pop("tall block")
+        lists = [[sv.Material(), sv.Material()] for _ in range(2)]
+        assert given.setdefault("tall block", lists[0]) == given.setdefault("tall block", lists[1]) == lists[0]
+        given["short block"] = lists[1]
+        assert "short block" in given
+        assert "block" not in given
+        scene.remove(scene.instances["tall block"])
+        assert list(dict(given).values()) == [lists[1]]
+        assert given.pop("short block") == lists[1]
+        given.clear()
+        assert not given
+
+
+def test_blended_instances_of_worlds_count_when_they_change(device):
+    """Which cuts the history of pixels behind them."""
+    scene = sv.builtin("cornell_box")
+    poses, moved = np.tile(CAMERAS[:1], (2, 1, 1)), np.tile(scene.instances["tall block"].transform, (2, 1, 1))
+    glass = [sv.Material(alpha=0.5, alpha_mode="blend")] * 2
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+        for step, counts in (
+            (lambda: batch.world_materials.update({"tall block": glass}), True),
+            (lambda: scene.instances["short block"].update(position=(0.1, 0, 0)), False),
+            (lambda: batch.transforms.update({"short block": moved}), False),
+            (lambda: scene.instances["tall block"].update(position=(0.1, 0, 0)), True),
+            (lambda: batch.transforms.update({"tall block": moved}), True), (lambda: None, False),
+            (lambda: batch.world_materials.clear(), True),
+        ):  # fmt: skip
+            before = batch.binder.blended_changes
+            step()
+            batch.render(poses)
+            assert (batch.binder.blended_changes != before) == counts
+
+
+@pytest.mark.parametrize("renderer", ["reference", "realtime"])
+def test_light_of_worlds_is_light(device, renderer, recwarn):
+    scene = sv.Scene()
+    scene.add(sv.shapes.box(), sv.Material(), name="box")
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, **{**OPTIONS[renderer], "renderer": renderer}) as batch:
+        batch.world_materials["box"] = [sv.Material(), sv.Material(emissive=(1, 1, 1))]
+        batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+    assert not [warning for warning in recwarn if "has no light" in str(warning.message)]
+
+
+def test_a_light_takes_one_place_in_a_world(device):
+    scene, _ = own_room(False)
+    scene.add(sv.PointLight((1, 1, 1), intensity=1, name="bulb"))
+    shared, poses = sv.PointLight((0.5, 1, 1), intensity=2), np.tile(CAMERAS[:1], (2, 1, 1))
+    with sv.Batch(device, scene, SIZE, 2, worlds=2) as batch:
+        batch.world_lights["sun"] = [shared, None]
+        for given in ([None, shared], [shared, None]):
+            batch.world_lights["bulb"] = given
+            if given[0] is None:
+                batch.render(poses)
+        with pytest.raises(sv.SolariError, match="takes the places of two lights in world 0: give a copy"):
+            batch.render(poses)
+
+
+def test_changes_of_all_worlds_count_where_they_share_lights_again(device):
+    def known(power):
+        return Known(np.ones(1, np.uint32), np.array([power]), np.zeros((1, 3)), np.zeros((1, 3)))
+
+    scene, off = known(10.0), known(0.0)
+    changes = WorldChanges(device, 2)
+    for own in ([scene, off], [scene, off]):
+        changes.update(own, 0.1)
+    changes.update([scene], 0.1)  # the second world's light goes on
+    assert changes.newest == changes.change == 1
+    changes.upload()
+    records = changes.buffer.read(WORLD, 1)
+    assert records["count"] == 1
+    assert records["at"]["power"][0, 0] == 10
+    changes.update([scene, off], 0.1)
+    np.testing.assert_array_equal(changes.newest, [0, 1])
+    changes.buffer.destroy()
 
 
 @pytest.mark.parametrize("way", ["material", "light"])

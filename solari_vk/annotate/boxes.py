@@ -41,7 +41,7 @@ def boxes_3d(
     box around all parts of an object that have one label (`Instance.part_of`), by its first part. Raises SolariError
     for what isn't an instance.
     """
-    numbered = dict(enumerate(instances))
+    numbered = dict(enumerate(instances if isinstance(instances, Iterable) else [instances]))
     for item in numbered.values():
         if not isinstance(item, Instance):
             raise SolariError(f"boxes_3d: takes instances, such as group.items, not {quoted(item)}")

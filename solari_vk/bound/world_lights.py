@@ -74,14 +74,16 @@ class LightsOfWorlds:
             raise SolariError(f"Batch: worlds have lights of their own, and {scene.describe()} has a "
                               "portal: remove it, or give all worlds the scene's lights")  # fmt: skip
         lists: dict[Any, Listed] = {}
+        poses = {lamp: _pose_key(lamp) for lamp in lamps}
         shown = []
         for world in range(self._worlds):
             own = [(light if given is None else given[world]) for light, given in listed.items()]
+            _check_once(own, world)
             lit = [(lamp, made_of[lamp][world] if lamp in made_of else lamp.material,
                     moved[lamp][world] if lamp in moved else None) for lamp in lamps]  # fmt: skip
             lit = [one for one in lit if one[0].visible and one[1].emits]
             lights_key = [(id(light), lights.edits_of(light)) for light in own]
-            lamps_key = [(id(lamp), *_emission_key(made), None if at is None else at.tobytes())
+            lamps_key = [(id(lamp), *_emission_key(made), (lamp.transform if at is None else at).tobytes(), poses[lamp])
                          for lamp, made, at in lit]  # fmt: skip
             key = self._binder.light_revision, (*lights_key,), (*lamps_key,)
             if key not in lists:
@@ -215,9 +217,22 @@ class LightsOfWorlds:
         self._own.destroy()
 
 
+def _check_once(lights: Sequence[Light | None], world: int) -> None:
+    given = [light for light in lights if light is not None]
+    if len(set(given)) < len(given):
+        twice = next(light for light in given if given.count(light) > 1)
+        raise SolariError(f"Batch.world_lights: {twice.describe()} takes the places of two lights in world {world}: "
+                          "give a copy.copy of it for one of them")  # fmt: skip
+
+
 def _emission_key(material: Material) -> tuple[Any, ...]:
     """What a list of lights depends on of a lamp's material."""
     return material.emissive.tobytes(), id(material.emissive_texture), material.double_sided
+
+
+def _pose_key(lamp: Instance) -> tuple[bytes | None, ...]:
+    pose = lamp.joint_matrices, lamp.morph_weights
+    return tuple(None if values is None else np.asarray(values).tobytes() for values in pose)
 
 
 def _counts(made: LightList) -> dict[str, int]:

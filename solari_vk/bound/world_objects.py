@@ -53,7 +53,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def _by_default(self, item: Item) -> Values:
         raise NotImplementedError
 
-    def _replace(self, item: Item, values: Values | None) -> None:
+    def replace(self, item: Item, values: Values | None) -> None:
         """Keep what is checked, or None for the scene's."""
         if values is None:
             self._given.pop(item, None)
@@ -61,11 +61,15 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
             self._given[item] = values
         self.changed.add(item)
 
-    def __setitem__(self, key: str | Item, values: Any) -> None:
+    def checked(self, key: str | Item, values: Any) -> tuple[Item, Values]:
+        """What `replace` takes."""
         item = self._item(key)
         if self._worlds == 1:
             raise SolariError(f"{self.where}: the batch has one world: change {item.describe()} in the scene")
-        self._replace(item, self._checked(item, values))
+        return item, self._checked(item, values)
+
+    def __setitem__(self, key: str | Item, values: Any) -> None:
+        self.replace(*self.checked(key, values))
 
     def __getitem__(self, key: str | Item) -> Values:
         """A copy."""
@@ -79,19 +83,43 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         item = self._item(key)
         if item not in self._given:
             raise KeyError(key)
-        self._replace(item, None)
+        self.replace(item, None)
+
+    def __contains__(self, key: object) -> bool:
+        """Whether an object has something of its own in each world."""
+        try:
+            return self._item(key) in self._given  # type: ignore[arg-type]
+        except SolariError:
+            return False
+
+    def get(self, key: str | Item, default: Any = None) -> Any:
+        if key not in self:
+            return default
+        return self[key]
+
+    def pop(self, key: str | Item, *default: Any) -> Any:
+        if default and key not in self:
+            return default[0]
+        values = self[key]
+        del self[key]
+        return values
+
+    def setdefault(self, key: str | Item, default: Any = None) -> Any:
+        if key not in self:
+            self[key] = default
+        return self[key]
 
     def __iter__(self) -> Iterator[Any]:
-        return iter(self._given)
+        return iter(self.present())
 
     def __len__(self) -> int:
-        return len(self._given)
+        return len(self.present())
 
     def present(self) -> dict[Item, Values]:
         """What was given; what left the scene is forgotten."""
         items = getattr(self._binder.scene, self.among)
         for item in [item for item in self._given if item not in items]:
-            self._replace(item, None)
+            self.replace(item, None)
         return self._given
 
     def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
@@ -142,9 +170,9 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
     def _by_default(self, item: Instance) -> list[Material]:
         return [item.material] * self._worlds
 
-    def _replace(self, item: Instance, values: list[Material] | None) -> None:
+    def replace(self, item: Instance, values: list[Material] | None) -> None:
         before = self._given.get(item, [])
-        super()._replace(item, values)
+        super().replace(item, values)
         table = self._binder.materials
         for material in dict.fromkeys(values or ()):
             table.acquire(material, item)
@@ -156,7 +184,7 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
     def destroy(self) -> None:
         """Let go of the materials."""
         for item in list(self._given):
-            self._replace(item, None)
+            self.replace(item, None)
 
 
 class WorldLights(OfWorlds[Light, list[Light | None]]):
@@ -194,8 +222,8 @@ class WorldLights(OfWorlds[Light, list[Light | None]]):
         """How often a light was edited since it was first given."""
         return 0 if light is None else self._edits.get(light, 0)
 
-    def _replace(self, item: Light, values: list[Light | None] | None) -> None:
-        super()._replace(item, values)
+    def replace(self, item: Light, values: list[Light | None] | None) -> None:
+        super().replace(item, values)
         for light in values or ():
             if light is not None:
                 light.watch(self)

@@ -59,6 +59,7 @@ class Worlds:
         self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
         self._surfaces: dict[Instance, Differing] = {}  # of `materials`
+        self._blended: dict[Instance, tuple[Any, ...]] = {}  # in some world by `materials`, with what they looked like
         self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
         self._records: Buffer | None = None
         self._structures: list[Tlas] = []
@@ -78,6 +79,12 @@ class Worlds:
     def known_lights(self) -> list[Known] | None:
         """What is known of the lights of each world; None where all have the scene's."""
         return self._lit.known if self._lit.tables else None
+
+    @property
+    def lit(self) -> bool:
+        """Whether some world has lights of its own, or materials without shading."""
+        own = [material for given in self.materials.present().values() for material in given]
+        return any(len(known.ids) for known in self.known_lights or ()) or any(material.unlit for material in own)
 
     def number(self, table: ViewTable) -> None:
         """Write to the records of views which world each shows: as many views to each, one after the other."""
@@ -102,6 +109,7 @@ class Worlds:
                 given.present()
             if edited or self.materials.changed:
                 self._note_materials()
+            self._binder.blended_changes += any(map(self._is_blended, self.transforms.changed))
             lit = self.lights.changed or self.materials.changed or any(map(self._is_lamp, self.transforms.changed))
             lamp_rows = self._lit.lamp_rows
             if edited or lit:
@@ -122,6 +130,9 @@ class Worlds:
     def _is_lamp(self, instance: Instance) -> bool:
         return self._binder.lights.index(instance) is not None or instance in self._lit.lamp_rows
 
+    def _is_blended(self, instance: Instance) -> bool:
+        return instance in self._blended or (instance not in self._surfaces and instance.alpha_mode == "blend")
+
     def _share_lights(self) -> None:
         """Have `resources` name the scene's tables of lights, unless the worlds have some of their own."""
         shared = {table.name: table.buffer for table in self._binder.lights.tables}
@@ -139,6 +150,7 @@ class Worlds:
     def _note_materials(self) -> None:
         """Take note of the materials of instances, which must be in the binder's tables."""
         self._surfaces, built_anew = {}, False
+        blended: dict[Instance, tuple[Any, ...]] = {}
         for instance, given in self.materials.present().items():
             found: dict[Material, tuple[int, int, int]] = {}
             for material in dict.fromkeys(given):
@@ -147,12 +159,14 @@ class Worlds:
                 if (mode := variant.alpha_mode) != "opaque":
                     self._binder.note_feature(variant)
                 if mode == "blend":
-                    self._binder.blended_changes += 1
+                    blended[instance] = instance.transform.tobytes(), instance.visible, instance.mesh, *given
                     built_anew |= self._binder.meet_once(instance.ray_mesh or instance.mesh)
                 flags = flags_of(material.double_sided, mode)
                 found[material] = self._binder.materials.rows[material], flags, mask_of(instance.visible, mode)
             rows, flags, masks = np.array([found[material] for material in given], np.uint32).T
             self._surfaces[instance] = Differing(None, rows, flags, masks)
+        self._binder.blended_changes += blended != self._blended
+        self._blended = blended
         if built_anew:
             self._binder.update()
 
@@ -184,7 +198,8 @@ class Worlds:
     def _write(self, differing: Mapping[Instance, Differing]) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         lamp_rows = self._lit.lamp_rows
-        kept = binder.revision, (*differing,), (*(one.materials is None for one in differing.values()),), (*lamp_rows,)
+        given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
+        kept = binder.revision, (*given,), (*lamp_rows,)
         if self._kept is None or self._kept[0] != kept:
             self._check_room()
             records = np.tile(binder.instance_table.records, (worlds, 1))
@@ -231,9 +246,10 @@ class Worlds:
     def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
         size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
         if buffer is None or buffer.size != size:
+            made = self._device.buffer(size, name)
             if buffer is not None:
                 buffer.destroy()
-            buffer = self._device.buffer(size, name)
+            buffer = made
         if records.nbytes:
             buffer.upload(records)
         return buffer

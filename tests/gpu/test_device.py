@@ -421,6 +421,21 @@ def test_close_destroys_what_the_owner_forgot_and_ends_all_use(any_device: None)
     buffer.destroy()
 
 
+def test_close_ends_what_is_gathered(any_device: None) -> None:
+    with Device(validation=True) as device, device.gathered():
+        device.start(nothing)
+        device.close()
+
+
+def test_close_ends_after_what_was_gathered_failed(any_device: None) -> None:
+    with Device(validation=True) as device:
+        inject(device, "vkQueueSubmit2", raw.VK_ERROR_OUT_OF_DEVICE_MEMORY)
+        with pytest.raises(DeviceError, match="OUT_OF_DEVICE_MEMORY"), device.gathered():
+            device.start(nothing)
+        with pytest.raises(DeviceError, match="lost"):
+            device.run(nothing)
+
+
 def test_use_of_a_destroyed_resource_is_refused(device: Device) -> None:
     buffer = device.buffer(64, "gone")
     image = device.image(4, 4, raw.VK_FORMAT_R8_UNORM, "vanished")

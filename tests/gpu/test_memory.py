@@ -327,6 +327,20 @@ def test_staging_is_bounded(any_device: None) -> None:
         assert np.array_equal(buffer.read(np.uint32, 1000, 180 * MIB), data[45 * MIB : 45 * MIB + 1000])
 
 
+def test_large_chunks_are_kept_for_reads_while_there_is_memory(own_device: Device) -> None:
+    memory = own_device.memory
+    image = own_device.image(2048, 1024, raw.VK_FORMAT_R8G8B8A8_UNORM, "picture")
+    before = memory.bytes_used
+    image.upload([np.zeros((1024, 2048, 4), np.uint8)])
+    own_device.wait_idle()
+    assert memory.bytes_used == before
+    image.read()
+    assert memory.bytes_used >= before + 8 * MIB
+    memory._heap_sizes = [memory.bytes_reserved] * len(memory._heap_sizes)
+    own_device.buffer(8 * MIB, "other", host=True).destroy()
+    image.destroy()
+
+
 def test_an_exception_in_a_batch_uploads_nothing(path_device: Device) -> None:
     buffer = path_device.buffer(64, "untouched")
     buffer.upload(np.zeros(64, np.uint8))

@@ -222,7 +222,7 @@ def test_clips_of_properties_are_saved(pointed, tmp_path):
     scene = pointed.load(strict=True)
     scene.save(tmp_path / "rest.glb")
     scene.animate(0.7)
-    with pytest.warns(UserWarning, match="as it is before one is played: Material 'one', Camera"):
+    with pytest.warns(UserWarning, match="in which these are written: Material 'one', Camera"):
         scene.save(tmp_path / "posed.glb")
     for name in ("rest.glb", "posed.glb"):
         found = sv.load(tmp_path / name, strict=True)
@@ -266,7 +266,7 @@ def test_edits_are_saved_or_named(pointed, tmp_path):
     assert material(found).emissive.tolist() == [0.25, 0, 0]
     scene.animate(0, loop=False)
     material(scene).sheen_color = (0, 0, 1)
-    with pytest.warns(UserWarning, match="before one is played: Material 'one'$"):
+    with pytest.warns(UserWarning, match="in which these are written: Material 'one'$"):
         scene.save(tmp_path / "edited.glb")
     found = sv.load(tmp_path / "edited.glb", strict=True)
     assert (material(found).metallic, material(found).sheen_color.tolist()) == (0.125, [0, 0, 0])
@@ -279,7 +279,7 @@ def test_edits_of_a_part_of_what_is_animated_are_named(pointed, tmp_path):
     scene = pointed.load(strict=True)
     material(scene).emissive = 5
     light(scene).update(intensity=1, range=3)
-    with pytest.warns(UserWarning, match="before one is played: Material 'one', SpotLight"):
+    with pytest.warns(UserWarning, match="in which these are written: Material 'one', SpotLight"):
         scene.save(tmp_path / "edited.glb")
     found = light(sv.load(tmp_path / "edited.glb", strict=True))
     assert (found.intensity, found.range) == (5, 3)

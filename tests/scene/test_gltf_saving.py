@@ -214,7 +214,7 @@ def test_clips_are_read_back_equal(machine, tmp_path):
 def test_moved_objects_of_clips_are_named(machine, tmp_path):
     machine.animate(1.5, "work")
     named = "Instance 'mirrored', Instance 'box', PointLight 'lamp' and 2"
-    with pytest.warns(UserWarning, match=f"before one is played: {named} more"):
+    with pytest.warns(UserWarning, match=f"in which these are written: {named} more"):
         machine.save(tmp_path / "machine.glb")
 
 
@@ -241,7 +241,7 @@ def test_moved_cameras_and_lights_of_clips_are_named(lit, tmp_path, edit, named)
     check_same(lit, saved(lit, tmp_path / "lit.glb"))
     lit.animate(0)
     edit(lit)
-    with pytest.warns(UserWarning, match=f"before one is played: {named}$"):
+    with pytest.warns(UserWarning, match=f"in which these are written: {named}$"):
         lit.save(tmp_path / "lit.glb")
 
 

@@ -114,6 +114,13 @@ class RecentChanges:
         """Add records; of a light, that of the largest change counts."""
         changing = self._keys[self._records["recent"] > STILL_CHANGING]
         records["recent"][np.isin(keys, changing)] = CHANGE_DECAY
+        self._keep_largest(keys, records)
+
+    def merge(self, other: RecentChanges) -> None:
+        """Add the changes of another list of the same lights."""
+        self._keep_largest(other._keys, other._records)
+
+    def _keep_largest(self, keys: NDArray[np.uint64], records: Records) -> None:
         keys, records = np.concatenate([keys, self._keys]), np.concatenate([records, self._records])
         order = np.argsort(-records["power"] * records["recent"], kind="stable")
         first = np.sort(np.unique(keys[order], return_index=True)[1])[:MOST]

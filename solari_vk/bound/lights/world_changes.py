@@ -52,8 +52,10 @@ class WorldChanges:
             self._seen = [*known]
             self._recent = [RecentChanges() for _ in known]
         self._spread(len(known))
-        self.newest = np.zeros(len(known))
-        for world, (before, now, recent) in enumerate(zip(self._seen, known, self._recent, strict=True)):
+        count = len(self._seen)
+        self.newest = np.zeros(count)
+        each = [*known] * (count // len(known))
+        for world, (before, now, recent) in enumerate(zip(self._seen, each, self._recent, strict=True)):
             if before is not now and any(a is not b for a, b in zip(before, now, strict=True)):
                 changed = share_changed(before.ids, before.powers, now.ids, now.powers)
                 moved = share_moved(before.ids, before.positions, now.ids, now.positions, now.powers, cell_size)
@@ -62,14 +64,22 @@ class WorldChanges:
         self._seen = [*known]
         change = self.change * CHANGE_DECAY
         self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
+        if len(known) < count:
+            self._join()
 
     def _spread(self, count: int) -> None:
-        """Go over from lights that worlds share to those of their own, or back."""
-        if count == len(self._seen):
-            return
-        at = np.zeros(count, np.int64)
-        self.change, self._seen = self.change[at], [self._seen[0]] * count
-        self._recent = [self._recent[0].copy() for _ in at]
+        """Go over from lights that worlds share to those of their own."""
+        if count > len(self._seen):
+            self.change, self._seen = np.repeat(self.change, count), self._seen * count
+            self._recent = [self._recent[0].copy() for _ in range(count)]
+
+    def _join(self) -> None:
+        """Go back to lights that worlds share, with the largest changes of all worlds."""
+        self.newest, self.change = self.newest.max(keepdims=True), self.change.max(keepdims=True)
+        first, *others = self._recent
+        for other in others:
+            first.merge(other)
+        self._recent = [first]
 
     def clear(self) -> None:
         """Forget all changes so far."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
+from collections.abc import Callable
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
@@ -97,6 +98,7 @@ class Allocator:
         self._pools: dict[tuple[int, bool, bool], Pool] = {}
         self.allocation_count = 0
         self.bytes_used = 0
+        self.on_shortage: Callable[[], None] = lambda: None  # frees what is kept for later
 
     @property
     def bytes_reserved(self) -> int:
@@ -113,6 +115,7 @@ class Allocator:
             if self.device.lost:
                 raise
             # Resources that wait for their destruction may hold the memory: wait for their work and try once more.
+            self.on_shortage()
             self.device.await_idle()
             self._trim()
             allocation = self._allocate(pool, size, alignment, name)

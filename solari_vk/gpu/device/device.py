@@ -6,7 +6,7 @@ import os
 from functools import cached_property
 from typing import Any, Literal
 
-from solari_vk.errors import SolariError, checked_keywords, quoted
+from solari_vk.errors import DeviceError, SolariError, checked_keywords, quoted
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes
@@ -86,6 +86,13 @@ class Device(WorkQueue):
         """Makes tensors that CUDA shares. Raises DeviceError, with the reason, where it can't."""
         return CudaTensors(self, self.memory)
 
+    def cuda_for(self, name: str) -> CudaTensors:
+        """`cuda`, for a tensor of what has this name. Raises SolariError, with the reason, where there is none."""
+        try:
+            return self.cuda
+        except DeviceError as error:
+            raise SolariError(f"there is no tensor of {name} on the device: {error}: read it to the host") from None
+
     def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""
         return Uploads(self.staging_pool)
@@ -106,9 +113,13 @@ class Device(WorkQueue):
         """
         if self.closed:
             return
-        self.collect()
-        self.closed = True
-        self.lent.close(self._end)
+        try:
+            if not self.lost:
+                self._hand_over()
+        finally:
+            self.collect()
+            self.closed = True
+            self.lent.close(self._end)
 
     def _end(self) -> None:
         self._finish()

@@ -15,6 +15,11 @@ class GatheringDevice(LogicalDevice):
 
     _gathered: dict[Submission, raw.CData] | None = None  # with what they are submitted with
 
+    @property
+    def gathers(self) -> bool:
+        """Whether submissions are being gathered."""
+        return self._gathered is not None
+
     @contextmanager
     def gathered(self) -> Iterator[None]:
         """Hand all that is submitted inside to the driver in one call at the end, or as soon as something waits for it.
@@ -38,7 +43,11 @@ class GatheringDevice(LogicalDevice):
         if self._gathered:
             gathered, self._gathered = self._gathered, {}
             infos = raw.array("VkSubmitInfo2", [*gathered.values()])
-            self.vk.vkQueueSubmit2(self.queue, len(gathered), infos, raw.NULL)
+            try:
+                self.vk.vkQueueSubmit2(self.queue, len(gathered), infos, raw.NULL)
+            except BaseException:
+                self.lost = True  # the timeline never reaches what counts as submitted
+                raise
 
     def _hand_over_or_gather(self, submission: Submission, value: int, ahead: Collection[raw.CData]) -> None:
         """Submit what signals a value of the timeline, behind other command buffers, now or with what is gathered."""

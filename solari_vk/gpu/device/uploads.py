@@ -15,7 +15,7 @@ from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
 from solari_vk.gpu.device.storage import Storage, as_bytes
 
 CHUNK_SIZE = 4 << 20
-LARGEST_KEPT = 256 << 20  # of the larger chunks one is kept, for results that are read in each frame
+LARGEST_KEPT = 256 << 20  # of the larger chunks that were read through one is kept, for results of each frame
 FLUSH_SIZE = 64 << 20  # a larger batch is submitted in parts, which bounds staging memory
 _ALIGNMENT = 16  # bytes between pieces of data in a chunk: no texel that is uploaded is larger
 _TRANSFER_LAYOUT = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
@@ -29,6 +29,7 @@ class StagingPool:
         self.device = memory.device
         self._chunks: list[Storage] = []
         self._large: Storage | None = None
+        memory.on_shortage = self.trim
 
     def take(self, size: int) -> Storage:
         """A mapped buffer of at least `size` bytes; return it with `give` when the copy is done."""
@@ -39,12 +40,12 @@ class StagingPool:
             return chunk
         return Storage(self.memory, max(size, CHUNK_SIZE), "staging", host=True, shared=True)
 
-    def give(self, chunk: Storage) -> None:
+    def give(self, chunk: Storage, *, was_read: bool = False) -> None:
         """Take a chunk back that the device no longer uses. The pool keeps up to 16 chunks of ordinary size, and the
-        latest larger one."""
+        latest larger one that results were read through."""
         if self.device.closed:
             return
-        if CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
+        if was_read and CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
             self.trim()
             self._large = chunk
         elif chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
@@ -71,7 +72,7 @@ class StagingPool:
             device.run(record, "read back")
             return chunk.view(np.uint8, size).copy()
         finally:
-            self.give(chunk)
+            self.give(chunk, was_read=True)
 
 
 class ImageTarget(Protocol):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import DeviceError, SolariError, checked_keywords
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.command_pool import CommandPool
@@ -73,8 +73,7 @@ class Frame:
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
-        self.frame_count = 0
-        self.timed_value = 0
+        self.frame_count = self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
         self.stages: list[Stage] = list(stages)
@@ -88,7 +87,7 @@ class Frame:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
             self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
-            self._latest = self._slots[0]
+            self._latest, self._gathered_slots = self._slots[0], SIDES
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
             undo.pop_all()
@@ -121,8 +120,7 @@ class Frame:
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
         self._resources.destroy_all_but(resources)
-        self.stages, self._external, self._resources = stages, external, resources
-        self.features = features
+        self.stages, self._external, self._resources, self.features = stages, external, resources, features
         self._note_structures()
         kinds = program.interface.bindings.values()
         blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}
@@ -139,6 +137,12 @@ class Frame:
             slot = Slot(self.device, index, *self._pool.allocate(1))
             slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
             self._slots.append(slot)
+        self._gathered_slots = SIDES * frames
+
+    @property
+    def _next_slot(self) -> Slot:
+        """Which the next frame takes. More than two only serve frames that are submitted together."""
+        return self._slots[self.frame_count % (self._gathered_slots if self.device.gathers else SIDES)]
 
     def bind(self, external: Mapping[str, Any]) -> None:
         """Replace external resources from the next frame on. The replaced ones may be destroyed at once. Raises
@@ -160,7 +164,7 @@ class Frame:
         shaders must not be used (`Tlas.check_usable`), and after `close`.
         """
         self.check_open()
-        slot = self._slots[self.frame_count % len(self._slots)]
+        slot = self._next_slot
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
@@ -232,10 +236,7 @@ class Frame:
         if self.device.properties.kind == "cpu":
             return self[name][:count]
         resource = self.resource(name)
-        try:
-            cuda = self.device.cuda
-        except DeviceError as error:
-            raise SolariError(f"there is no tensor of {name} on the device: {error}: read it to the host") from None
+        cuda = self.device.cuda_for(name)
         if isinstance(resource, Image):
             return cuda.copy(resource.record_copy, resource.level_shape(0), resource.dtype)
         shape, dtype, offset = self._elements(name)
@@ -270,7 +271,7 @@ class Frame:
 
     def timings_so_far(self) -> dict[str, float]:
         """As `timings`, but waits only for what the next `submit` waits for; empty if no frame has finished then."""
-        self.device.await_value(self._slots[self.frame_count % len(self._slots)].value)
+        self.device.await_value(self._next_slot.value)
         slot = max(self._done, key=lambda slot: slot.value, default=None)
         self.timed_value, found = (slot.value, slot.read_timings()) if slot else (0, {})
         return found
