@@ -267,7 +267,7 @@ def _turn(item: Any, degrees: float, *others: Instance) -> None:
 
 
 def _aim(camera: Any, target: Any) -> None:
-    """Raises SolariError for a target at the camera, which is where the recipe put it."""
+    """Turn the camera, where it is by then, towards a point. Raises SolariError if the camera is at that point."""
     camera.place(camera.position, target)
 
 
