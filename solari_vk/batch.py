@@ -24,6 +24,7 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
+from solari_vk.bound.given_poses import taken
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
@@ -88,6 +89,7 @@ class Batch(BatchResults):
             self.binder.update()
             self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
             self._owned.callback(self._worlds.destroy)
+            self._given = [self._worlds.given_poses]
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             if renderer == "realtime":
@@ -95,9 +97,11 @@ class Batch(BatchResults):
                     device, self.binder, self.size, self.views, self._layout, self._worlds, options
                 )
                 self._owned.callback(self._realtime.close)
+                self._given.append(self._realtime.views.given_poses)
             if names or renderer == "reference":
                 self._table = view_table.ViewTable(device, self._layout, self.views)
-                self._owned.callback(self._table.buffer.destroy)
+                self._owned.callback(self._table.destroy)
+                self._given.append(self._table.given_poses)
             if renderer == "reference":
                 self._paths = ViewTracer(device, self.binder, self._strip, self._table.buffer, self._worlds, options)
                 self._owned.callback(self._paths.close)
@@ -146,11 +150,11 @@ class Batch(BatchResults):
         """Render all views, and return the batch, whose results are these until it renders again.
 
         cameras: poses (N, 4, 4), the transforms of `Camera`: world from camera, which looks along its -z axis with y
-        up, in meters. They are arrays of numpy or tensors. Their lens is given by one of fov, the
-        vertical field of view in degrees, vertical_fov, in radians (45 degrees), both a number or (N,), and K, OpenCV's
-        matrices (3, 3) or (N, 3, 3) in pixels of a view, as `Camera.from_opencv` takes them; near and ev100, numbers or
-        (N,), are Camera.near and Camera.ev100. Or N `Camera` objects of any kind, with lenses, apertures and parallel
-        projections.
+        up, in meters. They are arrays of numpy or tensors, of which those of a GPU stay on it: what is wrong with such
+        a tensor is said by a later call. Their lens is given by one of fov, the vertical field of view in degrees,
+        vertical_fov, in radians (45 degrees), both a number or (N,), and K, OpenCV's matrices (3, 3) or (N, 3, 3) in
+        pixels of a view, as `Camera.from_opencv` takes them; near and ev100, numbers or (N,), are Camera.near and
+        Camera.ev100. Or N `Camera` objects of any kind, with lenses, apertures and parallel projections.
 
         samples: per pixel, by default 16; each call begins new pictures. seeds (N,): whole numbers for those of the
         views. reset: True or (N,), views that begin anew, without history: their cameras count as not having moved.
@@ -159,14 +163,19 @@ class Batch(BatchResults):
         rendered then.
         """
         self._check_open()
+        self._check_tensors()
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         current = self._cameras  # the same memory in each frame, which costs less than new memory
         current.view(np.uint8)[:] = 0
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = self._write(current, cameras, options)
+        written = self._write(current, self._poses(cameras), options)
         cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
         self._render(current, written, samples, self._checked_seeds(seeds), cut, begins_anew)
         return self
+
+    def _poses(self, cameras: Any, *more: tuple[int, ...], where: str = "Batch.render") -> Any:
+        """Cameras, those of a tensor of the device in its memory."""
+        return taken(self.device, cameras, "cameras", (self.views, 4, 4), *more, where=where) or cameras
 
     def _write(self, current: NDArray[Any], cameras: Any, options: Mapping[str, Any]) -> view_table.Written:
         """Write the records (N,) of cameras, which are zero."""
@@ -185,7 +194,7 @@ class Batch(BatchResults):
             self.binder.update()  # which the worlds' records depend on, and what features they have on these
             self._worlds.update()
         if self._labels is not None or self._paths is not None:
-            self._show(current, cut, seeds)
+            self._show(current, written, cut, seeds)
         if self._labels is not None:
             self._find_labels(self._labels)
         self._rendered = True
@@ -214,12 +223,14 @@ class Batch(BatchResults):
         They take memory for each frame. Raises SolariError as `render`; nothing is rendered then.
         """
         self._check_open()
+        self._check_tensors()
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         moves = self._moves(frames, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         current = np.zeros((frames, self.views), self._cameras.dtype)
+        cameras = self._poses(cameras, (frames, self.views, 4, 4), where=MANY)
         shown = cameras_of(frames, self.views, cameras)
         written = [self._write(records, of_frame, options) for records, of_frame in zip(current, shown, strict=True)]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
@@ -244,20 +255,28 @@ class Batch(BatchResults):
         assert self._many is not None
         return self._many
 
-    def _moves(self, frames: int, transforms: Any) -> list[list[tuple[Instance, NDArray[np.float64]]]]:
+    def _moves(self, frames: int, transforms: Any) -> list[list[tuple[Instance, Any]]]:
         """What to replace in `transforms` before each frame."""
         if not isinstance(transforms, Mapping | None):
             raise SolariError(f"{MANY}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
         shape = frames, self._worlds.count, 4, 4
-        given = [(key, view_table.array(values, f"transforms of {key}", shape, where=MANY))
-                 for key, values in (transforms or {}).items()]  # fmt: skip
-        return [[self.transforms.checked(key, values[index]) for key, values in given] for index in range(frames)]
+        moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
+        for key, values in (transforms or {}).items():
+            what = f"transforms of {key}"
+            tensor = self.transforms.taken(values, what, shape, where=MANY)
+            parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
+                     else view_table.array(values, what, shape, where=MANY))  # fmt: skip
+            for of_frame, part in zip(moves, parts, strict=True):
+                of_frame.append(self.transforms.checked(key, part))
+        return moves
 
-    def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+    def _show(
+        self, current: NDArray[Any], written: view_table.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
+    ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
         self._worlds.number(table)
-        table.show(current, cut)
+        table.show(current, cut, written.poses)
         table.records["frame"]["seed"] = seeds
         table.upload()
 

@@ -15,6 +15,7 @@ from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
@@ -144,6 +145,8 @@ def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:
             if len(lists) != len(cameras) or len(cameras) != frames:
                 raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
             return lists
+    if isinstance(cameras, Taken):
+        return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
     shape = views, 4, 4
     poses = view_table.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
     return list(np.broadcast_to(poses, (frames, *shape)))

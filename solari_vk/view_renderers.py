@@ -78,15 +78,16 @@ class ViewRenderer(Renderer):
         self._own_jitter = np.zeros((count, 2))
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         self._changes = WorldChanges(device, worlds.count)
-        buffers = self.views.buffer, self._changes.buffer
+        self._ball = device.buffer(16, "camera_ball")
+        owned = self.views, self._changes.buffer, self._ball
         try:
             super().__init__(device, binder, size, **options)
         except BaseException:
-            for buffer in buffers:
-                buffer.destroy()
+            for one in owned:
+                one.destroy()
             raise
-        for buffer in buffers:
-            self._owned.callback(buffer.destroy)
+        for one in owned:
+            self._owned.callback(one.destroy)
 
     @property
     def frame(self) -> SceneFrame:
@@ -118,7 +119,7 @@ class ViewRenderer(Renderer):
         return over_views(super()._stages(picture))
 
     def _inputs(self) -> dict[str, Any]:
-        own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
+        own = {"views": self.views.buffer, "world_changes": self._changes.buffer, "camera_ball": self._ball}
         return super()._inputs() | own | dict(self._worlds.resources)
 
     def _write_settings(self) -> None:
@@ -142,7 +143,7 @@ class ViewRenderer(Renderer):
         self._changes.update(known, self.settings.world_cache_cell_size)
         try:
             self._write_views(current, written, cut | (not self._has_history), seeds)
-            self._write_shared(current, keeps_cache and self._has_history)
+            self._write_shared(written, current, keeps_cache and self._has_history)
             self._has_history = True
             self._frame.submit_applied()
         except BaseException:
@@ -158,7 +159,7 @@ class ViewRenderer(Renderer):
             offsets = np.array(self._jitters)[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._jitters)]
         numbers = self.frame_count + SEED_STRIDE * seeds.astype(np.int64)
         own = write_samples(current, written, self.size, self._built_render_size, offsets, numbers)
-        self.views.show(current, cut)
+        self.views.show(current, cut, written.poses)
         change = self._change * CHANGE_DECAY
         change[change <= MIN_CHANGE] = 0.0
         newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
@@ -170,20 +171,21 @@ class ViewRenderer(Renderer):
         frame["blended_changed"] = self.binder.blended_changes != self._blended_changes
         frame["sample_offset"], frame["picture_shift"] = offsets, own - self._own_jitter
         self._own_jitter = own
-        self.views.upload()
+        self.views.upload(self._ball)
 
-    def _write_shared(self, current: NDArray[Any], keeps_cache: bool) -> None:
+    def _write_shared(self, written: Written, current: NDArray[Any], keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""
         if not keeps_cache:
             self._changes.clear()
         self._changes.upload()
-        places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
-        center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
-        distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
+        if written.poses is None:
+            places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
+            center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
+            distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
+            self._ball.upload(np.array([*center, distances.max()], np.float32))
         self._frame.uniforms.update_declared({
             "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
             "all_views.has_history": keeps_cache, "all_views.lighting_change": self._changes.change.max(),
-            "camera_ball.center": center, "camera_ball.radius": distances.max(),
         })  # fmt: skip
         self._blended_changes = self.binder.blended_changes
 

@@ -65,6 +65,7 @@ class LightsOfWorlds:
         scene = self._binder.scene
         lamps = [instance for instance in scene.instances if self._binder.lights.index(instance) is not None
                  or any(material.emits for material in made_of.get(instance, ()))]  # fmt: skip
+        places = transforms.on_host(lamps)
         if not own_lights and not any(lamp in moved or lamp in made_of for lamp in lamps):
             self._forget()
             self.known = [Known.of(self._binder.lights)]
@@ -80,7 +81,7 @@ class LightsOfWorlds:
             own = [(light if given is None else given[world]) for light, given in listed.items()]
             _check_once(own, world)
             lit = [(lamp, made_of[lamp][world] if lamp in made_of else lamp.material,
-                    moved[lamp][world] if lamp in moved else None) for lamp in lamps]  # fmt: skip
+                    places[lamp][world] if lamp in places else None) for lamp in lamps]  # fmt: skip
             lit = [one for one in lit if one[0].visible and one[1].emits]
             lights_key = [(id(light), lights.edits_of(light)) for light in own]
             lamps_key = [(id(lamp), *_emission_key(made), (lamp.transform if at is None else at).tobytes(), poses[lamp])

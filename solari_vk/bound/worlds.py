@@ -7,13 +7,14 @@ have these rows as their custom indices, so that shaders which have a hit need n
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import MAX_INSTANCES, SceneBinder
+from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.lights.bodies import has_body, transform_of
 from solari_vk.bound.lights.world_changes import Known
 from solari_vk.bound.traced_instances import flags_of, mask_of
@@ -23,6 +24,7 @@ from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTran
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuilds
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Instance, Material
 
@@ -33,7 +35,7 @@ class Differing(NamedTuple):
     """What an instance has of its own in each world (worlds, ...), None for what the scene has: its transforms, the
     rows of its materials, and the flags and masks of what rays hit."""
 
-    transforms: NDArray[np.float64] | None = None
+    transforms: NDArray[np.float64] | Taken | None = None
     materials: NDArray[np.uint32] | None = None
     flags: NDArray[np.uint32] | None = None
     masks: NDArray[np.uint32] | None = None
@@ -48,7 +50,7 @@ class Worlds:
 
     def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
         self.count = count
-        self.transforms = WorldTransforms(binder, count)
+        self.transforms = WorldTransforms(device, binder, count)
         self.materials = WorldMaterials(binder, count)
         self.lights = WorldLights(binder, count)
         self._lit = LightsOfWorlds(device, binder, count)
@@ -64,6 +66,7 @@ class Worlds:
         self._records: Buffer | None = None
         self._structures: list[Tlas] = []
         self._builds: TlasBuilds | None = None
+        self.given_poses = GivenPoses(device, "Batch.transforms", "world")
 
     @property
     def resources(self) -> Mapping[str, Any]:
@@ -120,7 +123,7 @@ class Worlds:
             bodies = self._bodies()
             if (edited or bodies or self.transforms.changed or self.materials.changed
                     or not _same(lamp_rows, self._lit.lamp_rows)):  # fmt: skip
-                self._write(self._differing(bodies))
+                self._write(self._differing(bodies), moved_only=not (edited or lit or bodies))
             self._seen = self._binder.revision
             for given in own:
                 given.changed.clear()
@@ -195,11 +198,16 @@ class Worlds:
 
     # ---- instances and their structures -------------------------------------------------------------
 
-    def _write(self, differing: Mapping[Instance, Differing]) -> None:
+    def _write(self, differing: Mapping[Instance, Differing], *, moved_only: bool) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         lamp_rows = self._lit.lamp_rows
         given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
         kept = binder.revision, (*given,), (*lamp_rows,)
+        on_device = [instance for instance, own in differing.items() if isinstance(own.transforms, Taken)]
+        changed = self.transforms.changed
+        if moved_only and self._kept is not None and self._kept[0] == kept and changed.issubset(on_device):
+            self._place(differing, [instance for instance in on_device if instance in changed])
+            return
         if self._kept is None or self._kept[0] != kept:
             self._check_room()
             records = np.tile(binder.instance_table.records, (worlds, 1))
@@ -210,7 +218,7 @@ class Worlds:
         for instance, own in differing.items():
             row = binder.instance_rows[instance]
             place = traced.place(row)
-            if own.transforms is not None:
+            if own.transforms is not None and not isinstance(own.transforms, Taken):
                 records["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
                 instances["transform"][:, place] = own.transforms[:, :3]
             if own.materials is not None:
@@ -226,7 +234,23 @@ class Worlds:
         if rays is not self._records or self._builds is None or self._structures[0].max_instances != traced.count:
             self._records = rays
             self._rebuild(traced.count)
+        self._place(differing, on_device)
+
+    def _place(self, differing: Mapping[Instance, Differing], on_device: Iterable[Instance]) -> None:
+        """Build the structures, with the transforms that tensors give of some instances written on the device."""
+        binder, traced, records = self._binder, self._binder.traced, self._binder.instance_table.records
+        fields = records.dtype.fields
         assert self._builds is not None
+        assert self._records is not None
+        assert fields is not None
+        size, begin = records.dtype.itemsize // 4, fields["world_from_object"][1] // 4
+        for instance in on_device:
+            row, given = binder.instance_rows[instance], differing[instance].transforms
+            assert isinstance(given, Taken)
+            shown = self._buffers["instances"].address, row * size + begin, self.rows * size
+            ray_size = INSTANCE_DTYPE.itemsize // 4
+            rays = self._records.address, traced.place(row) * ray_size, traced.count * ray_size
+            self.given_poses.write(given, instance.describe(), self.count, shown, rays)
         self._builds.submit()
         self._show_addresses([structure.address for structure in self._structures for _ in ("now", "previous")])
 
@@ -277,6 +301,7 @@ class Worlds:
         self.materials.destroy()
         self._lit.destroy()
         self._free_structures()
+        self.given_poses.destroy()
         for buffer in (*self._buffers.values(), self._records):
             if buffer is not None:
                 buffer.destroy()
