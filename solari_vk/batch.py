@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.batch_frames import WHERE as MANY
-from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, seeds_of
+from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, moves_of, seeds_of
 from solari_vk.batch_options import (
     LIGHT,
     check_realtime,
@@ -28,7 +28,7 @@ from solari_vk.bound.given_poses import taken
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
-from solari_vk.errors import SolariError, checked_keywords, quoted
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
@@ -39,7 +39,7 @@ from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
@@ -227,7 +227,7 @@ class Batch(BatchResults):
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
-        moves = self._moves(frames, transforms)
+        moves = moves_of(frames, self.transforms, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         current = np.zeros((frames, self.views), self._cameras.dtype)
         cameras = self._poses(cameras, (frames, self.views, 4, 4), where=MANY)
@@ -254,21 +254,6 @@ class Batch(BatchResults):
                 self._many.take(index, results)
         assert self._many is not None
         return self._many
-
-    def _moves(self, frames: int, transforms: Any) -> list[list[tuple[Instance, Any]]]:
-        """What to replace in `transforms` before each frame."""
-        if not isinstance(transforms, Mapping | None):
-            raise SolariError(f"{MANY}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
-        shape = frames, self._worlds.count, 4, 4
-        moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
-        for key, values in (transforms or {}).items():
-            what = f"transforms of {key}"
-            tensor = self.transforms.taken(values, what, shape, where=MANY)
-            parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
-                     else view_table.array(values, what, shape, where=MANY))  # fmt: skip
-            for of_frame, part in zip(moves, parts, strict=True):
-                of_frame.append(self.transforms.checked(key, part))
-        return moves
 
     def _show(
         self, current: NDArray[Any], written: view_table.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]

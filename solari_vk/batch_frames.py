@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound import view_table
+from solari_vk.bound.world_objects import WorldTransforms
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device import raw
@@ -20,7 +21,7 @@ from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.host_array import host_array
-from solari_vk.scene.model import Camera
+from solari_vk.scene.model import Camera, Instance
 
 WHERE = "Batch.render_many"
 
@@ -150,6 +151,21 @@ def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:
     shape = views, 4, 4
     poses = view_table.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
     return list(np.broadcast_to(poses, (frames, *shape)))
+
+
+def moves_of(frames: int, own: WorldTransforms, transforms: Any) -> list[list[tuple[Instance, Any]]]:
+    """What to replace in the transforms of worlds before each frame."""
+    if not isinstance(transforms, Mapping | None):
+        raise SolariError(f"{WHERE}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
+    moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
+    for key, values in (transforms or {}).items():
+        what, shape = f"transforms of {key}", (frames, own.worlds, 4, 4)
+        tensor = own.taken(values, what, shape, where=WHERE)
+        parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
+                 else view_table.array(values, what, shape, where=WHERE))  # fmt: skip
+        for of_frame, part in zip(moves, parts, strict=True):
+            of_frame.append(own.checked(key, part))
+    return moves
 
 
 def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     among: str  # the scene's collection
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
-        self._binder, self._worlds = binder, worlds
+        self._binder, self.worlds = binder, worlds
         self._given: dict[Item, Values] = {}
         self.changed: set[Item] = set()
 
@@ -67,7 +67,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def checked(self, key: str | Item, values: Any) -> tuple[Item, Values]:
         """What `replace` takes."""
         item = self._item(key)
-        if self._worlds == 1:
+        if self.worlds == 1:
             raise SolariError(f"{self.where}: the batch has one world: change {item.describe()} in the scene")
         return item, self._checked(item, values)
 
@@ -127,9 +127,9 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
 
     def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
         given = list(values) if isinstance(values, Sequence) else None
-        if given is None or len(given) != self._worlds:
+        if given is None or len(given) != self.worlds:
             there = quoted(values) if given is None else f"{len(given)}"
-            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self._worlds} {what}, one for each "
+            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self.worlds} {what}, one for each "
                               f"world, not {there}")  # fmt: skip
         for world, value in enumerate(given):
             if not isinstance(value, kind):
@@ -138,7 +138,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         return given
 
 
-class WorldTransforms(OfWorlds[Instance, NDArray[np.float64] | Taken]):
+class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
     """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
     object. Instances without have the scene's in all worlds.
 
@@ -158,7 +158,7 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64] | Taken]):
         if not isinstance(key, (list, tuple)):
             super().__setitem__(key, values)
             return
-        what, shape = "of several instances", (self._worlds, len(key), 4, 4)
+        what, shape = "of several instances", (self.worlds, len(key), 4, 4)
         given = self.taken(values, what, shape)
         if given is not None:
             parts: list[Any] = [given.at(index, axis=1) for index in range(len(key))]
@@ -171,8 +171,8 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64] | Taken]):
         """A tensor that stays on the device; None for what the host reads."""
         return taken(self._device, values, what, *shapes, where=where or self.where)
 
-    def _checked(self, item: Instance, values: Any) -> NDArray[np.float64] | Taken:
-        what, shape = f"of {item.describe()}", (self._worlds, 4, 4)
+    def _checked(self, item: Instance, values: Any) -> Any:
+        what, shape = f"of {item.describe()}", (self.worlds, 4, 4)
         given = values if isinstance(values, Taken) else self.taken(values, what, shape)
         return given or self._on_host(item, array(values, what, shape, where=self.where))
 
@@ -190,7 +190,7 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64] | Taken]):
         return found
 
     def _by_default(self, item: Instance) -> NDArray[np.float64]:
-        return np.broadcast_to(item.transform, (self._worlds, 4, 4))
+        return np.broadcast_to(item.transform, (self.worlds, 4, 4))
 
 
 class WorldMaterials(OfWorlds[Instance, list[Material]]):
@@ -207,7 +207,7 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
         return self._checked_list(item, values, Material, "sv.Material")
 
     def _by_default(self, item: Instance) -> list[Material]:
-        return [item.material] * self._worlds
+        return [item.material] * self.worlds
 
     def replace(self, item: Instance, values: list[Material] | None) -> None:
         before = self._given.get(item, [])
@@ -249,7 +249,7 @@ class WorldLights(OfWorlds[Light, list[Light | None]]):
         return given
 
     def _by_default(self, item: Light) -> list[Light | None]:
-        return [item] * self._worlds
+        return [item] * self.worlds
 
     def note(self, changed: Observable) -> None:
         """A light in use was edited."""

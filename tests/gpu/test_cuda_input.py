@@ -152,8 +152,9 @@ def test_tensors_show_what_arrays_show(gpu, renderer, dtype):
                 batch.render(wrap(frame)(poses(frame).astype(dtype)), fov=50, reset=cut)
                 taken.append({name: batch[name] for name in batch})
                 np.testing.assert_array_equal(batch.transforms[BOXES[1]], moved(frame)[:, 1].astype(dtype))
-            many = batch.render_many(wrap(3)(np.stack([poses(4), poses(5)]).astype(dtype)), frames=2, fov=50,
-                                     transforms={BOXES[0]: wrap(3)(np.stack([moved(4), moved(5)])[:, :, 0])})  # fmt: skip
+            later = np.stack([poses(4), poses(5)]).astype(dtype)
+            moves = {BOXES[0]: wrap(3)(np.stack([moved(4), moved(5)])[:, :, 0])}
+            many = batch.render_many(wrap(3)(later), frames=2, fov=50, transforms=moves)
             shown.append([*taken, dict(many)])
     for frame, (expected, found) in enumerate(zip(*shown, strict=True)):
         for name, values in expected.items():
@@ -186,7 +187,7 @@ def test_wrong_tensors_are_said_later_and_not_shown(gpu):
             given[2, 0] = 0, 0, 0, 0
             batch.render(GpuTensor(gpu, given), fov=50)
             gpu.wait_idle()
-            with pytest.raises(sv.SolariError, match="Batch.render: the pose of view 2 must be finite, affine"):
+            with pytest.raises(sv.SolariError, match="the pose of view 2 must be finite, affine"):
                 batch.render(poses(0), fov=50)
             given = poses(0)
         for shape in ((2, 4, 4), (WORLDS, 3, 4)):

@@ -1,5 +1,5 @@
-// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/bound/given_poses.py gives all memory by address, and
-// puts barriers around the shaders.
+// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/bound/given_poses.py gives all memory by address,
+// and puts barriers around the shaders.
 #ifndef SCENE_GIVEN_MATRICES_GLSL
 #define SCENE_GIVEN_MATRICES_GLSL
 
