@@ -138,17 +138,19 @@ def moved(frame):
 @pytest.mark.parametrize("renderer", OPTIONS)
 def test_tensors_show_what_arrays_show(gpu, renderer, dtype):
     """Bit by bit, frame by frame, with cuts, and with arrays and tensors one after the other."""
-    scene, shown = sv.builtin("cornell_box"), []
+    shown = []
     cuts, by_tensor = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0]], bool), (True, True, False, True)
     tensor = partial(GpuTensor, gpu)
     for wrap in (lambda _: np.asarray, lambda frame: tensor if by_tensor[frame] else np.asarray):
-        taken = []
+        taken, scene = [], sv.builtin("cornell_box")
         with sv.Batch(gpu, scene, SIZE, WORLDS, renderer=renderer, worlds=WORLDS, **OPTIONS[renderer]) as batch:
             for frame, cut in enumerate(cuts):
                 batch.transforms[BOXES] = wrap(frame)(moved(frame).astype(dtype))
-                if frame == 2:
-                    scene.instances["short block"].visible = bool(len(shown))  # the records are written anew
-                    scene.instances["short block"].visible = True
+                if frame == 1:
+                    scene.instances["lamp"].position += 0.01  # the records are written anew
+                if frame > 1:
+                    colors = [(0.1 * frame, 0.2 * world, 0.5) for world in range(WORLDS)]
+                    batch.world_materials[BOXES[1]] = [sv.Material(base_color=color) for color in colors]
                 batch.render(wrap(frame)(poses(frame).astype(dtype)), fov=50, reset=cut)
                 taken.append({name: batch[name] for name in batch})
                 np.testing.assert_array_equal(batch.transforms[BOXES[1]], moved(frame)[:, 1].astype(dtype))
