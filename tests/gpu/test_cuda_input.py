@@ -128,6 +128,11 @@ def poses(frame):
                      for view in range(WORLDS)])  # fmt: skip
 
 
+def bulb(x):
+    """A light with a body, which rays hit."""
+    return sv.PointLight((0.7 + x, 1, 0.2), intensity=3, radius=0.2, casts_shadow=True, name="bulb")
+
+
 def moved(frame):
     places = np.tile(np.eye(4), (WORLDS, 2, 1, 1))
     places[..., 0, 3] = 0.1 * np.arange(WORLDS)[:, None] + 0.03 * frame
@@ -143,14 +148,14 @@ def test_tensors_show_what_arrays_show(gpu, renderer, dtype):
     tensor = partial(GpuTensor, gpu)
     for wrap in (lambda _: np.asarray, lambda frame: tensor if by_tensor[frame] else np.asarray):
         taken, scene = [], sv.builtin("cornell_box")
+        scene.add(bulb(0))
         with sv.Batch(gpu, scene, SIZE, WORLDS, renderer=renderer, worlds=WORLDS, **OPTIONS[renderer]) as batch:
             for frame, cut in enumerate(cuts):
                 batch.transforms[BOXES] = wrap(frame)(moved(frame).astype(dtype))
                 if frame == 1:
                     scene.instances["lamp"].position += 0.01  # the records are written anew
                 if frame > 1:
-                    colors = [(0.1 * frame, 0.2 * world, 0.5) for world in range(WORLDS)]
-                    batch.world_materials[BOXES[1]] = [sv.Material(base_color=color) for color in colors]
+                    batch.world_lights["bulb"] = [bulb(0.1 * world + 0.05 * frame) for world in range(WORLDS)]
                 batch.render(wrap(frame)(poses(frame).astype(dtype)), fov=50, reset=cut)
                 taken.append({name: batch[name] for name in batch})
                 np.testing.assert_array_equal(batch.transforms[BOXES[1]], moved(frame)[:, 1].astype(dtype))
