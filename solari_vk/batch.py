@@ -1,4 +1,4 @@
-"""Many cameras of one scene in one frame: first hits, path-traced pictures, or realtime lighting; in many worlds."""
+"""Many cameras of one scene, or of many, in one frame: first hits, path-traced pictures, or realtime lighting."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from solari_vk.batch_options import (
     checked_mask,
     checked_names,
     checked_results,
+    checked_scenes,
     checked_size,
     checked_worlds,
 )
@@ -24,11 +25,13 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
+from solari_vk.bound.scene_worlds import SceneWorlds
+from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError, checked_keywords, quoted
-from solari_vk.frame import SceneFrame
+from solari_vk.frame import SceneFrame, checked_device
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -59,7 +62,8 @@ class Batch(BatchResults):
 
     worlds: their number, of which N is a multiple: `transforms` moves instances in each. View i shows world
     i // (N / worlds). `world_materials` and `world_lights` give instances other materials and the scene other lights in
-    each.
+    each. With a list of scenes in place of the scene, each world shows the scene at its place in the list, where one
+    may stand several times; equal meshes and textures are on the device once.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
@@ -68,11 +72,15 @@ class Batch(BatchResults):
     OUTPUTS = passes.OUTPUTS
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int], views: int, *,
+        self, device: Device, scene: Scene | SceneBinder | Sequence[Scene], size: tuple[int, int], views: int, *,
         renderer: str = "labels", outputs: Sequence[str] = passes.GEOMETRY, worlds: int = 1, **options: Any,
     ) -> None:  # fmt: skip
         names = checked_names(renderer, outputs, options)
-        super().__init__(device, scene)
+        scenes = checked_scenes(scene, worlds)
+        binder: Any = scene if scenes is None else ScenesBinder(checked_device(device, "Batch"), scenes)
+        super().__init__(device, binder)
+        if scenes is not None:
+            self._owned.callback(binder.destroy)
         try:
             self.views = whole_number(views, "Batch: views", 1)
             self._layout = reflect(compile_shader(SHADER), SHADER).bindings["views"]
@@ -86,7 +94,8 @@ class Batch(BatchResults):
             self._names = (*LIGHT[renderer], *names)
             self._owned.callback(self._close_many)
             self.binder.update()
-            self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
+            count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
+            self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
@@ -120,19 +129,25 @@ class Batch(BatchResults):
     def transforms(self) -> WorldTransforms:
         """The transforms of instances in each world, (worlds, 4, 4) by the name of an instance: assign them, as in
         `batch.transforms["box"] = poses`."""
-        return self._worlds.transforms
+        return self._of_one_scene("transforms").transforms
 
     @property
     def world_materials(self) -> WorldMaterials:
         """The materials of instances in each world, a list by the name of an instance: assign them, as in
         `batch.world_materials["box"] = [red, blue]`."""
-        return self._worlds.materials
+        return self._of_one_scene("world_materials").materials
 
     @property
     def world_lights(self) -> WorldLights:
         """What takes the place of a light of the scene in each world, a list by the name of the light: assign them, as
         in `batch.world_lights["sun"] = [low_sun, None]`."""
-        return self._worlds.lights
+        return self._of_one_scene("world_lights").lights
+
+    def _of_one_scene(self, what: str) -> Worlds:
+        if isinstance(self._worlds, SceneWorlds):
+            raise SolariError(f"Batch.{what} is for worlds of one scene: here each world shows a scene of its own, so "
+                              "change that; or give one scene and worlds=")  # fmt: skip
+        return self._worlds
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -181,7 +196,7 @@ class Batch(BatchResults):
     ) -> None:  # fmt: skip
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
-        if self._worlds.count > 1:
+        if self._worlds.count > 1 or self._worlds.shows_scenes:
             self.binder.update()  # which the worlds' records depend on, and what features they have on these
             self._worlds.update()
         if self._labels is not None or self._paths is not None:

@@ -18,7 +18,7 @@ from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
-from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
+from solari_vk.bound.lights.own_buffers import OwnBuffers, SharedBuffers, own_data
 from solari_vk.bound.lights.portal_maps import PortalMaps
 from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
@@ -38,10 +38,13 @@ class LightList:
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
 
     own: given for a list in the host's memory alone, which leaves bodies and the buffers of images to its maker.
+    shared: given for a list in the host's memory of a scene that shares these buffers with others.
     """
 
-    def __init__(self, device: Device, layout: dict[str, Any], own: OwnBuffers | None = None) -> None:
-        table: MakeTable = partial(Table, device) if own is None else HostTable
+    def __init__(
+        self, device: Device, layout: dict[str, Any], own: OwnBuffers | None = None, shared: SharedBuffers | None = None
+    ) -> None:
+        table: MakeTable = partial(Table, device) if own is None and shared is None else HostTable
         self.sources = table("light_sources", layout["light_sources"])
         self.info = table("scene_infos", layout["scene_infos"])
         self.leaves = LightLeaves(table, layout)
@@ -55,7 +58,7 @@ class LightList:
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.bodies = Bodies()
         self._has_bodies = own is None
-        self.own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype) if own is None else own
+        self.own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype, shared) if own is None else own
         self._portal_maps = PortalMaps(device)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
@@ -89,6 +92,16 @@ class LightList:
     def others(self) -> dict[LightKind, list[Light]]:
         """The other lights of each kind, which follow in this order."""
         return {kind: list(lights) for kind, lights in self._others.items()}
+
+    @property
+    def emissive(self) -> list[Instance]:
+        """The emissive instances, in the order of their rows."""
+        return self._emissive
+
+    @property
+    def revision(self) -> int:
+        """Increases when a record changes; of lists in the host's memory."""
+        return sum(table.revision for table in self.tables)
 
     def id_of(self, light: Instance | Light) -> int | None:
         """The light's number in `ids`, if it is in the list."""
