@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,12 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.observed import Observable, Watcher
 
-if TYPE_CHECKING:
-    from solari_vk.bound.scene_rows import SceneRows
+
+class RowsOfScene(Protocol):
+    """What has the records of a scene that uses assets: `SceneRows`."""
+
+    def take_up(self) -> None: ...
+    def write(self, users: Iterable[Any]) -> None: ...
 
 
 class Assets:
@@ -49,7 +53,7 @@ class Assets:
         """The instances that use a mesh, a material, a texture or an image."""
         return self.geometry.rows.users(asset) if isinstance(asset, Mesh) else self.materials.users_of(asset)
 
-    def update(self, scenes: Sequence[SceneRows], revision: int, user: Any) -> bool:
+    def update(self, scenes: Sequence[RowsOfScene], revision: int, user: Any) -> bool:
         """Take up the changes of scenes and write all records; returns whether images were replaced. revision: of all
         scenes together. user: as of `SceneBinder.update`."""
         for scene in scenes:

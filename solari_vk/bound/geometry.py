@@ -187,23 +187,13 @@ class Geometry:
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
-        content: Hashable = object()
-        if mesh not in self._buffers:  # edits take no time to compare
-            content = content_of(*(getattr(mesh, name) for name in ARRAYS))
-            if equal := self._contents.users(content):
-                self._share(mesh, equal[0])
-            else:
-                self._upload_new(mesh, uploads)
+        # What was edited is not compared, so that edits take no time for that.
+        known = mesh in self._buffers
+        content: Hashable = object() if known else content_of(*(getattr(mesh, name) for name in ARRAYS))
+        if equal := self._contents.users(content):
+            self._share(mesh, content, equal[0])
         else:
-            before, uploaded, shared = self._buffers[mesh], self._uploaded.pop(mesh, None), self._content_of[mesh]
-            self._upload_new(mesh, uploads)
-            if not self._contents.release(shared, mesh):  # it is another mesh's too
-                positions = mesh.positions if uploaded is None else uploaded[0]
-                before = self._device.buffer(positions.nbytes, "earlier positions")
-                before.upload(positions)
-            self._replace(mesh, before, uploaded, revision)
-        self._contents.acquire(content, mesh)
-        self._content_of[mesh] = content
+            self._upload_new(mesh, content, uploads, revision)
         self._uploaded[mesh] = mesh.positions, mesh.triangles
         self.table.mark([self.rows[mesh]])
         record = self.table.records[self.rows[mesh]]
@@ -212,15 +202,19 @@ class Geometry:
             triangle_count=int(record["triangle_count"]), no_duplicate_any_hit=mesh in self._met_once,
         )  # fmt: skip
 
-    def _share(self, mesh: Mesh, equal: Mesh) -> None:
-        self._buffers[mesh] = self._buffers[equal]
+    def _hold(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
+        self._contents.acquire(content, mesh)
+        self._buffers[mesh], self._content_of[mesh] = buffer, content
+
+    def _share(self, mesh: Mesh, content: Hashable, equal: Mesh) -> None:
+        self._hold(mesh, content, self._buffers[equal])
         self.orders[mesh], self.centers[mesh] = self.orders[equal], self.centers[equal]
         self.half_sizes[mesh] = self.half_sizes[equal]
         records = self.table.records
         records[self.rows[mesh]] = records[self.rows[equal]]
         records["previous_positions"][self.rows[mesh]] = records["positions"][self.rows[mesh]]
 
-    def _upload_new(self, mesh: Mesh, uploads: Uploads) -> None:
+    def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
@@ -240,7 +234,15 @@ class Geometry:
             parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
             flags |= MESH_HAS_COLORS
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
-        self._buffers[mesh] = buffer
+        before, uploaded = self._buffers.get(mesh), self._uploaded.pop(mesh, None)
+        owned = before is not None and self._contents.release(self._content_of[mesh], mesh)
+        self._hold(mesh, content, buffer)
+        if before is not None:
+            if not owned:  # it is an equal mesh's too
+                positions = mesh.positions if uploaded is None else uploaded[0]
+                before = self._device.buffer(positions.nbytes, "earlier positions")
+                before.upload(positions)
+            self._replace(mesh, before, uploaded, revision)
         addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
         offset = 0
         for name, part in parts.items():

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from solari_vk.bound.assets import Assets
-from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSION
 from solari_vk.bound.geometry import Shape
 from solari_vk.bound.lights.lamps import Lamps
 from solari_vk.bound.lights.light_list import LightList
@@ -45,6 +45,8 @@ class SceneRows:
         self.lamps = Lamps(device, assets.layout, lights, self._geometry, self._uses)
         self.instance_table = table("instances", assets.layout["instances"], INSTANCE)
         self.instance_rows: Rows[Instance] = Rows()  # of instance_table
+        self.without = WITHOUT_BLEND | WITHOUT_DISPERSION
+        """The features that no instance of the scene has had so far."""
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
         self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights, *scene.cameras))
@@ -201,7 +203,11 @@ class SceneRows:
         """Write an instance's records as plain numbers, which is fastest for the few that move in most frames."""
         row, visible, material = self.instance_rows[instance], instance.visible, instance.material
         mesh, ray_mesh, _ = self._uses[instance]
-        rows, light = self._geometry.rows, self.lights.index(instance)
+        rows, light, alpha_mode = self._geometry.rows, self.lights.index(instance), instance.alpha_mode
+        if alpha_mode == "blend":
+            self.without &= ~WITHOUT_BLEND
+        if material.disperses:
+            self.without &= ~WITHOUT_DISPERSION
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
         self.instance_table.set(
             row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
@@ -209,7 +215,7 @@ class SceneRows:
         )  # fmt: skip
         box = self._geometry.centers[ray_mesh], self._geometry.half_sizes[ray_mesh]
         self.traced.write(
-            row, (a, b, c, x, d, e, f, y, g, h, i, z), box, visible, material.double_sided, instance.alpha_mode,
+            row, (a, b, c, x, d, e, f, y, g, h, i, z), box, visible, material.double_sided, alpha_mode,
             self._geometry.blases[ray_mesh].address,
         )  # fmt: skip
 

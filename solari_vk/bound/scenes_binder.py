@@ -113,6 +113,7 @@ class ScenesBinder:
                 self.version += assets.update(self._scenes, self.revision + 1, user)
                 for scene in self._scenes:
                     scene.traced.sort()
+                    scene.lights.note_without(scene.without)
                 self.version += assets.upload(assets.tables)
                 posed.submit()
             except BaseException:

@@ -103,6 +103,12 @@ class LightList:
         """Increases when a record changes; of lists in the host's memory."""
         return sum(table.revision for table in self.tables)
 
+    def note_without(self, features: int) -> None:
+        """Take note of features that only other scenes of the same shaders have: constants.WITHOUT_*."""
+        if self.info.records[0]["without"] != features:
+            self.info.records[0]["without"] = features
+            self.info.mark([0])
+
     def id_of(self, light: Instance | Light) -> int | None:
         """The light's number in `ids`, if it is in the list."""
         return self._id_of.get(light)
