@@ -60,10 +60,9 @@ class Batch(BatchResults):
     instance's ray_mesh where it has one. Realtime views share the world cache, so that bits are equal for one view, and
     for more with the setting world_cache=off.
 
-    worlds: their number, of which N is a multiple: `transforms` moves instances in each. View i shows world
-    i // (N / worlds). `world_materials` and `world_lights` give instances other materials and the scene other lights in
-    each. With a list of scenes in place of the scene, each world shows the scene at its place in the list, where one
-    may stand several times; equal meshes and textures are on the device once.
+    worlds: their number, of which N is a multiple: `transforms` moves instances in each, `world_materials` and
+    `world_lights` give instances other materials and the scene other lights. View i shows world i // (N / worlds). With
+    a list of scenes in place of the scene, each world shows its own, which may stand in the list several times.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
@@ -129,25 +128,19 @@ class Batch(BatchResults):
     def transforms(self) -> WorldTransforms:
         """The transforms of instances in each world, (worlds, 4, 4) by the name of an instance: assign them, as in
         `batch.transforms["box"] = poses`."""
-        return self._of_one_scene("transforms").transforms
+        return self._worlds.transforms
 
     @property
     def world_materials(self) -> WorldMaterials:
         """The materials of instances in each world, a list by the name of an instance: assign them, as in
         `batch.world_materials["box"] = [red, blue]`."""
-        return self._of_one_scene("world_materials").materials
+        return self._worlds.materials
 
     @property
     def world_lights(self) -> WorldLights:
         """What takes the place of a light of the scene in each world, a list by the name of the light: assign them, as
         in `batch.world_lights["sun"] = [low_sun, None]`."""
-        return self._of_one_scene("world_lights").lights
-
-    def _of_one_scene(self, what: str) -> Worlds:
-        if isinstance(self._worlds, SceneWorlds):
-            raise SolariError(f"Batch.{what} is for worlds of one scene: here each world shows a scene of its own, so "
-                              "change that; or give one scene and worlds=")  # fmt: skip
-        return self._worlds
+        return self._worlds.lights
 
     # ---- rendering ----------------------------------------------------------------------------------
 

@@ -84,8 +84,7 @@ class Renderer(ExposureRenderer):
         try:
             self.view, self.tonemap = PICTURE, "agx"
             self.frame_count, self.frame_time = 0, FrameTimeControl()
-            self._has_history = False
-            self._blended_changes: Any = 0  # of all, or for each world of a batch
+            self._has_history, self._blended_changes = False, 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))

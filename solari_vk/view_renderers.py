@@ -84,6 +84,7 @@ class ViewRenderer(Renderer):
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
+        self._blended_before = np.zeros(1, np.int64)
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         self._changes = WorldChanges(device, worlds.count)
         buffers = self.views.buffer, self._changes.buffer
@@ -176,7 +177,7 @@ class ViewRenderer(Renderer):
         self._worlds.number(self.views)
         frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
         frame["exposure"], frame["lighting_change"] = written.exposure, self._change
-        blended = self._worlds.blended_changes != self._blended_changes
+        blended = self._worlds.blended_changes != self._blended_before
         frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
         frame["sample_offset"], frame["picture_shift"] = offsets, own - self._own_jitter
         self._own_jitter = own
@@ -195,7 +196,7 @@ class ViewRenderer(Renderer):
             "all_views.has_history": keeps_cache, "all_views.lighting_change": self._changes.change.max(),
             "camera_ball.center": center, "camera_ball.radius": distances.max(),
         })  # fmt: skip
-        self._blended_changes = self._worlds.blended_changes
+        self._blended_before = self._worlds.blended_changes
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
         """The pictures (N, height, width, channels) of an image that has them in the grid."""

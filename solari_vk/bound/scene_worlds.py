@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from solari_vk.bound.light_tables import LightTables
 from solari_vk.bound.lights.world_changes import Known
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.world_tables import WorldTables
+from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.device import Device
 
@@ -33,6 +34,18 @@ class SceneWorlds(WorldTables):
         self._written: list[int] = []  # the revision of each world's scene
 
     @property
+    def transforms(self) -> NoReturn:
+        raise _refusal("transforms", "the instances")
+
+    @property
+    def materials(self) -> NoReturn:
+        raise _refusal("world_materials", "the instances")
+
+    @property
+    def lights(self) -> NoReturn:
+        raise _refusal("world_lights", "the lights")
+
+    @property
     def rows(self) -> int:
         return self._binder.instance_capacity
 
@@ -48,7 +61,7 @@ class SceneWorlds(WorldTables):
         if self._seen != self._binder.revision:
             self._seen = -1  # until all is written
             scenes = self._binder.worlds
-            shown = [(id(scene), scene.lights.revision) for scene in scenes]
+            shown = [(id(scene), sum(table.revision for table in scene.lights.tables)) for scene in scenes]
             lists = {key: scene.lights for key, scene in zip(shown, scenes, strict=True)}
             if self._lit.show(lists, shown, self.rows):
                 for name, table in self._lit.tables.items():
@@ -79,3 +92,8 @@ class SceneWorlds(WorldTables):
             self._written[world] = scene.revision
         self._upload("instances", self._instances)
         self._build(self._traced, counts)
+
+
+def _refusal(what: str, changed: str) -> SolariError:
+    return SolariError(f"Batch.{what} is for the worlds of one scene, and this batch has a list of scenes: change "
+                       f"{changed} of a world's scene, or make the batch of one scene with worlds=")  # fmt: skip

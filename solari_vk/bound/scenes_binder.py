@@ -34,7 +34,7 @@ class ScenesBinder:
             self.assets = Assets(device, self)
             shared = SharedBuffers()
             each = {scene: SceneRows(device, scene, self.assets, HostTable, TracedRecords(),
-                                     LightList(device, self.assets.layout, shared=shared))
+                                     LightList(device, self.assets.layout, shared))
                     for scene in dict.fromkeys(scenes)}  # fmt: skip
         self.worlds = [each[scene] for scene in scenes]
         """The rows of each world's scene."""
@@ -113,7 +113,10 @@ class ScenesBinder:
                 self.version += assets.update(self._scenes, self.revision + 1, user)
                 for scene in self._scenes:
                     scene.traced.sort()
-                    scene.lights.note_without(scene.without)
+                    info = scene.lights.info
+                    if info.records["without"][0] != scene.without:
+                        info.records["without"][0] = scene.without
+                        info.mark([0])
                 self.version += assets.upload(assets.tables)
                 posed.submit()
             except BaseException:
