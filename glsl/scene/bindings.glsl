@@ -137,7 +137,7 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene
 #else
 #define scene_info scene_infos.at[0]
 #endif
-// Whether the world draws a random number for a feature: not if only other worlds have it, which would change its noise.
+// Whether a world draws random numbers for a feature: not if only other worlds have it, so that its noise stays.
 bool draws_for(uint feature) { return (scene_info.without & feature) == 0u; }
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.

@@ -68,6 +68,7 @@ class WorldTables:
         table.has_own_lights = self.known_lights is not None
         if self.count > 1:
             records = table.records
+            records["previous_first_instance"] = records["first_instance"]
             records["world"] = np.arange(len(records)) // (len(records) // self.count)
             records["first_instance"] = records["world"] * self.rows
 
