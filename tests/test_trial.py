@@ -351,6 +351,14 @@ def test_cycles_is_given_files_without_clips(tmp_path, monkeypatch, suffix):
         assert Path(unquote(content["buffers"][0]["uri"])) == path.with_suffix(".bin").resolve()
 
 
+def test_cycles_is_given_gltfs_default_material(tmp_path, monkeypatch):
+    path, primitives = tmp_path / "a.gltf", [{"attributes": {}}, {"attributes": {}, "material": 0}, {"attributes": {}}]
+    path.write_text(json.dumps({"meshes": [{"primitives": primitives}], "materials": [{"name": "given"}]}))
+    content = json.loads(in_cycles(monkeypatch)["still"](path, tmp_path).read_text())
+    assert [primitive["material"] for primitive in content["meshes"][0]["primitives"]] == [1, 0, 1]
+    assert content["materials"] == [{"name": "given"}, {}]
+
+
 def test_the_guide_has_all_differences():
     guide = (Path(__file__).parents[1] / "docs/guides/trial.md").read_text()
     rows = {tuple(cell.strip() for cell in line.strip("|").split("|")) for line in guide.splitlines() if "|" in line}

@@ -40,8 +40,8 @@ bool has_no_cell(ResolvedMaterial material) {
         || (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE && transmits(material));
 }
 
-// `walk` ends with the throughput of the mirrors, and of the tints of all rays but the first. Light samples find the
-// light that its first ray meets.
+// `walk` ends with the throughput of the mirrors, and the transmittance of all rays but the first. Light samples find
+// the light that its first ray meets.
 SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
     SpecularChainHit found;
     found.emitted = vec3(0.0);

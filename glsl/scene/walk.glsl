@@ -224,10 +224,13 @@ float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3
 }
 
 // Where rays that go in a direction leave a surface.
+vec3 ray_origin(vec3 position, vec3 geometric_normal, float ray_offset, vec3 direction) {
+    bool transmits = SCENE_TRANSMISSION && dot(direction, geometric_normal) < 0.0;
+    return position + (transmits ? -ray_offset : ray_offset) * geometric_normal;
+}
+
 vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
-    bool transmits = SCENE_TRANSMISSION && dot(direction, surface.geometric_world_normal) < 0.0;
-    float offset = transmits ? -surface.ray_offset : surface.ray_offset;
-    return surface.world_position + offset * surface.geometric_world_normal;
+    return ray_origin(surface.world_position, surface.geometric_world_normal, surface.ray_offset, direction);
 }
 
 // Whether a direction is possible: above the surface, or through glass below it, for its shading normal and for its

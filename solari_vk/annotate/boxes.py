@@ -46,7 +46,7 @@ def boxes_3d(
         if not isinstance(item, Instance):
             raise SolariError(f"boxes_3d: takes instances, such as group.items, not {quoted(item)}")
     labels = {number: instance.label for number, instance in numbered.items()}
-    objects = objects_of(numbered, labels) if merge else {number: [number] for number in numbered}
+    objects = objects_of(numbered, labels, merge=merge)
     return {numbered[first]: box_around([numbered[part] for part in parts], camera, size)
             for first, parts in objects.items()}  # fmt: skip
 

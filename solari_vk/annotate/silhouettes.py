@@ -51,7 +51,7 @@ def silhouettes(
     runs, ids = trace_silhouettes(tracer, camera, size, around=around)
     seen = {number: tracer.instances[number] for number in np.unique(runs[:, 0]).tolist()}
     labels = {number: instance.label for number, instance in seen.items()}
-    objects = objects_of(seen, labels) if merge else {number: [number] for number in seen}
+    objects = objects_of(seen, labels, merge=merge)
     masks = {number: np.isin(ids, parts) for number, parts in objects.items()}
     found = read_runs(merge_runs(runs, objects), masks)
     return {tracer.instances[number]: silhouette for number, silhouette in found.items()}

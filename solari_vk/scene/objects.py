@@ -218,12 +218,12 @@ def fits(item: Any, pattern: str, floor: Instance | None) -> bool:
 
 
 def objects_of(
-    instances: Mapping[int, Instance], labels: Mapping[int, str] | None = None
+    instances: Mapping[int, Instance], labels: Mapping[int, str] | None = None, *, merge: bool = True
 ) -> dict[int, list[int]]:
     """The numbers of each object's parts (`Instance.part_of`), by the first one, and of instances alone. labels: of the
-    instances, by their numbers: parts of other classes are objects of their own."""
+    instances, by their numbers: parts of other classes are objects of their own. merge: False takes each part alone."""
     found, first = dict[int, list[int]](), dict[tuple[str, str], int]()
     for number, instance in sorted(instances.items()):
         key = instance.part_of, "" if labels is None else labels[number]
-        found.setdefault(first.setdefault(key, number) if instance.part_of else number, []).append(number)
+        found.setdefault(first.setdefault(key, number) if merge and instance.part_of else number, []).append(number)
     return found

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.output.error import area_means, luminance, relative_squares
+from solari_vk.output.compare import compare
+from solari_vk.output.error import area_means
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.presenter import Part
@@ -72,32 +68,16 @@ class Beside:
             self.pictures.tonemap = self.first.tonemap
             self.pictures.expose(camera)
 
-    def difference(self) -> dict[str, float]:
-        """How far the second picture is from the first one: FLIP of the pictures as they are shown, if flip-evaluator
-        is installed, and relMSE of their radiance. Empty before there are both."""
+    def difference(self, exposure: float) -> dict[str, float]:
+        """How far the second scene's radiance is from the first one's: `compare` at a camera's exposure, FLIP if
+        flip-evaluator is installed. Empty before there are both."""
         if not self.ready:
             return {}
-        found = {}
-        shown = [pictures.pixels() / 255 for pictures in (self.first, self.pictures)]
-        if not math.isnan(value := flip(shown[0], shown[1])):
-            found["FLIP"] = value
         first = self.first.radiance()
         second = area_means(self.pictures.radiance(), (first.shape[1], first.shape[0]))
-        squares = (luminance(second) - luminance(first)) ** 2
-        found["relMSE"] = float(relative_squares(first, squares).mean())
-        return found
+        apart = compare(second, first, exposure=exposure)
+        return {"relMSE": apart.relative_mse} | ({} if math.isnan(apart.flip) else {"FLIP": apart.flip})
 
     def close(self) -> None:
         """Free everything once the submitted work is done. Safe to call twice."""
         self.pictures.close()
-
-
-def flip(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """The mean FLIP (Andersson et al. 2020) of two sRGB pictures (height, width, 3) in [0, 1]; NaN without the package
-    flip-evaluator, and for pictures of different sizes."""
-    if first.shape != second.shape or importlib.util.find_spec("flip_evaluator") is None:
-        return math.nan
-    import flip_evaluator
-
-    given: list[Any] = [np.ascontiguousarray(picture, np.float32) for picture in (first, second)]
-    return float(flip_evaluator.evaluate(*given, "LDR", inputsRGB=True, applyMagma=False)[1])

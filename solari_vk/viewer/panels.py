@@ -113,7 +113,8 @@ class Panels:
         for name, (error, mean) in errors(pictures).items():
             self._slow.append(f"{name}: error {100 * error:.1f} %, mean radiance {100 * mean:+.1f} %")
         if self._session.beside is not None:
-            self._slow += [f"{name}: {value:.4g}" for name, value in self._session.beside.difference().items()]
+            apart = self._session.beside.difference(self._session.camera.exposure)
+            self._slow += [f"{name}: {value:.4g}" for name, value in apart.items()]
         if pictures.reference is not None and pictures.mode != "realtime":
             self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
         count = pictures.ray_count()

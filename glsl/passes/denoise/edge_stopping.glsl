@@ -14,7 +14,7 @@ struct EdgeStopping {
     vec2 squared_pixel_angle;               // the square of the angle between neighboring pixels
     float plane_offset;
     vec3 normal;             // as quantized_normal gives it
-    float roughness_or_albedo;  // as quantized_material gives it
+    float roughness_or_albedo;  // as quantized_roughness_or_albedo gives it
     vec2 normal_sharpness;   // factor of the squared difference of normals, by lobe (diffuse, specular)
 };
 
@@ -66,7 +66,7 @@ vec2 edge_stopping_weights(EdgeStopping edges, uvec2 other, ivec2 step) {
     // How far a surface as curved as the normals say lies off its plane there.
     float sagitta = 0.5 * length(normal_difference) / NORMAL_SCALE * length(vec2(step)) / PLANE_TOLERANCE;
     float plane_distance = max(abs(plane_coordinate - edges.plane_offset) - sagitta, 0.0);
-    float material_difference = abs(quantized_material(other) - edges.roughness_or_albedo)
+    float material_difference = abs(quantized_roughness_or_albedo(other) - edges.roughness_or_albedo)
         / (MATERIAL_TOLERANCE * MATERIAL_SCALE);
     vec2 weights = exp(-(plane_distance + dot(normal_difference, normal_difference) * edges.normal_sharpness
         + vec2(0.0, material_difference)));

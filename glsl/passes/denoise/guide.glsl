@@ -49,7 +49,7 @@ uint kind_of(uvec2 guide) { return guide.x >> 30u; }
 float depth_of(uvec2 guide) { return uintBitsToFloat(guide.y >> 6u << 5u); }
 
 // In units of 1 / MATERIAL_SCALE.
-float quantized_material(uvec2 guide) { return float(int(guide.y) & int(MATERIAL_SCALE)); }
+float quantized_roughness_or_albedo(uvec2 guide) { return float(int(guide.y) & int(MATERIAL_SCALE)); }
 
 // In units of 1 / NORMAL_SCALE; its length may be off by 0.2 %.
 vec3 quantized_normal(uvec2 guide) {
@@ -61,7 +61,7 @@ Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
     float depth = depth_of(bits);
     return Guide(
         kind_of(bits), depth, position_at(vec2(pixel) + 0.5, depth, from), quantized_normal(bits) / NORMAL_SCALE,
-        quantized_material(bits) / MATERIAL_SCALE
+        quantized_roughness_or_albedo(bits) / MATERIAL_SCALE
     );
 }
 

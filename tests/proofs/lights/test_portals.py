@@ -42,7 +42,7 @@ MEANS = Rule("a frame of a room with portals has the path tracer's mean without 
 GAIN = Rule("error (relMSE) of the path tracer with a portal over that without it", SUITE, "Portals")
 FRAMES_GAIN = Rule("error (relMSE) of raw frames with a portal over that without it", SUITE, "Portals")
 OUTSIDE = Rule("variance far from a portal over that without it", SUITE, "Portals")
-EFFORT, CLOSE = Effort(6, 16, 32, 2048), Effort(128, 8, 32)
+EFFORT, CLOSE = Effort(24, 16, 32, 2048), Effort(128, 8, 32)
 
 
 def add_portals(scene, portals):

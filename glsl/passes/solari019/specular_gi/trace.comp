@@ -154,11 +154,13 @@ void main() {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
     float distance = length(surface.world_position - camera_ray.origin);
     Walk walk = start_walk(camera_ray);
-    walk.origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
     walk.cone_width += walk.cone_spread * distance;
     Medium below = medium_below(surface.instance, surface.material);
     bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
     if (!(possible && max_component(walk.throughput) > 0.0)) { return; }
+    walk.origin = ray_origin(
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, walk.direction
+    );
     walk.mis_pdf = surface.material.base.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     Cone cone = Cone(0.0, 0.0);
     spread(cone, next, brdf.specular.roughness);

@@ -60,12 +60,19 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
 
 
 def still(file: Path, folder: Path) -> Path:
-    """A glTF file, or a copy in the folder without its clips, of which Blender would show the first frame."""
+    """A glTF file, or a copy in the folder without its clips, of which Blender would show the first frame, and in which
+    primitives without a material have glTF's default one, in place of Blender's."""
     data = file.read_bytes()
     end = 20 + struct.unpack_from("<I", data, 12)[0] if data[:4] == b"glTF" else None
     content = json.loads(data if end is None else data[20:end])
-    if not content.pop("animations", None):
+    primitives = [primitive for mesh in content.get("meshes", ()) for primitive in mesh["primitives"]]
+    plain = [primitive for primitive in primitives if "material" not in primitive]
+    if not content.pop("animations", None) and not plain:
         return file
+    for primitive in plain:
+        primitive["material"] = len(content.get("materials", ()))
+    if plain:
+        content.setdefault("materials", []).append({})
     for entry in (*content.get("buffers", ()), *content.get("images", ())):
         if not entry.get("uri", "data:").startswith("data:"):
             entry["uri"] = quote(str(file.parent.resolve() / unquote(entry["uri"])))
