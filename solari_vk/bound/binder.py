@@ -110,6 +110,7 @@ class SceneBinder(SceneRows):
                 table.mark_all()
             self.traced.mark_all()
             raise
+        self.settle()
         self._note_use(user)
 
     def _note_use(self, user: Any) -> None:

@@ -94,6 +94,10 @@ class SceneRows:
         self._update_instances()
         self.lights.update(self.traced.lit_area)
 
+    def settle(self) -> None:
+        """Forget what was taken up, when all of it is on the device."""
+        self._taken = {}
+
     def undo(self) -> None:
         """Have the next `take_up` try again, after an error."""
         self._changed = self._taken | self._changed

@@ -125,6 +125,8 @@ class ScenesBinder:
                 for table in assets.tables:
                     table.mark_all()
                 raise
+            for scene in self._scenes:
+                scene.settle()
             self.revision += 1
         self.version += self.features != self._features
         self._features = self.features
