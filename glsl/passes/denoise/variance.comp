@@ -48,8 +48,11 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float trimmed_mean_luminan
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
-    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * lobe.frames * trimmed_mean_luminance);
-    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
+    // Kish's effective sample size: 1 if one frame has all the light.
+    float effective_frames = lobe.frames * value * value / max(lobe.second_moment, EPSILON);
+    bool is_confirmed = lobe.frames >= long_history && effective_frames >= CONFIRMED_FRAMES;
+    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * effective_frames * trimmed_mean_luminance);
+    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && !is_confirmed) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
         local_mean += CENTER_MOMENTS_WEIGHT * (limit - value) / sum.weight_sum;
