@@ -1,4 +1,4 @@
-"""Many cameras of one scene in one frame: first hits, path-traced pictures, or realtime lighting; in many worlds."""
+"""Many cameras of one scene, or of many, in one frame: first hits, path-traced pictures, or realtime lighting."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from solari_vk.batch_options import (
     checked_mask,
     checked_names,
     checked_results,
+    checked_scenes,
     checked_size,
     checked_worlds,
 )
@@ -24,12 +25,14 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.bound.given_poses import taken
+from solari_vk.bound.given_poses import GivenPoses, taken
+from solari_vk.bound.scene_worlds import SceneWorlds
+from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError, checked_keywords
-from solari_vk.frame import SceneFrame
+from solari_vk.frame import SceneFrame, checked_device
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -58,9 +61,9 @@ class Batch(BatchResults):
     instance's ray_mesh where it has one. Realtime views share the world cache, so that bits are equal for one view, and
     for more with the setting world_cache=off.
 
-    worlds: their number, of which N is a multiple: `transforms` moves instances in each. View i shows world
-    i // (N / worlds). `world_materials` and `world_lights` give instances other materials and the scene other lights in
-    each.
+    worlds: their number, of which N is a multiple: `transforms` moves instances in each, `world_materials` and
+    `world_lights` give instances other materials and the scene other lights. View i shows world i // (N / worlds). With
+    a list of scenes in place of the scene, each world shows its own, which may stand in the list several times.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
@@ -69,11 +72,15 @@ class Batch(BatchResults):
     OUTPUTS = passes.OUTPUTS
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int], views: int, *,
+        self, device: Device, scene: Scene | SceneBinder | Sequence[Scene], size: tuple[int, int], views: int, *,
         renderer: str = "labels", outputs: Sequence[str] = passes.GEOMETRY, worlds: int = 1, **options: Any,
     ) -> None:  # fmt: skip
         names = checked_names(renderer, outputs, options)
-        super().__init__(device, scene)
+        scenes = checked_scenes(scene, worlds)
+        binder: Any = scene if scenes is None else ScenesBinder(checked_device(device, "Batch"), scenes)
+        super().__init__(device, binder)
+        if scenes is not None:
+            self._owned.callback(binder.destroy)
         try:
             self.views = whole_number(views, "Batch: views", 1)
             self._layout = reflect(compile_shader(SHADER), SHADER).bindings["views"]
@@ -87,9 +94,10 @@ class Batch(BatchResults):
             self._names = (*LIGHT[renderer], *names)
             self._owned.callback(self._close_many)
             self.binder.update()
-            self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
+            count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
+            self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
-            self._given = [self._worlds.given_poses]
+            self._given: list[GivenPoses] = [self._worlds.given_poses] if isinstance(self._worlds, Worlds) else []
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             if renderer == "realtime":
@@ -190,7 +198,7 @@ class Batch(BatchResults):
     ) -> None:  # fmt: skip
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
-        if self._worlds.count > 1:
+        if self._worlds.count > 1 or self._worlds.shows_scenes:
             self.binder.update()  # which the worlds' records depend on, and what features they have on these
             self._worlds.update()
         if self._labels is not None or self._paths is not None:

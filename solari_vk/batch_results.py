@@ -18,7 +18,7 @@ from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.image import Image
-from solari_vk.scene.model import Instance, Material
+from solari_vk.scene.model import Material
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 
@@ -137,8 +137,9 @@ class BatchResults(SceneUser):
         return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))
 
     @property
-    def instances(self) -> dict[int, Instance]:
-        """The scene's instances by the numbers in `batch["instance_id"]`."""
+    def instances(self) -> dict[int, Any]:
+        """The scene's instances by the numbers in `batch["instance_id"]`. With a list of scenes, these for each world:
+        `batch.instances[world][number]`."""
         return self.binder.instances
 
     @property

@@ -11,6 +11,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.bound.lights.world_changes import Known, WorldChanges
 from solari_vk.bound.projection import SEED_STRIDE
+from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.view_table import ViewTable, Written, write_samples
 from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError
@@ -23,6 +24,7 @@ from solari_vk.passes import pathtracer, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Scene
 
 Size = tuple[int, int]
 
@@ -31,7 +33,13 @@ class ViewTracer(PathTracer):
     """The path tracer over a strip of views."""
 
     def __init__(
-        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: Worlds, options: dict[str, Any]
+        self,
+        device: Device,
+        binder: SceneBinder,
+        strip: Size,
+        views: Buffer,
+        worlds: Worlds | SceneWorlds,
+        options: dict[str, Any],
     ) -> None:
         self._views, self._worlds, self._bound = views, worlds, worlds.version
         super().__init__(device, binder, strip, **options)
@@ -42,8 +50,8 @@ class ViewTracer(PathTracer):
         return self._frame
 
     @property
-    def _has_lights(self) -> bool:
-        return super()._has_lights or self._worlds.lit
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
 
     def _stages(self, size: Size) -> list[Stage]:
         return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
@@ -69,13 +77,14 @@ class ViewRenderer(Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
 
     def __init__(
-        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding, worlds: Worlds,
-        options: dict[str, Any],
+        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding,
+        worlds: Worlds | SceneWorlds, options: dict[str, Any],
     ) -> None:  # fmt: skip
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
+        self._blended_before = np.zeros(1, np.int64)
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         self._changes = WorldChanges(device, worlds.count)
         self._ball = device.buffer(16, "camera_ball")
@@ -104,14 +113,15 @@ class ViewRenderer(Renderer):
         return size
 
     @property
-    def _has_lights(self) -> bool:
-        return super()._has_lights or self._worlds.lit
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
 
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings
         for wrong, said in (
             (settings.lighting != "paths", "lighting=paths"), (settings.gbuffer == "raster", "gbuffer=traced"),
-            (settings.restir and self._worlds.count > 1, "restir=off where there are several worlds"),
+            (settings.restir and (self._worlds.count > 1 or self._worlds.shows_scenes),
+             "restir=off where there are several worlds"),
             (settings.frame_ms > 0, "frame_ms=0"),
         ):  # fmt: skip
             if wrong:
@@ -168,7 +178,8 @@ class ViewRenderer(Renderer):
         self._worlds.number(self.views)
         frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
         frame["exposure"], frame["lighting_change"] = written.exposure, self._change
-        frame["blended_changed"] = self.binder.blended_changes != self._blended_changes
+        blended = self._worlds.blended_changes != self._blended_before
+        frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
         frame["sample_offset"], frame["picture_shift"] = offsets, own - self._own_jitter
         self._own_jitter = own
         self.views.upload(self._ball)
@@ -187,7 +198,7 @@ class ViewRenderer(Renderer):
             "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
             "all_views.has_history": keeps_cache, "all_views.lighting_change": self._changes.change.max(),
         })  # fmt: skip
-        self._blended_changes = self.binder.blended_changes
+        self._blended_before = self._worlds.blended_changes
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
         """The pictures (N, height, width, channels) of an image that has them in the grid."""
