@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.batch_frames import WHERE as MANY
-from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, moves_of, seeds_of
+from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
 from solari_vk.batch_options import (
     LIGHT,
     check_realtime,
@@ -25,7 +25,7 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.bound.given_poses import GivenPoses, taken
+from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
@@ -176,14 +176,10 @@ class Batch(BatchResults):
         current = self._cameras  # the same memory in each frame, which costs less than new memory
         current.view(np.uint8)[:] = 0
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = self._write(current, self._poses(cameras), options)
+        written = self._write(current, poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
         cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
         self._render(current, written, samples, self._checked_seeds(seeds), cut, begins_anew)
         return self
-
-    def _poses(self, cameras: Any, *more: tuple[int, ...], where: str = "Batch.render") -> Any:
-        """Cameras, those of a tensor of the device in its memory."""
-        return taken(self.device, cameras, "cameras", (self.views, 4, 4), *more, where=where) or cameras
 
     def _write(self, current: NDArray[Any], cameras: Any, options: Mapping[str, Any]) -> view_table.Written:
         """Write the records (N,) of cameras, which are zero."""
@@ -235,11 +231,10 @@ class Batch(BatchResults):
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
-        moves = moves_of(frames, self.transforms, transforms)
+        moves = moves_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         current = np.zeros((frames, self.views), self._cameras.dtype)
-        cameras = self._poses(cameras, (frames, self.views, 4, 4), where=MANY)
-        shown = cameras_of(frames, self.views, cameras)
+        shown = cameras_of(frames, self.views, cameras, self.device)
         written = [self._write(records, of_frame, options) for records, of_frame in zip(current, shown, strict=True)]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
