@@ -166,8 +166,8 @@ def test_what_is_for_worlds_of_one_scene_is_named(device):
             with pytest.raises(sv.SolariError, match=f"Batch.{name} is for .* change the {what} of a world's scene"):
                 getattr(batch, name)
         assert batch.render_many(CAMERAS[:2], frames=3, fov=50, outputs=["depth"])["depth"].shape == (3, 2, *SIZE[::-1])
-        with pytest.raises(sv.SolariError, match="Batch.transforms is for"):
-            batch.render_many(CAMERAS[:2], frames=3, fov=50, transforms={"short block": np.tile(np.eye(4), (3, 2, 1, 1))})
+        with pytest.raises(sv.SolariError, match=r"Batch\.transforms is for"):
+            batch.render_many(CAMERAS[:2], frames=3, fov=50, transforms={"lamp": np.ones((3, 2, 4, 4))})
 
 
 def test_a_scene_without_light_is_named(device):
