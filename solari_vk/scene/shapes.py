@@ -45,13 +45,18 @@ def quad(center: ArrayLike, half_u: ArrayLike, half_v: ArrayLike, name: str = ""
 
 
 def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 0)) -> Mesh:
-    """A square with a center (3,) that faces a target (3,), which must not be straight above or below the center."""
+    """A square with a center (3,) that faces a target (3,); its sides are level. Raises SolariError for a target at the
+    center."""
     if not 0 < half_side < math.inf:
         raise SolariError(f"a square needs a half side above 0, not {half_side}")
     normal = np.asarray(target, np.float64) - np.asarray(center, np.float64)
-    normal /= np.linalg.norm(normal)
+    distance = np.linalg.norm(normal)
+    if not 0 < distance < math.inf:
+        raise SolariError(f"a square faces a target elsewhere than its center, not {quoted(target)}")
+    normal /= distance
     side = np.cross((0.0, 1.0, 0.0), normal)
-    side *= half_side / np.linalg.norm(side)
+    length = np.linalg.norm(side)
+    side = half_side * (side / length if length > 1e-6 else np.array((1.0, 0.0, 0.0)))
     return quad(center, side, np.cross(normal, side), name="lamp")
 
 

@@ -49,6 +49,9 @@ def test_shapes_are_closed_and_face_outward_or_inward():
         assert (np.einsum("ij,ij->i", geometric_normals(mesh), vertex_normals) > 0.9).all()
     np.testing.assert_allclose(geometric_normals(shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))), [[0, 0, 1]] * 2)
     np.testing.assert_allclose(geometric_normals(shapes.facing_quad((0, 3, 3), 1.0))[0], np.array((0, -1, -1)) / 2**0.5)
+    np.testing.assert_allclose(geometric_normals(shapes.facing_quad((0, 3, 0), 1.0))[0], (0, -1, 0), atol=1e-12)
+    with pytest.raises(SolariError, match="elsewhere than its center"):
+        shapes.facing_quad((1, 2, 3), 1.0, (1, 2, 3))
     with pytest.raises(SolariError, match="at least 3"):
         shapes.sphere(1.0, 2)
 
