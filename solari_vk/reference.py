@@ -193,8 +193,11 @@ class PathTracer(ShutterRenderer):
                 progress(self.samples)
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
-        assert self._latest is not None
-        return self._finish(self._latest)
+        latest = self._latest
+        assert latest is not None
+        if latest.camera is not camera:  # it has enough samples already; the cameras' exposures may differ
+            latest = RenderedFrame(self, camera, self._projection, latest._submission)
+        return self._finish(latest)
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
         """Submit a short dispatch with the next samples, of all pixels or `bands` of rows below those of the latest."""
