@@ -150,14 +150,14 @@ class Scene(Dropping, Observable):
     ) -> Any:  # fmt: skip
         """Add an object and return it; or add what is made of a mesh, a file or another scene.
 
-        An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material
-        is added and returned. Of another scene, or a file by its path, copies of the instances and lights are added,
-        which share meshes and materials, and returned as a Group; without its clips, cameras and environment. name is
-        theirs: it precedes the names of several instances. transform, and as parts position, rotation and scale, say
-        where what is made stands. Raises SolariError for anything else.
+        An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material,
+        by default that of trimesh, is added and returned. Of another scene, or a file by its path, copies of the
+        instances and lights are added, which share meshes and materials, and returned as a Group; without its clips,
+        cameras and environment. name is theirs: it precedes the names of several instances. transform, and as parts
+        position, rotation and scale, say where what is made stands. Raises SolariError for anything else.
         """
         if type(item).__module__.partition(".")[0] == "trimesh":
-            item = Mesh.from_trimesh(item)
+            item, material = Mesh.from_trimesh(item), material or Material.from_trimesh(item)
         where = parts if transform is None else {"transform": transform, **parts}
         if isinstance(item, Mesh):
             return self._instances.add(Instance(item, material or Material(), name=name, **where))
