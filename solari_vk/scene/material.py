@@ -231,7 +231,8 @@ class Material(Checked):
         """
         visual = mesh.visual
         if visual.kind in ("vertex", "face"):
-            return cls(base_color=1.0, alpha_mode="blend" if visual.transparency else "opaque", double_sided=True)
+            mode = "blend" if visual.transparency else "opaque"
+            return cls(base_color=np.ones(3, np.float32), alpha_mode=mode, double_sided=True)
         given = getattr(visual, "material", None)
         if given is None or (visual.uv is None and getattr(given, "image", None) and given.image.size == (2, 2)):
             return cls()  # trimesh gives meshes without a material one with such an image
@@ -253,7 +254,8 @@ class Material(Checked):
         if simple:
             fields |= {"double_sided": True, "alpha_mode": "blend" if color[3] < 1 else "opaque"}
         mode = str(fields.pop("alpha_mode", "opaque")).lower()
-        return cls(base_color=color[:3], alpha=color[3], alpha_mode=mode, name=str(given.name or ""), **fields)
+        fields |= {"base_color": color[:3], "alpha": color[3], "alpha_mode": mode, "name": str(given.name or "")}
+        return cls(**fields)
 
     @property
     def emits(self) -> bool:

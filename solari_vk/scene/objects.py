@@ -151,8 +151,9 @@ class Instance(Checked, Scaled):
     and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
     `transform`, and how much of each morph target is added. label: a semantic class, such as "chair", for annotations
     of pictures (`label_instances`). part_of: the name of an object; instances with one name are its parts, such as the
-    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. Raises
-    SolariError for a singular transform, and for poses that don't fit the mesh.
+    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. It is no
+    parent: `Scene.group` moves objects together. Raises SolariError for a singular transform, and for poses that don't
+    fit the mesh.
     """
 
     mesh: Mesh
@@ -170,7 +171,7 @@ class Instance(Checked, Scaled):
     _converters = {
         "name": checks.text,
         "label": checks.line,
-        "part_of": checks.line,
+        "part_of": checks.object_name,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,
