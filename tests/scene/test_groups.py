@@ -104,7 +104,7 @@ def test_labels_are_those_of_all_instances():
     before = first.transform
     group.label = "van"
     assert first.transform is before
-    with pytest.raises(sv.SolariError, match="Group: a label must be one line"):
+    with pytest.raises(sv.SolariError, match="Group: label must be one line"):
         group.label = "a\nb"
 
 
