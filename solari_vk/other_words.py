@@ -176,6 +176,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("transparent", "alpha"), 'none is written: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("quality", "compression"), "a .jpg has 95; save frame.image() by Pillow for another"),
     },
+    "--aov": {word: said for word, said in _RESULTS.items() if said != _PICTURE},
     "render": _OPTIONS,
     "dataset": _OPTIONS,
     "hits": {

@@ -351,6 +351,8 @@ WRONG = [
     (BOX, [*SAMPLES, "--camera", '{"position": [0, 0, 0], "target": [0, 0, 0]}'], ["--camera", "differ"]),
     (BOX, [*SAMPLES, "--exposure", "bright"], ["bright"]),
     (BOX, [*SAMPLES, "--aov", "smell"], ["smell", "depth"]),
+    (BOX, [*SAMPLES, "--mode", "realtime", "--aov", "Depth"], ["--aov Depth", "distance", "guides_depth"]),
+    (BOX, [*SAMPLES, "--aov", "normal"], ["--aov normal", "shading_normal"]),
     (BOX, [*SAMPLES, "--scene", "1"], ["--scene 1", "built-in"]),
     (BOX, ["--time-limit", "0"], ["time-limit"]),
     (BOX, ["--frames", "3", "--samples", "4"], ["--samples", "--mode reference"]),

@@ -10,6 +10,7 @@ from solari_vk.cli import desktop, realtime, reference, terminal
 from solari_vk.cli.jobs import MovieJob, RenderOptions, StillJob
 from solari_vk.cli.options import spelled
 from solari_vk.cli.progress import check_time_limit
+from solari_vk.cli.subject import check_aovs
 from solari_vk.errors import SolariError
 from solari_vk.output import oidn
 from solari_vk.reference import PathTracer
@@ -38,6 +39,9 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
             raise SolariError(f"--{name}: numbered pictures are many files: write {suffixes}")
     if options.show:
         terminal.check_can_show(options.output)
+    outputs = {"realtime": Renderer.OUTPUTS, "reference": PathTracer.OUTPUTS}
+    of_any = [name for name in dict.fromkeys(sum(outputs.values(), ())) if name not in ("radiance", "display")]
+    check_aovs(options.aov, "auto", of_any)  # before what --mode auto makes of them
     kind = StillJob if options.animate is None else MovieJob
     values: dict[str, Any] = {**vars(options), **_mode(options, kind.GROUPS)}
     for mode in MODES:

@@ -15,6 +15,7 @@ import solari_vk as sv
 from solari_vk.cli.jobs import MovieJob, SceneOptions
 from solari_vk.errors import SolariError
 from solari_vk.files import read_json
+from solari_vk.other_words import advice_for
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit
 from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import Animation, Camera, Scene
@@ -28,7 +29,8 @@ def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
     """Raise SolariError for a name that isn't among the outputs of a mode."""
     for name in names:
         if name not in known:
-            raise SolariError(f"--aov {name}: --mode {mode} has no such output; it has {', '.join(known)}")
+            there = advice_for("--aov", name) or f"it has {', '.join(known)}"
+            raise SolariError(f"--aov {name}: --mode {mode} has no such output; {there}")
 
 
 def expose(cameras: Iterable[Camera], ev100: float) -> None:
