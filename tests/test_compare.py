@@ -43,7 +43,10 @@ def test_frames_and_what_is_refused(device):
     with sv.PathTracer(device, scene, (16, 12)) as tracer:
         frame = tracer.render(samples=2)
         assert sv.compare(frame, frame["radiance"]).relative_mse == 0
-        with pytest.warns(UserWarning, match="has 2 samples of earlier calls, more than 1: call reset"):
+        assert tracer.error == np.inf
+        tracer.render(samples=8, target_error=0)
+        assert (tracer.samples, tracer.error < 0.1) == (8, True)
+        with pytest.warns(UserWarning, match="has 8 samples of earlier calls, more than 1: call reset"):
             tracer.render(samples=1)
     with pytest.raises(sv.SolariError, match="exposure is a factor above 0"):
         sv.compare(np.ones((2, 2, 3)), np.ones((2, 2, 3)), exposure=0)
