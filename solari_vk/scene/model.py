@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, TypeVar, overload
 
@@ -246,14 +246,17 @@ class Scene(Grouping, Dropping, Observable):
                 self._own_materials.setdefault(instance, instance.material)
             instance.material = material
 
-    def camera_for(self, aspect: float, clip: Animation | int | str | None = None) -> Camera:
+    def camera_for(
+        self, aspect: float, clip: Animation | int | str | None = None, *, turns: Sequence[float] = (0.0,)
+    ) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is one that shows
         all of it from above at an angle, a room from inside, and what stands in a dome, such as a modelled sky, from
         within the dome. It is created on the first call and kept, but not added to `cameras`. For an empty scene it is
         Camera(). With a clip, or its number or name in `animations`, the scene is posed as at its start, and a camera
-        that is created shows all that the clip does.
+        that is created shows all that the clip does. turns: angles in radians about the vertical axis through the
+        middle, by which a camera that is created will be turned, as in an orbit: objects are seen whole from there too.
 
         Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
@@ -264,7 +267,7 @@ class Scene(Grouping, Dropping, Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            camera = default_camera(poses(self, self._subject, clip), aspect)
+            camera = default_camera(poses(self, self._subject, clip), aspect, turns)
             if camera is None:
                 return Camera()
             camera.auto_exposure = self._meters

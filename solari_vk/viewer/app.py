@@ -23,6 +23,7 @@ from solari_vk.viewer.actions import act
 from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.controls import Controls
+from solari_vk.viewer.layout import Layout
 from solari_vk.viewer.opening import meter, note_recent
 from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
@@ -94,7 +95,8 @@ class Viewer(Session):
             undo.callback(self._presenter.close)
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
-            camera = camera or scene.camera_for(size[0] / size[1])
+            area = Layout.of(window.size, panels=overlay, scale=window.text_scale).picture
+            camera = camera or scene.camera_for(area.width / max(area.height, 1))
             meter(pictures, camera)
             camera_control = CameraControl(camera, extent_of(scene))
             super().__init__(window, pictures, camera_control, scale_control, sources,
