@@ -114,7 +114,7 @@ class Viewer(Session):
             self._closers = undo.pop_all()
         if source and not source.startswith("builtin:"):
             note_recent(Path(source).absolute())
-        self.frame_count = 0
+        self.frame_count, self._wants_screenshot = 0, False
         self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
 
@@ -130,8 +130,15 @@ class Viewer(Session):
         return overlay
 
     def act(self, name: str, argument: Any = None) -> Any:
-        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window."""
+        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window. A screenshot waits
+        for a picture of the scene as it is now."""
+        if name == "screenshot" and self.pictures.ready and not self._is_current():
+            self._wants_screenshot = True
+            return None
         return act(self, name, argument)
+
+    def _is_current(self) -> bool:
+        return self._rendering.is_current((self.picture_area.width, self.picture_area.height))
 
     # ---- running ------------------------------------------------------------------------------------
 
@@ -171,6 +178,9 @@ class Viewer(Session):
             self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
             with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
                 self._render(pixels)
+        if self._wants_screenshot and ("picture" in self.faults or self._is_current()):
+            self._wants_screenshot = False
+            act(self, "screenshot")
         shown = self._presenter.show(self._rendering.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)

@@ -276,6 +276,8 @@ def test_a_screenshot_has_the_windows_size_and_lists_edits(open_viewer, tmp_path
     lamp = sv.PointLight((0, 1, 0))
     viewer.history.add(scene.lights, lamp)
     viewer.act("screenshot")
+    assert not (tmp_path / "solari-001.png").exists(), "it waits for a picture of the edited scene"
+    viewer.run(frames=1)
     assert np.asarray(Image.open(tmp_path / "solari-001.png")).shape == viewer.capture().shape == (64, 64, 3)
     _, heading, *edits = (tmp_path / "solari-001.txt").read_text().splitlines()
     assert edits == ["# scene.materials[1].base_color = [0.25, 0.5, 1.0]", "# scene.instances[0].visible = False",
