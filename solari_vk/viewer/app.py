@@ -130,8 +130,9 @@ class Viewer(Session):
         return overlay
 
     def act(self, name: str, argument: Any = None) -> Any:
-        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window. A screenshot waits
-        for a picture of the scene as it is now."""
+        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window.
+
+        A screenshot waits for a picture of the scene as it is now."""
         if name == "screenshot" and self.pictures.ready and not self._is_current():
             self._wants_screenshot = True
             return None
