@@ -16,7 +16,8 @@ def state_in_words(session: Session, *, brief: bool = False) -> str:
     """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one."""
     pictures, refining = session.pictures, session.refining
     width, height = pictures.rendered_size
-    parts = [pictures.mode, *([] if brief else [pictures.view, f"{width}x{height}"])]
+    view = [pictures.view] if pictures.mode != "reference" else []
+    parts = [pictures.mode, *([] if brief else [*view, f"{width}x{height}"])]
     progress = progress_in_words(session) if refining.rests else f"{session.fps:.1f} fps"
     return " - ".join([*parts, progress.rpartition(", ")[0] if brief and progress.endswith(" left") else progress])
 
