@@ -109,6 +109,8 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     "Material": {
         **{word: f"it is called {ours} here" for word, ours in _SURFACE.items()},
         **dict.fromkeys(("emission", "emit", "emission_color"), "it is called emissive here, and is in cd/m^2"),
+        **dict.fromkeys(("emissive_strength", "emission_strength", "emissive_intensity", "emissive_power"),
+                        "emissive has it: the color times the strength, in cd/m^2"),
         **dict.fromkeys(("opacity", "transparency"), "it is alpha, with alpha_mode='blend'; glass has transmission"),
         **dict.fromkeys(("glass", "refraction"), "transmission=1 is glass, solid=True glass that isn't thin"),
         **dict.fromkeys(("map", "texture", "image"), "base_color_texture takes a path, an array or a Texture"),
@@ -160,6 +162,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     "Environment": {
         **dict.fromkeys(("path", "file", "filename", "url"), "image takes the path: Environment(path)"),
         **dict.fromkeys(("strength", "scale"), "it is called intensity here"),
+        **dict.fromkeys(("color", "radiance", "background"), "image takes one color too: Environment((1, 0.9, 0.8))"),
     },
     "CameraRig": dict.fromkeys(("left", "right"), 'left, right = rig.at(); rig.cameras["left"] is on the body'),
     "RenderedFrame": {

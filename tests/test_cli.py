@@ -405,6 +405,7 @@ def test_bad_input_is_one_line_and_exit_code_2(render, source, arguments, words)
         ("a.gif", ["--animate", "orbit", "--aov", "emission"], "--aov"),
         ("no/folder/a.gif", ["--animate", "orbit"], "folder"),
         ("a.webm", ["--animate", "orbit"], ".webm"),
+        ("a_%03d.png", ["--animate", "orbit"], "give a.png for a.0000.png"),
     ],
 )
 def test_a_bad_output_is_refused_before_a_device_is_asked_for(render, output, arguments, word):

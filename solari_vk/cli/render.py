@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from solari_vk.cli import desktop, realtime, reference, terminal
@@ -37,6 +39,10 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     for name, suffixes in (("open", "a .gif or an .mp4"), ("show", "a .gif")):
         if numbered and getattr(options, name):
             raise SolariError(f"--{name}: numbered pictures are many files: write {suffixes}")
+    if numbered and (pattern := re.search(r"[._-]?%\d*d|[._-]?#{2,}", options.output.stem)):
+        name = options.output.name.replace(pattern[0], "")
+        raise SolariError(f"-o {options.output}: pictures are numbered already: give {name} for "
+                          f"{Path(name).stem}.0000{options.output.suffix} and so on")  # fmt: skip
     if options.show:
         terminal.check_can_show(options.output)
     outputs = {"realtime": Renderer.OUTPUTS, "reference": PathTracer.OUTPUTS}
