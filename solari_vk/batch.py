@@ -1,4 +1,4 @@
-"""Many cameras of one scene in one frame: first hits, path-traced pictures, or realtime lighting; in many worlds."""
+"""Many cameras of one scene, or of many, in one frame: first hits, path-traced pictures, or realtime lighting."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.batch_frames import WHERE as MANY
-from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, seeds_of
+from solari_vk.batch_frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
 from solari_vk.batch_options import (
     LIGHT,
     check_realtime,
@@ -17,6 +17,7 @@ from solari_vk.batch_options import (
     checked_mask,
     checked_names,
     checked_results,
+    checked_scenes,
     checked_size,
     checked_worlds,
 )
@@ -24,11 +25,14 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
+from solari_vk.bound.given_poses import GivenPoses
+from solari_vk.bound.scene_worlds import SceneWorlds
+from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
-from solari_vk.errors import SolariError, checked_keywords, quoted
-from solari_vk.frame import SceneFrame
+from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.frame import SceneFrame, checked_device
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -38,7 +42,7 @@ from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 SHADER = "passes/batch/labels.comp"
@@ -57,9 +61,9 @@ class Batch(BatchResults):
     instance's ray_mesh where it has one. Realtime views share the world cache, so that bits are equal for one view, and
     for more with the setting world_cache=off.
 
-    worlds: their number, of which N is a multiple: `transforms` moves instances in each. View i shows world
-    i // (N / worlds). `world_materials` and `world_lights` give instances other materials and the scene other lights in
-    each.
+    worlds: their number, of which N is a multiple: `transforms` moves instances in each, `world_materials` and
+    `world_lights` give instances other materials and the scene other lights. View i shows world i // (N / worlds). With
+    a list of scenes in place of the scene, each world shows its own, which may stand in the list several times.
 
     The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
     device's buffers hold, which names the largest number.
@@ -68,11 +72,15 @@ class Batch(BatchResults):
     OUTPUTS = passes.OUTPUTS
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int], views: int, *,
+        self, device: Device, scene: Scene | SceneBinder | Sequence[Scene], size: tuple[int, int], views: int, *,
         renderer: str = "labels", outputs: Sequence[str] = passes.GEOMETRY, worlds: int = 1, **options: Any,
     ) -> None:  # fmt: skip
         names = checked_names(renderer, outputs, options)
-        super().__init__(device, scene)
+        scenes = checked_scenes(scene, worlds)
+        binder: Any = scene if scenes is None else ScenesBinder(checked_device(device, "Batch"), scenes)
+        super().__init__(device, binder)
+        if scenes is not None:
+            self._owned.callback(binder.destroy)
         try:
             self.views = whole_number(views, "Batch: views", 1)
             self._layout = reflect(compile_shader(SHADER), SHADER).bindings["views"]
@@ -86,8 +94,10 @@ class Batch(BatchResults):
             self._names = (*LIGHT[renderer], *names)
             self._owned.callback(self._close_many)
             self.binder.update()
-            self._worlds = Worlds(device, self.binder, checked_worlds(device, worlds, self.views, renderer))
+            count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
+            self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
+            self._given: list[GivenPoses] = [self._worlds.given_poses] if isinstance(self._worlds, Worlds) else []
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             if renderer == "realtime":
@@ -95,9 +105,11 @@ class Batch(BatchResults):
                     device, self.binder, self.size, self.views, self._layout, self._worlds, options
                 )
                 self._owned.callback(self._realtime.close)
+                self._given.append(self._realtime.views.given_poses)
             if names or renderer == "reference":
                 self._table = view_table.ViewTable(device, self._layout, self.views)
-                self._owned.callback(self._table.buffer.destroy)
+                self._owned.callback(self._table.destroy)
+                self._given.append(self._table.given_poses)
             if renderer == "reference":
                 self._paths = ViewTracer(device, self.binder, self._strip, self._table.buffer, self._worlds, options)
                 self._owned.callback(self._paths.close)
@@ -146,11 +158,11 @@ class Batch(BatchResults):
         """Render all views, and return the batch, whose results are these until it renders again.
 
         cameras: poses (N, 4, 4), the transforms of `Camera`: world from camera, which looks along its -z axis with y
-        up, in meters. They are arrays of numpy or tensors. Their lens is given by one of fov, the
-        vertical field of view in degrees, vertical_fov, in radians (45 degrees), both a number or (N,), and K, OpenCV's
-        matrices (3, 3) or (N, 3, 3) in pixels of a view, as `Camera.from_opencv` takes them; near and ev100, numbers or
-        (N,), are Camera.near and Camera.ev100. Or N `Camera` objects of any kind, with lenses, apertures and parallel
-        projections.
+        up, in meters. They are arrays of numpy or tensors, of which those of a GPU stay on it: what is wrong with such
+        a tensor is said by a later call. Their lens is given by one of fov, the vertical field of view in degrees,
+        vertical_fov, in radians (45 degrees), both a number or (N,), and K, OpenCV's matrices (3, 3) or (N, 3, 3) in
+        pixels of a view, as `Camera.from_opencv` takes them; near and ev100, numbers or (N,), are Camera.near and
+        Camera.ev100. Or N `Camera` objects of any kind, with lenses, apertures and parallel projections.
 
         samples: per pixel, by default 16; each call begins new pictures. seeds (N,): whole numbers for those of the
         views. reset: True or (N,), views that begin anew, without history: their cameras count as not having moved.
@@ -159,11 +171,12 @@ class Batch(BatchResults):
         rendered then.
         """
         self._check_open()
+        self._check_tensors()
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         current = self._cameras  # the same memory in each frame, which costs less than new memory
         current.view(np.uint8)[:] = 0
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = self._write(current, cameras, options)
+        written = self._write(current, poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
         cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
         self._render(current, written, samples, self._checked_seeds(seeds), cut, begins_anew)
         return self
@@ -181,11 +194,11 @@ class Batch(BatchResults):
     ) -> None:  # fmt: skip
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
-        if self._worlds.count > 1:
+        if self._worlds.count > 1 or self._worlds.shows_scenes:
             self.binder.update()  # which the worlds' records depend on, and what features they have on these
             self._worlds.update()
         if self._labels is not None or self._paths is not None:
-            self._show(current, cut, seeds)
+            self._show(current, written, cut, seeds)
         if self._labels is not None:
             self._find_labels(self._labels)
         self._rendered = True
@@ -214,13 +227,14 @@ class Batch(BatchResults):
         They take memory for each frame. Raises SolariError as `render`; nothing is rendered then.
         """
         self._check_open()
+        self._check_tensors()
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
-        moves = self._moves(frames, transforms)
+        moves = moves_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         current = np.zeros((frames, self.views), self._cameras.dtype)
-        shown = cameras_of(frames, self.views, cameras)
+        shown = cameras_of(frames, self.views, cameras, self.device)
         written = [self._write(records, of_frame, options) for records, of_frame in zip(current, shown, strict=True)]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
@@ -244,20 +258,13 @@ class Batch(BatchResults):
         assert self._many is not None
         return self._many
 
-    def _moves(self, frames: int, transforms: Any) -> list[list[tuple[Instance, NDArray[np.float64]]]]:
-        """What to replace in `transforms` before each frame."""
-        if not isinstance(transforms, Mapping | None):
-            raise SolariError(f"{MANY}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
-        shape = frames, self._worlds.count, 4, 4
-        given = [(key, view_table.array(values, f"transforms of {key}", shape, where=MANY))
-                 for key, values in (transforms or {}).items()]  # fmt: skip
-        return [[self.transforms.checked(key, values[index]) for key, values in given] for index in range(frames)]
-
-    def _show(self, current: NDArray[Any], cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+    def _show(
+        self, current: NDArray[Any], written: view_table.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
+    ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
         self._worlds.number(table)
-        table.show(current, cut)
+        table.show(current, cut, written.poses)
         table.records["frame"]["seed"] = seeds
         table.upload()
 

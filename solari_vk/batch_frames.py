@@ -10,16 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound import view_table
+from solari_vk.bound.given_poses import taken
+from solari_vk.bound.scene_worlds import SceneWorlds
+from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.host_array import host_array
-from solari_vk.scene.model import Camera
+from solari_vk.scene.model import Camera, Instance
 
 WHERE = "Batch.render_many"
 
@@ -134,8 +138,14 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             self.close()
 
 
-def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:
+def poses_of(device: Device, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:
+    """Cameras, those of a tensor of the device in its memory."""
+    return taken(device, cameras, "cameras", *shapes, where=where) or cameras
+
+
+def cameras_of(frames: int, views: int, cameras: Any, device: Device) -> Sequence[Any]:
     """The cameras of each frame: those of all, or for each its own."""
+    cameras = poses_of(device, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
     if isinstance(cameras, (list, tuple)) and cameras and isinstance(cameras[0], (Camera, list, tuple)):
         lists = [one for one in cameras if isinstance(one, (list, tuple)) and one and isinstance(one[0], Camera)]
         if isinstance(cameras[0], Camera):
@@ -144,9 +154,26 @@ def cameras_of(frames: int, views: int, cameras: Any) -> Sequence[Any]:
             if len(lists) != len(cameras) or len(cameras) != frames:
                 raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
             return lists
+    if isinstance(cameras, Taken):
+        return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
     shape = views, 4, 4
     poses = view_table.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
     return list(np.broadcast_to(poses, (frames, *shape)))
+
+
+def moves_of(frames: int, worlds: Worlds | SceneWorlds, transforms: Any) -> list[list[tuple[Instance, Any]]]:
+    """What to replace in the transforms of worlds before each frame."""
+    if not isinstance(transforms, Mapping | None):
+        raise SolariError(f"{WHERE}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
+    moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
+    for key, values in (transforms or {}).items():
+        own, what, shape = worlds.transforms, f"transforms of {key}", (frames, worlds.count, 4, 4)
+        tensor = own.taken(values, what, shape, where=WHERE)
+        parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
+                 else view_table.array(values, what, shape, where=WHERE))  # fmt: skip
+        for of_frame, part in zip(moves, parts, strict=True):
+            of_frame.append(own.checked(key, part))
+    return moves
 
 
 def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, quoted, unknown_name
-from solari_vk.gpu.acceleration.checks import whole_number
+from solari_vk.gpu.acceleration.checks import check_kind, whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.host_array import host_array
 from solari_vk.passes import batch as passes
 from solari_vk.passes import pathtracer, world_cache
 from solari_vk.renderer import Renderer
-from solari_vk.scene.model import Camera
+from solari_vk.scene.model import Camera, Scene
 
 OPTIONS = {
     "labels": [],
@@ -68,6 +68,22 @@ def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -
         if name not in known:
             raise unknown_name(f"{where}: there is no {what}", name, known)
     return tuple(dict.fromkeys(given))
+
+
+def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
+    """The scenes of worlds, None for one scene; raises SolariError for wrong ones."""
+    if isinstance(worlds, (list, tuple)):
+        raise SolariError("Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
+                          "Batch(device, [scene_a, scene_b], size, views)")  # fmt: skip
+    if not isinstance(scene, (list, tuple)):
+        return None
+    if not scene:
+        raise SolariError("Batch: the list of scenes is empty: give one for each world")
+    for world, one in enumerate(scene):
+        check_kind(one, Scene, f"Batch: the scene of world {world}", "give a solari_vk.Scene")
+    if worlds != 1:
+        raise SolariError(f"Batch: worlds={quoted(worlds)} goes with one scene: a list has the scene of each world")
+    return list(scene)
 
 
 def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from solari_vk.batch_frames import ManyFrames, Result
 from solari_vk.batch_options import LIGHT
+from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.errors import SolariError, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.image import Image
-from solari_vk.scene.model import Instance, Material
+from solari_vk.scene.model import Material
 from solari_vk.view_renderers import ViewRenderer, ViewTracer
 
 
@@ -29,6 +30,7 @@ class BatchResults(SceneUser):
     _names: tuple[str, ...] = ()
     _rendered = _closed = False
     _tensors = 0  # that somebody has
+    _given: Sequence[GivenPoses] = ()
     _many: ManyFrames | None = None
     _labels: SceneFrame | None = None
     _paths: ViewTracer | None = None
@@ -52,8 +54,14 @@ class BatchResults(SceneUser):
             values = buffer.read()
         else:
             values = buffer.read(result.dtype, result.values, result.frame.binding(result.resource).element_offset)
+        self._check_tensors()
         read: NDArray[Any] = result.shaped(values)
         return read
+
+    def _check_tensors(self) -> None:
+        """Raise SolariError for what the device found wrong in tensors that were given."""
+        for given in self._given:
+            given.check()
 
     def _result(self, name: str) -> Result:
         frame, resource = self._place(name)
@@ -129,8 +137,9 @@ class BatchResults(SceneUser):
         return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))
 
     @property
-    def instances(self) -> dict[int, Instance]:
-        """The scene's instances by the numbers in `batch["instance_id"]`."""
+    def instances(self) -> dict[int, Any]:
+        """The scene's instances by the numbers in `batch["instance_id"]`. With a list of scenes, these for each world:
+        `batch.instances[world][number]`."""
         return self.binder.instances
 
     @property

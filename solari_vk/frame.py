@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.errors import Hints
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
@@ -26,9 +27,11 @@ class SceneUser(Hints):
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         what = type(self).__name__
         self.device = checked_device(device, what)
-        check_kind(scene, (Scene, SceneBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder")
+        check_kind(
+            scene, (Scene, SceneBinder, ScenesBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder"
+        )
         self._owned = ExitStack()
-        if isinstance(scene, SceneBinder):
+        if not isinstance(scene, Scene):
             self.binder = scene
         else:
             self.binder = SceneBinder(device, scene)

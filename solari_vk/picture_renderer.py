@@ -188,19 +188,19 @@ class PictureRenderer(SceneUser, ABC):
         return frame
 
     @property
-    def _has_lights(self) -> bool:
-        return len(self.binder.lights.ids) > 0
+    def _dark_scenes(self) -> list[Scene]:
+        return self.binder.dark_scenes
 
     def _warn_of_darkness(self) -> None:
         """Warn before the first picture of a scene in which nothing emits light. `binder` is up to date."""
         if self._looked_for_light:
             return
         self._looked_for_light = True
-        scene = self.binder.scene
-        shown = [instance.material for instance in scene if instance.visible]
-        if shown and not (self._has_lights or any(material.unlit for material in shown)):
-            warn(f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
-                 "studio_lights(scene), set scene.environment = Sky(), or add a light")  # fmt: skip
+        for scene in self._dark_scenes:
+            shown = [instance.material for instance in scene if instance.visible]
+            if shown and not any(material.unlit for material in shown):
+                warn(f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
+                     "studio_lights(scene), set scene.environment = Sky(), or add a light")  # fmt: skip
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""

@@ -11,6 +11,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.bound.lights.world_changes import Known, WorldChanges
 from solari_vk.bound.projection import SEED_STRIDE
+from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.view_table import ViewTable, Written, write_samples
 from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError
@@ -23,6 +24,7 @@ from solari_vk.passes import pathtracer, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Scene
 
 Size = tuple[int, int]
 
@@ -31,7 +33,13 @@ class ViewTracer(PathTracer):
     """The path tracer over a strip of views."""
 
     def __init__(
-        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: Worlds, options: dict[str, Any]
+        self,
+        device: Device,
+        binder: SceneBinder,
+        strip: Size,
+        views: Buffer,
+        worlds: Worlds | SceneWorlds,
+        options: dict[str, Any],
     ) -> None:
         self._views, self._worlds, self._bound = views, worlds, worlds.version
         super().__init__(device, binder, strip, **options)
@@ -42,8 +50,8 @@ class ViewTracer(PathTracer):
         return self._frame
 
     @property
-    def _has_lights(self) -> bool:
-        return super()._has_lights or self._worlds.lit
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
 
     def _stages(self, size: Size) -> list[Stage]:
         return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
@@ -69,24 +77,26 @@ class ViewRenderer(Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
 
     def __init__(
-        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding, worlds: Worlds,
-        options: dict[str, Any],
+        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding,
+        worlds: Worlds | SceneWorlds, options: dict[str, Any],
     ) -> None:  # fmt: skip
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))
+        self._blended_before = np.zeros(1, np.int64)
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         self._changes = WorldChanges(device, worlds.count)
-        buffers = self.views.buffer, self._changes.buffer
+        self._ball = device.buffer(16, "camera_ball")
+        owned = self.views, self._changes.buffer, self._ball
         try:
             super().__init__(device, binder, size, **options)
         except BaseException:
-            for buffer in buffers:
-                buffer.destroy()
+            for one in owned:
+                one.destroy()
             raise
-        for buffer in buffers:
-            self._owned.callback(buffer.destroy)
+        for one in owned:
+            self._owned.callback(one.destroy)
 
     @property
     def frame(self) -> SceneFrame:
@@ -103,14 +113,15 @@ class ViewRenderer(Renderer):
         return size
 
     @property
-    def _has_lights(self) -> bool:
-        return super()._has_lights or self._worlds.lit
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
 
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings
         for wrong, said in (
             (settings.lighting != "paths", "lighting=paths"), (settings.gbuffer == "raster", "gbuffer=traced"),
-            (settings.restir and self._worlds.count > 1, "restir=off where there are several worlds"),
+            (settings.restir and (self._worlds.count > 1 or self._worlds.shows_scenes),
+             "restir=off where there are several worlds"),
             (settings.frame_ms > 0, "frame_ms=0"),
         ):  # fmt: skip
             if wrong:
@@ -118,7 +129,7 @@ class ViewRenderer(Renderer):
         return over_views(super()._stages(picture))
 
     def _inputs(self) -> dict[str, Any]:
-        own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
+        own = {"views": self.views.buffer, "world_changes": self._changes.buffer, "camera_ball": self._ball}
         return super()._inputs() | own | dict(self._worlds.resources)
 
     def _write_settings(self) -> None:
@@ -142,7 +153,7 @@ class ViewRenderer(Renderer):
         self._changes.update(known, self.settings.world_cache_cell_size)
         try:
             self._write_views(current, written, cut | (not self._has_history), seeds)
-            self._write_shared(current, keeps_cache and self._has_history)
+            self._write_shared(written, current, keeps_cache and self._has_history)
             self._has_history = True
             self._frame.submit_applied()
         except BaseException:
@@ -158,7 +169,7 @@ class ViewRenderer(Renderer):
             offsets = np.array(self._jitters)[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._jitters)]
         numbers = self.frame_count + SEED_STRIDE * seeds.astype(np.int64)
         own = write_samples(current, written, self.size, self._built_render_size, offsets, numbers)
-        self.views.show(current, cut)
+        self.views.show(current, cut, written.poses)
         change = self._change * CHANGE_DECAY
         change[change <= MIN_CHANGE] = 0.0
         newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
@@ -167,25 +178,27 @@ class ViewRenderer(Renderer):
         self._worlds.number(self.views)
         frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
         frame["exposure"], frame["lighting_change"] = written.exposure, self._change
-        frame["blended_changed"] = self.binder.blended_changes != self._blended_changes
+        blended = self._worlds.blended_changes != self._blended_before
+        frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
         frame["sample_offset"], frame["picture_shift"] = offsets, own - self._own_jitter
         self._own_jitter = own
-        self.views.upload()
+        self.views.upload(self._ball)
 
-    def _write_shared(self, current: NDArray[Any], keeps_cache: bool) -> None:
+    def _write_shared(self, written: Written, current: NDArray[Any], keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""
         if not keeps_cache:
             self._changes.clear()
         self._changes.upload()
-        places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
-        center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
-        distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
+        if written.poses is None:
+            places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
+            center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
+            distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
+            self._ball.upload(np.array([*center, distances.max()], np.float32))
         self._frame.uniforms.update_declared({
             "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
             "all_views.has_history": keeps_cache, "all_views.lighting_change": self._changes.change.max(),
-            "camera_ball.center": center, "camera_ball.radius": distances.max(),
         })  # fmt: skip
-        self._blended_changes = self.binder.blended_changes
+        self._blended_before = self._worlds.blended_changes
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
         """The pictures (N, height, width, channels) of an image that has them in the grid."""

@@ -83,6 +83,9 @@ vec4 resolve_filter_opacity(uint instance_index, uint triangle, vec2 barycentric
 const uint NO_EDGE = 0u;
 const float EDGE_WIDTH = 1e-6;  // in barycentrics: more than their rounding error
 
+// An instance for random numbers: the same in all worlds of a batch, unlike its row.
+uint alpha_number(uint instance_index) { return instances.at[instance_index].id - 1u; }
+
 // The edge or corner where a ray meets a triangle: 16 bits of a hash of its ends' positions, which is the same for all
 // triangles that share it; NO_EDGE elsewhere.
 uint hit_edge(uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) {
@@ -121,8 +124,9 @@ bool accepts_hit(
     if (opacity >= 1.0) { return true; }
     if (!SCENE_BLEND) { return false; }
     if (alpha_seed == EVERY_SURFACE) { return opacity > 0.0; }
-    uint edge = hit_edge(instance_index, mesh, triangle, barycentrics);
-    return alpha_threshold(alpha_seed, instance_index, triangle, edge) < opacity;
+    uint number = alpha_number(instance_index);
+    uint edge = hit_edge(number, mesh, triangle, barycentrics);
+    return alpha_threshold(alpha_seed, number, triangle, edge) < opacity;
 }
 
 bool accepts_hit(float opacity, uvec2 alpha_seed, uint instance_index, uint triangle, vec2 barycentrics) {
@@ -152,7 +156,7 @@ void attenuate_by_surface(
     vec2 barycentrics
 ) {
     Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
-    uint edge = hit_edge(instance_index, mesh, triangle, barycentrics);
+    uint edge = hit_edge(alpha_number(instance_index), mesh, triangle, barycentrics);
     if (edge != NO_EDGE) {
         if (edge == (passed_edges & 0xFFFFu) || edge == passed_edges >> 16u) { return; }
         passed_edges = passed_edges << 16u | edge;

@@ -128,6 +128,7 @@ struct SceneInfo {
     uint light_end;                // one more than the last light
     uint first_environment;        // where the light of the first record in `environments` is
     float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
+    uint without;                  // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
 };
 
 layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene_infos;
@@ -136,6 +137,8 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene
 #else
 #define scene_info scene_infos.at[0]
 #endif
+// Whether a world draws random numbers for a feature: not if only other worlds have it, so that its noise stays.
+bool draws_for(uint feature) { return (scene_info.without & feature) == 0u; }
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.
 layout(set = 0) uniform sampler2D texture_images[];

@@ -64,6 +64,7 @@ struct View {
     FrameValues frame;
     uint world;           // into world_structures
     uint first_instance;  // of the world, into instances
+    uint previous_first_instance;  // the same in the previous frame
 };
 
 layout(set = 0, scalar) restrict readonly buffer ViewsBlock {

@@ -137,7 +137,9 @@ bool trace_transmittance_in(
 // ---- surfaces ---------------------------------------------------------------------------------------
 
 // Decides which blended surfaces a ray passes (see alpha_threshold), independently of other rays.
-uvec2 random_alpha_seed(inout uint rng) { return SCENE_BLEND ? uvec2(0u, rand_u(rng)) : uvec2(0u); }
+uvec2 random_alpha_seed(inout uint rng) {
+    return SCENE_BLEND && draws_for(WITHOUT_BLEND) ? uvec2(0u, rand_u(rng)) : uvec2(0u);
+}
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
     return trace_closest_hit(origin, t_min, direction, t_max, flags, uvec2(0u));

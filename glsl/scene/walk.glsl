@@ -203,7 +203,7 @@ void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, f
 }
 
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, inout uint rng) {
-    if (SCENE_DISPERSION) { disperse(walk, instance, material, rand_f(rng)); }
+    if (SCENE_DISPERSION && draws_for(WITHOUT_DISPERSION)) { disperse(walk, instance, material, rand_f(rng)); }
 }
 
 // What a surface emits, with its MIS weight. `light_pdf`: of light samples, in solid angle; 0 where they can't choose

@@ -16,6 +16,8 @@ MATERIAL_SOLID, MATERIAL_WALL = 8, 16
 """Flags of a material record that transmits light into a solid, and of thin glass that rays may pass straight."""
 MATERIAL_UNLIT = 32
 """The flag of a material record whose emissive times its base color only cameras see."""
+WITHOUT_BLEND, WITHOUT_DISPERSION = 1, 2
+"""Flags of a world's lights: features of shaders that only other worlds have."""
 SCENE_MASK, BLENDED_MASK = 0x7F, 0x40
 """The masks of rays through a scene, and through its blended instances alone: hidden ones have only the bit above."""
 

@@ -5,6 +5,7 @@ A `Shape` is a mesh, or a mesh in the pose of an instance, whose vertices are ma
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from solari_vk.bound.constants import (
     MESH_HAS_TANGENTS,
     MESH_HAS_UVS,
 )
+from solari_vk.bound.content import content_of
 from solari_vk.bound.features import Features
 from solari_vk.bound.poses.posed_mesh import PosedMesh
 from solari_vk.bound.poses.scene_poses import ScenePoses
@@ -31,6 +33,9 @@ from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.model import Instance, Mesh
 
 Shape = Mesh | PosedMesh
+Build = tuple[Hashable, bool]
+"""The content of a mesh, and whether a ray asks the shader about each of its triangles only once."""
+ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
 
 class Geometry:
@@ -47,6 +52,11 @@ class Geometry:
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
+        self._contents: Rows[Hashable] = Rows()  # whose users share a buffer
+        self._content_of: dict[Mesh, Hashable] = {}
+        self._built: dict[Build, Blas] = {}
+        self._builds: Rows[Build] = Rows()  # whose users share an acceleration structure
+        self._build_of: dict[Mesh, Build] = {}
         self._uploaded: dict[Mesh, tuple[NDArray[Any], NDArray[Any]]] = {}  # positions and triangles, if nothing failed
         self.centers: dict[Shape, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded shape's bounds, in object space."""
@@ -98,14 +108,16 @@ class Geometry:
             return
         mesh = shape
         if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
-            self.blases.pop(mesh).destroy()
-            self.kept = False
+            del self.blases[mesh]
+            self._drop_build(self._build_of.pop(mesh), mesh)
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
             self._met_once.discard(mesh)
             if mesh in self._buffers:
-                self._buffers.pop(mesh).destroy()
+                buffer = self._buffers.pop(mesh)
+                if self._contents.release(self._content_of.pop(mesh), mesh):
+                    buffer.destroy()
                 self.posed.forget(mesh)
                 self._uploaded.pop(mesh, None)
                 del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
@@ -151,19 +163,58 @@ class Geometry:
             for mesh in self._to_upload:
                 self._features.note(mesh)
                 geometries[mesh] = self._upload(mesh, uploads, revision)
+        builds = {mesh: (self._content_of[mesh], mesh in self._met_once)
+                  for mesh in geometries if mesh in self._ray_users}  # fmt: skip
+        new = {build: mesh for mesh, build in builds.items() if build not in self._built}
         with self._device.undone_on_error():
-            blases = {mesh: Blas(self._device, [geometry], name=mesh.name or "mesh")
-                      for mesh, geometry in geometries.items() if mesh in self._ray_users}  # fmt: skip
-            build_blases(self._device, list(blases.values()))
-        for mesh, blas in blases.items():
-            if mesh in self.blases:
-                self.blases[mesh].destroy()
-                self.kept = False
-            self.blases[mesh] = blas
+            made = {build: Blas(self._device, [geometries[mesh]], name=mesh.name or "mesh")
+                    for build, mesh in new.items()}  # fmt: skip
+            build_blases(self._device, list(made.values()))
+        self._built |= made
+        for mesh, build in builds.items():
+            self._builds.acquire(build, mesh)
+            if mesh in self._build_of:
+                self._drop_build(self._build_of[mesh], mesh)
+            self._build_of[mesh], self.blases[mesh] = build, self._built[build]
         self._to_upload.clear()
-        return [user for mesh in blases for user in self._ray_users.users(mesh)]
+        return [user for mesh in builds for user in self._ray_users.users(mesh)]
+
+    def _drop_build(self, build: Build, mesh: Mesh) -> None:
+        """Free an acceleration structure unless it is another mesh's too."""
+        if self._builds.release(build, mesh):
+            self._built.pop(build).destroy()
+            self.kept = False
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
+        """Have a mesh on the device: in memory of its own, or in that of an equal one."""
+        # What was edited is not compared, so that edits take no time for that.
+        known = mesh in self._buffers
+        content: Hashable = object() if known else content_of(*(getattr(mesh, name) for name in ARRAYS))
+        if equal := self._contents.users(content):
+            self._share(mesh, content, equal[0])
+        else:
+            self._upload_new(mesh, content, uploads, revision)
+        self._uploaded[mesh] = mesh.positions, mesh.triangles
+        self.table.mark([self.rows[mesh]])
+        record = self.table.records[self.rows[mesh]]
+        return TriangleGeometry(
+            positions=int(record["positions"]), position_count=len(mesh.positions), indices=int(record["triangles"]),
+            triangle_count=int(record["triangle_count"]), no_duplicate_any_hit=mesh in self._met_once,
+        )  # fmt: skip
+
+    def _hold(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
+        self._contents.acquire(content, mesh)
+        self._buffers[mesh], self._content_of[mesh] = buffer, content
+
+    def _share(self, mesh: Mesh, content: Hashable, equal: Mesh) -> None:
+        self._hold(mesh, content, self._buffers[equal])
+        self.orders[mesh], self.centers[mesh] = self.orders[equal], self.centers[equal]
+        self.half_sizes[mesh] = self.half_sizes[equal]
+        records = self.table.records
+        records[self.rows[mesh]] = records[self.rows[equal]]
+        records["previous_positions"][self.rows[mesh]] = records["positions"][self.rows[mesh]]
+
+    def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
@@ -183,9 +234,14 @@ class Geometry:
             parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
             flags |= MESH_HAS_COLORS
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
-        before, self._buffers[mesh] = self._buffers.get(mesh), buffer
-        uploaded = self._uploaded.pop(mesh, None)
+        before, uploaded = self._buffers.get(mesh), self._uploaded.pop(mesh, None)
+        owned = before is not None and self._contents.release(self._content_of[mesh], mesh)
+        self._hold(mesh, content, buffer)
         if before is not None:
+            if not owned:  # it is an equal mesh's too
+                positions = mesh.positions if uploaded is None else uploaded[0]
+                before = self._device.buffer(positions.nbytes, "earlier positions")
+                before.upload(positions)
             self._replace(mesh, before, uploaded, revision)
         addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
         offset = 0
@@ -194,18 +250,12 @@ class Geometry:
             uploads.buffer(buffer, part, offset)
             offset += part.nbytes
         record = self.table.records[self.rows[mesh]]
-        self._uploaded[mesh] = mesh.positions, mesh.triangles
         for name, address in addresses.items():
             record[name] = address
         record["previous_positions"] = record["positions"]
         record["triangle_count"] = len(triangles)
         record["flags"] = flags
         record["bounds_min"], record["bounds_max"] = low, high
-        self.table.mark([self.rows[mesh]])
-        return TriangleGeometry(
-            positions=addresses["positions"], position_count=len(mesh.positions), indices=addresses["triangles"],
-            triangle_count=len(triangles), no_duplicate_any_hit=mesh in self._met_once,
-        )  # fmt: skip
 
     def _replace(
         self, mesh: Mesh, before: Buffer, uploaded: tuple[NDArray[Any], NDArray[Any]] | None, revision: int
@@ -237,9 +287,9 @@ class Geometry:
     def destroy(self) -> None:
         """Free everything."""
         self.posed.destroy()
-        for blas in self.blases.values():
+        for blas in self._built.values():
             blas.destroy()
-        for buffer in self._buffers.values():
+        for buffer in set(self._buffers.values()):
             buffer.destroy()
         self.table.destroy()
         for shape in self.rows:

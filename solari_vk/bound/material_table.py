@@ -22,6 +22,7 @@ from solari_vk.bound.texture_table import TextureTable
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.material import TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
+from solari_vk.scene.observed import Observable
 
 _ALPHA_FLAGS = {"opaque": 0, "mask": MATERIAL_MASK, "blend": MATERIAL_BLEND}
 
@@ -67,6 +68,16 @@ class MaterialTable:
         if material in self.rows:
             self._take_up(material)
         return self.rows.users(material)
+
+    def users_of(self, asset: Observable) -> list[Instance]:
+        """The instances that use a material, a texture or an image."""
+        if isinstance(asset, Material):
+            return self.rows.users(asset)
+        return [
+            instance for material, textures in self._textures_of.items()
+            if any(asset in (texture, texture.image) for texture in textures.values())
+            for instance in self.rows.users(material)
+        ]  # fmt: skip
 
     def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
         """The instances whose alpha depends on a texture or an image."""

@@ -18,19 +18,37 @@ from solari_vk.gpu.frame.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)
 _MOST_INLINE = 1 << 16  # bytes that vkCmdUpdateBuffer takes at most
-MakeTable = Callable[[str, np.dtype[Any]], Any]
-"""Makes a Table or a HostTable of a name and a dtype."""
+MakeTable = Callable[..., Any]
+"""Makes a Table or a HostTable of a name, a dtype and, for `set`, its fields."""
 
 
 class HostTable:
-    """Records of one dtype in the host's memory."""
+    """Records of one dtype in the host's memory.
 
-    def __init__(self, name: str, dtype: np.dtype[Any]) -> None:
+    fields: the names of all fields, in the order in which `set` takes their numbers; only `set` needs them. Raises
+    SolariError if the dtype has other fields or another order.
+    """
+
+    def __init__(self, name: str, dtype: np.dtype[Any], fields: Sequence[str] | None = None) -> None:
+        names = dtype.names or ()
+        if fields is not None:
+            if tuple(fields) != names:
+                raise SolariError(f"the shaders' {name} have the fields {', '.join(names)}, not {', '.join(fields)}")
+            self._packing, _ = packing(dtype, names)
+        self._size = dtype.itemsize
         self.name = name
+        self.revision = 0
+        """Increases when rows are written; of tables on the host alone."""
         self._keep(np.zeros(16, dtype))
 
     def _keep(self, records: NDArray[Any]) -> None:
         self.records = records
+        self._bytes = records.view(np.uint8).data
+
+    def set(self, row: int, *numbers: float) -> None:
+        """Write a row: the numbers of all its fields in order; fields with several numbers take them one by one."""
+        self._packing.pack_into(self._bytes, row * self._size, *numbers)
+        self.revision += 1
 
     def reserve(self, rows: int) -> None:
         """Make room for `rows` rows."""
@@ -45,37 +63,28 @@ class HostTable:
 
     def mark(self, rows: Iterable[int]) -> None:
         """Tell the table which rows of `records` were written."""
+        self.revision += 1
 
     def mark_all(self) -> None:
         """Mark all rows, so that they are uploaded again."""
+        self.revision += 1
 
     def destroy(self) -> None:
         """Free what is on the device."""
 
 
 class Table(HostTable):
-    """Records of one dtype, on the host in `records` and on the device in `buffer`.
-
-    fields: the names of all fields, in the order in which `set` takes their numbers; only `set` needs them. Raises
-    SolariError if the dtype has other fields or another order.
-    """
+    """Records of one dtype, on the host in `records` and on the device in `buffer`."""
 
     def __init__(self, device: Device, name: str, dtype: np.dtype[Any], fields: Sequence[str] | None = None) -> None:
         self._device = device
-        names = dtype.names or ()
-        if fields is not None:
-            if tuple(fields) != names:
-                raise SolariError(f"the shaders' {name} have the fields {', '.join(names)}, not {', '.join(fields)}")
-            self._packing, _ = packing(dtype, names)
-        self._size = dtype.itemsize
-        super().__init__(name, dtype)
+        super().__init__(name, dtype, fields)
         self.buffer = self._make_buffer()
         self.marked: set[int] = set(range(len(self.records)))
         """The rows whose latest contents are not in `buffer` yet."""
 
     def _keep(self, records: NDArray[Any]) -> None:
         super()._keep(records)
-        self._bytes = records.view(np.uint8).data
         self._pointer = raw.ffi.cast("char*", raw.ffi.from_buffer(records))
 
     def _make_buffer(self) -> Buffer:
@@ -88,7 +97,6 @@ class Table(HostTable):
         return min(super()._doubled(), int(self._device.properties.limits.maxStorageBufferRange) // self._size)
 
     def set(self, row: int, *numbers: float) -> None:
-        """Write a row: the numbers of all its fields in order; fields with several numbers take them one by one."""
         self._packing.pack_into(self._bytes, row * self._size, *numbers)
         self.marked.add(row)
 

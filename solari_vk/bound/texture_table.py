@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
 
+from solari_vk.bound.content import content_of
 from solari_vk.bound.table import Rows, Table
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -32,6 +34,8 @@ class TextureTable:
         self._device = device
         self._watcher = watcher
         self._images: dict[ImageKey, Image] = {}
+        self._contents: Rows[Hashable] = Rows()  # whose users share an image
+        self._content_of: dict[ImageKey, Hashable] = {}
         self._image_users: Rows[ImageKey] = Rows()
         self._descriptors: Rows[DescriptorKey] = Rows()
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
@@ -128,21 +132,33 @@ class TextureTable:
             if (image[0], not image[1]) not in self._image_users:
                 image[0].unwatch(self._watcher)
             if image in self._images:
-                self._images.pop(image).destroy()
+                self._drop(image, self._images.pop(image), self._content_of.pop(image))
 
     def _upload(self, key: ImageKey, uploads: Uploads) -> None:
         source, srgb = key
-        levels = mip_chain(source.pixels, srgb)
-        height, width = source.pixels.shape[:2]
-        image = self._device.image(width, height, _FORMATS[srgb], source.name or "texture", mip_levels=len(levels))
-        uploads.image(image, levels)
-        if key in self._images:
-            self._images[key].destroy()
-        self._images[key] = image
+        before = self._images.get(key)
+        # What was edited is not compared, so that edits take no time for that.
+        content: Hashable = (content_of(source.pixels), srgb) if before is None else object()
+        if equal := self._contents.users(content):
+            image = self._images[equal[0]]
+        else:
+            levels = mip_chain(source.pixels, srgb)
+            height, width = source.pixels.shape[:2]
+            image = self._device.image(width, height, _FORMATS[srgb], source.name or "texture", mip_levels=len(levels))
+            uploads.image(image, levels)
+        self._contents.acquire(content, key)
+        if before is not None:
+            self._drop(key, before, self._content_of[key])
+        self._images[key], self._content_of[key] = image, content
+
+    def _drop(self, key: ImageKey, image: Image, content: Hashable) -> None:
+        """Free an image unless it is another key's too."""
+        if self._contents.release(content, key):
+            image.destroy()
 
     def destroy(self) -> None:
         """Free everything."""
-        for image in (*self._images.values(), self._white):
+        for image in {*self._images.values(), self._white}:
             image.destroy()
         self.table.destroy()
         for texture, _ in self.rows:

@@ -1,15 +1,16 @@
-"""The instances as rays see them: the TLAS, and the records that it is built from, in spatial order."""
+"""The instances as rays see them: records in spatial order, and the TLAS that is built from them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import BLENDED_MASK, SCENE_MASK
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.bound.table import Table
+from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -35,41 +36,21 @@ def flags_of(double_sided: bool, alpha_mode: str) -> int:
     return (NO_CULLING if double_sided else 0) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
 
 
-class TracedInstances:
-    """The records of the TLAS in spatial order; an instance's custom index is its row in the table of instances.
+class TracedRecords:
+    """The records of a TLAS in spatial order; an instance's custom index is its row in the table of instances.
 
     The order is computed again when instances were added or removed, and when more than half of them (and more than
     FEW) have moved.
     """
 
-    def __init__(self, device: Device) -> None:
-        self.tlas = Tlas(device, 16, name="scene")
-        self.table = Table(device, "tlas_instances", INSTANCE_DTYPE, RECORD)
+    def __init__(self, table: MakeTable = HostTable) -> None:
+        self.table = table("tlas_instances", INSTANCE_DTYPE, RECORD)
         self.count = 0
-        self._device = device
         self._indices: dict[int, int] = {}  # index of the record of each row
         self._mesh_boxes: dict[int, Box] = {}
         self._end = 0  # number of records, including those of removed rows
         self._sorted = True
         self._moved = 0
-        self._rebuild = True
-        self._build: TlasBuild | None = None
-        self.previous: Tlas | None = None
-        """The TLAS as it was in the previous frame, while it is kept."""
-        self._copy: TlasCopy | None = None
-        self._previous_differs = False
-
-    def keep_previous(self, needed: bool) -> bool:
-        """Keep the TLAS of the previous frame from now on, or free it; returns whether `previous` is another one."""
-        if needed == (self.previous is not None):
-            return False
-        if self.previous is not None:
-            self.previous.destroy()
-            self.previous = None
-        else:
-            self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
-            self._previous_differs = self.tlas.built
-        return True
 
     def write(
         self, row: int, transform: Sequence[float], box: Box, visible: bool, double_sided: bool,
@@ -116,22 +97,10 @@ class TracedInstances:
             return 1.0
         return max(float(np.square(np.ptp(self._boxes(self._rows())[0], axis=0)).sum()) * np.pi / 4, 1.0)
 
-    def update(self) -> bool:
-        """Restore the spatial order if needed; returns whether the TLAS was replaced by a larger one."""
-        if not self._sorted or self._moved > max(self.count // 2, FEW):
-            self._sort()
-        self._rebuild |= bool(self.table.marked)
-        if self.count <= self.tlas.max_instances:
+    def sort(self) -> bool:
+        """Restore the spatial order; returns whether that was needed."""
+        if self._sorted and self._moved <= max(self.count // 2, FEW):
             return False
-        self.tlas.destroy()
-        self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
-        if self.previous is not None:
-            self.previous.destroy()
-            self.previous = None
-            self.keep_previous(True)
-        return True
-
-    def _sort(self) -> None:
         rows = np.sort(self._rows())
         if len(rows):
             centers, half_sizes = self._boxes(rows)
@@ -141,7 +110,47 @@ class TracedInstances:
         self.table.mark(range(self.count))
         self._indices = {row: index for index, row in enumerate(rows.tolist())}
         self._sorted, self._moved = True, 0
+        return True
+
+
+class TracedInstances(TracedRecords):
+    """The instances of a scene as rays see them."""
+
+    def __init__(self, device: Device) -> None:
+        self.tlas = Tlas(device, 16, name="scene")
+        super().__init__(partial(Table, device))
+        self._device = device
         self._rebuild = True
+        self._build: TlasBuild | None = None
+        self.previous: Tlas | None = None
+        """The TLAS as it was in the previous frame, while it is kept."""
+        self._copy: TlasCopy | None = None
+        self._previous_differs = False
+
+    def keep_previous(self, needed: bool) -> bool:
+        """Keep the TLAS of the previous frame from now on, or free it; returns whether `previous` is another one."""
+        if needed == (self.previous is not None):
+            return False
+        if self.previous is not None:
+            self.previous.destroy()
+            self.previous = None
+        else:
+            self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
+            self._previous_differs = self.tlas.built
+        return True
+
+    def update(self) -> bool:
+        """Restore the spatial order if needed; returns whether the TLAS was replaced by a larger one."""
+        self._rebuild |= self.sort() or bool(self.table.marked)
+        if self.count <= self.tlas.max_instances:
+            return False
+        self.tlas.destroy()
+        self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
+        if self.previous is not None:
+            self.previous.destroy()
+            self.previous = None
+            self.keep_previous(True)
+        return True
 
     def mark_all(self) -> None:
         """Mark everything, so that it is uploaded and built again."""

@@ -30,8 +30,10 @@ class TriangleOrders:
         if known is not None and orders.keys() == known.keys() and all(orders[row] is known[row] for row in orders):
             return False
         starts = np.zeros(max(orders, default=0) + 1, np.uint32)
-        starts[list(orders)] = np.cumsum([0, *map(len, orders.values())])[:-1]
-        numbers = np.concatenate([np.zeros(0, np.int64), *orders.values()]).astype(np.uint32)
+        distinct = {id(order): order for order in orders.values()}  # equal meshes have one order
+        begins = dict(zip(distinct, np.cumsum([0, *map(len, distinct.values())]).tolist(), strict=False))
+        starts[list(orders)] = [begins[id(order)] for order in orders.values()]
+        numbers = np.concatenate([np.zeros(0, np.int64), *distinct.values()]).astype(np.uint32)
         self.destroy()
         arrays: dict[str, NDArray[Any]] = {"triangle_orders": numbers, "order_starts": starts}
         for name, values in arrays.items():

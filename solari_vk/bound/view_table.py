@@ -13,8 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.given_poses import KEPT_FLOATS, GivenPoses
 from solari_vk.bound.projection import FIELDS, Projection, lens_point
 from solari_vk.errors import SolariError, quoted
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.packing import packing
 from solari_vk.gpu.shaders.spirv import Binding
@@ -42,6 +45,8 @@ class Written(NamedTuple):
     """(N, 2): from the principal point to the middle of the picture, in its pixels."""
     exposure: Floats
     """(N,)"""
+    poses: Taken | None = None
+    """Those of a tensor, which the records don't have."""
 
 
 class ViewTable:
@@ -52,6 +57,7 @@ class ViewTable:
         assert layout.element is not None
         self.records = np.zeros(count, layout.element)
         self._begin = layout.element_offset
+        self._device = device
         self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
         self._shared = columns, world_parts
         self._shared_seen: tuple[int, ...] = ()
@@ -59,6 +65,10 @@ class ViewTable:
         """Whether each world has lights of its own."""
         self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
         self._shown = False
+        self.given_poses = GivenPoses(device, "Batch.render", "view")
+        self._poses: Taken | None = None
+        self._earlier: Buffer | None = None  # cameras of tensors, of the latest frame that had one
+        self._had_tensor = False
 
     def _bytes_of(self, layout: np.dtype[Any], name: str) -> NDArray[np.uint8]:
         """The memory of a field (N, bytes), in which numpy copies it ten times as fast as by its fields."""
@@ -67,8 +77,9 @@ class ViewTable:
         rows = self.records.view(np.uint8).reshape(len(self.records), layout.itemsize)
         return rows[:, begin : begin + dtype.itemsize]
 
-    def show(self, current: NDArray[Any], cut: NDArray[np.bool_]) -> None:
-        """Make these the cameras of the next frame, and those so far the previous ones, but for views that are cut."""
+    def show(self, current: NDArray[Any], cut: NDArray[np.bool_], poses: Taken | None = None) -> None:
+        """Make these the cameras of the next frame, and those so far the previous ones, but for views that are cut.
+        poses: of a tensor, which are 0 in `current`."""
         now = current.view(np.uint8).reshape(self._current.shape)
         if self._shown:
             self._previous[:] = self._current
@@ -76,15 +87,37 @@ class ViewTable:
         else:
             self._previous[:] = now
         self._current[:] = now
-        self._shown = True
+        self._shown, self._had_tensor, self._poses = True, self._poses is not None, poses
+        if poses is not None:  # tells cameras.comp, when this is the previous camera, that it was a tensor's
+            self.records["current"]["world_from_view"][:, 0, 0] = 1
 
-    def upload(self) -> None:
-        """Have the device see the records, in the next submission."""
+    def upload(self, ball: Buffer | None = None) -> None:
+        """Have the device see the records, in the next submission. ball: gets the one around cameras of tensors."""
         shared = (*self._shared, int(self.has_own_lights))
         if shared != self._shared_seen:
             self._shared_seen = shared
             self.buffer.upload(np.array(shared, np.uint32))
         self.buffer.upload(self.records, self._begin)
+        if self._poses is None and not self._had_tensor:
+            return
+        count, layout = len(self.records), self.records.dtype.fields
+        assert layout is not None
+        if self._earlier is None:
+            self._earlier = self._device.buffer(4 * KEPT_FLOATS * count, "cameras of tensors")
+        (camera, begin), previous = layout["current"][:2], layout["previous"][1]
+        place = self._begin + begin + camera.fields["world_from_view"][1]
+        self.given_poses.write(
+            self._poses, "the pose", count, (self.buffer.address, place // 4, self.records.itemsize // 4),
+            (self._earlier.address, 0, KEPT_FLOATS), "cameras", (previous - begin) // 4,
+            None if self._poses is None else ball,
+        )  # fmt: skip
+
+    def destroy(self) -> None:
+        """Free everything."""
+        self.given_poses.destroy()
+        for buffer in (self.buffer, self._earlier):
+            if buffer is not None:
+                buffer.destroy()
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
@@ -128,9 +161,17 @@ def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
     return np.fromiter(map(function, numbers.tolist()), np.float64, len(numbers))
 
 
-def write_poses(records: NDArray[Any], poses: Floats, half: Floats, principal_shift: Floats, near: Floats) -> None:
-    """Write pinhole cameras (N,) with checked poses (N, 4, 4). half (N, 2): half the picture in focal lengths.
-    principal_shift (N, 2): from the principal point to the middle of the picture, in pixels."""
+def write_lenses(records: NDArray[Any], half: Floats, principal_shift: Floats, near: Floats) -> None:
+    """Write pinhole cameras (N,) but for their poses. half (N, 2): half the picture in focal lengths. principal_shift
+    (N, 2): from the principal point to the middle of the picture, in pixels."""
+    records["tan_half_fov"], records["near"] = half, near
+    records["jitter"] = records["principal_shift"] = principal_shift
+    records["focus_distance"] = DEFAULTS.focus_distance
+    records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
+
+
+def write_poses(records: NDArray[Any], poses: Floats) -> None:
+    """Write checked poses (N, 4, 4); glsl/scene/given/cameras.comp does the same."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = np.ascontiguousarray(np.moveaxis(poses[:, :3], 0, -1))
     p, q, r = (np.sqrt(u * u + v * v + w * w) for u, v, w in ((a, d, g), (b, e, h), (c, f, i)))
     a, d, g, b, e, h, c, f, i = a / p, d / p, g / p, b / q, e / q, h / q, c / r, f / r, i / r
@@ -142,10 +183,6 @@ def write_poses(records: NDArray[Any], poses: Floats, half: Floats, principal_sh
     columns = (a, d, g, b, e, h, c, f, i, x, y, z), (j, n, q, k, o, r, m, p, s, *shift)
     for name, numbers in zip(("world_from_view", "view_from_world"), columns, strict=True):
         records[name] = np.stack(numbers, -1).reshape(-1, 4, 3)
-    records["tan_half_fov"], records["near"] = half, near
-    records["jitter"] = records["principal_shift"] = principal_shift
-    records["focus_distance"] = DEFAULTS.focus_distance
-    records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
 
 
 def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> Written:
@@ -224,8 +261,8 @@ def camera_list(cameras: Any, views: int) -> list[Camera] | None:
 
 
 def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: Mapping[str, Any]) -> Written:
-    """Write the records (N,) of Camera objects or of an array of poses. size: of a view in pixels. options: fov,
-    vertical_fov, K, near and ev100 of `Batch.render`; None for what isn't given."""
+    """Write the records (N,) of Camera objects or of an array of poses; of a tensor's, all but the poses. size: of a
+    view in pixels. options: fov, vertical_fov, K, near and ev100 of `Batch.render`; None for what isn't given."""
     count = len(records)
     given = {name: value for name, value in options.items() if value is not None}
     found = camera_list(cameras, count)
@@ -237,8 +274,10 @@ def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: M
     near, ev100 = given.pop("near", DEFAULTS.near), given.pop("ev100", DEFAULTS.ev100)
     if len(given) > 1:
         raise SolariError(f"Batch.render: give one of {', '.join(given)}")
-    poses = array(cameras, "cameras", (count, 4, 4))
-    check_transforms(poses)
+    if not isinstance(cameras, Taken):
+        poses = array(cameras, "cameras", (count, 4, 4))
+        check_transforms(poses)
+        write_poses(records, poses)
     if "K" in given:
         matrices = array(given["K"], "K", (count, 3, 3), (3, 3))
         half, shift = of_matrices(np.broadcast_to(matrices, (count, 3, 3)), size)
@@ -251,5 +290,6 @@ def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: M
               f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m", "near")  # fmt: skip
     exposures = np.broadcast_to(array(ev100, "ev100", (count,), ()), count)
     check_all(np.abs(exposures) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
-    write_poses(records, poses, half, shift, nears)
-    return Written([], {}, np.zeros((count, 2)), shift, _each(exposure_of, exposures))
+    write_lenses(records, half, shift, nears)
+    poses_on_device = cameras if isinstance(cameras, Taken) else None
+    return Written([], {}, np.zeros((count, 2)), shift, _each(exposure_of, exposures), poses_on_device)

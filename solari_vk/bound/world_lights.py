@@ -1,7 +1,6 @@
-"""The lights of worlds that have some of their own: the tables of light_list.py, one world's rows after the other's.
+"""The lights of worlds of one scene that have some of their own.
 
-Each world has as many rows of a table as the world that needs most. Worlds with the same lights share one LightList in
-the host's memory, which is made anew when one of its lights, or those of the scene, change.
+A list of lights is made anew when one of its lights, or those of the scene, change.
 """
 
 from __future__ import annotations
@@ -9,13 +8,13 @@ from __future__ import annotations
 import copy
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.light_tables import LightTables, Listed
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
 from solari_vk.bound.lights.world_changes import Known
@@ -30,33 +29,15 @@ Lamp = tuple[Instance, Material, NDArray[np.float64] | None]
 """An instance that emits light in a world: the scene's, its material, its transform if it has one of its own."""
 
 
-class Listed(NamedTuple):
-    """The lights of some worlds. lamps: in the list's order, and the stand-ins for them that are in the list."""
-
-    lights: LightList
-    lamps: list[Instance]
-    stand_ins: list[Instance]
-    known: Known
-
-
-class LightsOfWorlds:
-    """The light tables of a batch's worlds, in the host's memory."""
+class LightsOfWorlds(LightTables):
+    """The light tables of worlds of one scene."""
 
     def __init__(self, device: Device, binder: SceneBinder, worlds: int) -> None:
-        self._binder, self._worlds, self._device = binder, worlds, device
-        self._layout = {table.name: table.records.dtype for table in binder.lights.tables}
-        self.tables: dict[str, NDArray[Any]] = {}
-        """By the names in GLSL (worlds, rows); none while all worlds share the scene's lights."""
-        self.known: list[Known] = []
-        """For each world, or one for all that share the scene's lights. What has changed is another object."""
-        self.lamp_rows: dict[Instance, NDArray[np.uint32]] = {}
-        """The rows in `light_sources` (worlds,) of instances that emit light in some world, NO_INDEX elsewhere."""
+        super().__init__(device, binder.lights, worlds)
+        self._binder = binder
         self._own = OwnBuffers(device, self._layout["light_leaves"]["by_power"])
         self._ids = weakref.WeakKeyDictionary[Instance | Light, tuple[int, Any]]()
         self._last_id = FIRST_ID
-        self._lists: dict[Any, Listed] = {}
-        self._shown: list[Any] = []  # the key of each world's list
-        self._rows = 0  # of a world in `instances`
 
     def update(self, lights: WorldLights, materials: WorldMaterials, transforms: WorldTransforms, rows: int) -> bool:
         """Follow what the worlds have of their own, when the scene's edits are applied. rows: of a world in
@@ -65,6 +46,7 @@ class LightsOfWorlds:
         scene = self._binder.scene
         lamps = [instance for instance in scene.instances if self._binder.lights.index(instance) is not None
                  or any(material.emits for material in made_of.get(instance, ()))]  # fmt: skip
+        places = transforms.on_host(lamps)
         if not own_lights and not any(lamp in moved or lamp in made_of for lamp in lamps):
             self._forget()
             self.known = [Known.of(self._binder.lights)]
@@ -80,7 +62,7 @@ class LightsOfWorlds:
             own = [(light if given is None else given[world]) for light, given in listed.items()]
             _check_once(own, world)
             lit = [(lamp, made_of[lamp][world] if lamp in made_of else lamp.material,
-                    moved[lamp][world] if lamp in moved else None) for lamp in lamps]  # fmt: skip
+                    places[lamp][world] if lamp in places else None) for lamp in lamps]  # fmt: skip
             lit = [one for one in lit if one[0].visible and one[1].emits]
             lights_key = [(id(light), lights.edits_of(light)) for light in own]
             lamps_key = [(id(lamp), *_emission_key(made), (lamp.transform if at is None else at).tobytes(), poses[lamp])
@@ -124,76 +106,6 @@ class LightsOfWorlds:
             self._ids[light] = self._last_id, data
         return self._ids[light][0]
 
-    def _write(self, shown: list[Any], lamps: list[Instance], rows: int) -> None:
-        sizes = dict.fromkeys(self._layout, 1)
-        for listed in self._lists.values():
-            for name, count in _counts(listed.lights).items():
-                sizes[name] = max(sizes[name], count)
-        if rows != self._rows:
-            self._rows, self._shown = rows, []
-        if {name: table.shape[1] for name, table in self.tables.items()} != sizes:
-            limit = self._device.properties.limits.maxStorageBufferRange
-            for name, size in sizes.items():
-                most = limit // (size * self._layout[name].itemsize)
-                if self._worlds > most:
-                    raise SolariError(f"Batch: {self._worlds:,} worlds with lights of their own, of which one has "
-                                      f"{size:,} rows of {name}: this device holds at most {most:,}: share the worlds "
-                                      "among several batches")  # fmt: skip
-            self.tables = {name: np.zeros((self._worlds, size), self._layout[name]) for name, size in sizes.items()}
-            self._shown = []
-        if not self._shown:
-            self._shown, self.known = [None] * self._worlds, [Known.of(self._binder.lights)] * self._worlds
-        self.lamp_rows = {lamp: self.lamp_rows.get(lamp, np.full(self._worlds, NO_INDEX, np.uint32)) for lamp in lamps}
-        changed: dict[Any, list[int]] = {}
-        for world, (key, old) in enumerate(zip(shown, self._shown, strict=True)):
-            if key != old:
-                changed.setdefault(key, []).append(world)
-                self.known[world] = self._lists[key].known
-        for key, worlds in changed.items():
-            self._write_list(np.array(worlds), self._lists[key], rows)
-        self._shown = shown
-
-    def _write_list(self, worlds: NDArray[np.int64], listed: Listed, rows: int) -> None:
-        """Write the rows of worlds (W,) that share a list, whose indices then count from each world's first row on."""
-        made, lamp_count = listed.lights, len(listed.lamps)
-        first = {name: (worlds * table.shape[1]).astype(np.uint32)[:, None] for name, table in self.tables.items()}
-
-        def tiled(name: str, records: NDArray[Any]) -> NDArray[Any]:
-            return np.tile(records, (len(worlds), 1))
-
-        def put(name: str, records: NDArray[Any]) -> None:
-            self.tables[name][worlds, : records.shape[1]] = records
-
-        count = len(made.ids)
-        sources = tiled("light_sources", made.sources.records[:count])
-        sources["first_leaf"] += first["light_leaves"]
-        sources["record_index"][:, :lamp_count] += (worlds * rows).astype(np.uint32)[:, None]
-        row = lamp_count
-        for kind in made.others:
-            records, name = made.records(kind), str(kind.buffer)
-            sources["record_index"][:, row : row + len(records)] += first[name]
-            row += len(records)
-            put(name, tiled(name, records))
-        put("light_sources", sources)
-        leaves = tiled("light_leaves", made.leaves.table.records[: made.leaves.count])
-        leaves["by_power"]["alias"] += first["light_leaves"]
-        leaves["light"] += first["light_sources"]
-        leaves["node"] += np.where(leaves["node"] == NO_INDEX, 0, first["light_tree"]).astype(np.uint32)
-        put("light_leaves", leaves)
-        nodes = tiled("light_tree", made.leaves.tree.records[: made.leaves.node_count])
-        nodes["first"] += np.where(nodes["child_count"] > 0, first["light_tree"], first["light_leaves"])
-        nodes["parent"] += first["light_tree"]
-        put("light_tree", nodes)
-        info = tiled("scene_infos", made.info.records[:1])
-        for name in ("first_portal", "first_pass_through_light", "first_light_at_infinity", "light_end"):
-            info[name] += first["light_sources"]
-        info["first_environment"] += first["light_sources"] - first["environments"]
-        info["first_leaf"], info["light_root"] = first["light_leaves"], first["light_tree"]
-        put("scene_infos", info)
-        for lamp, of_lamp in self.lamp_rows.items():
-            place = listed.lamps.index(lamp) if lamp in listed.lamps else None
-            of_lamp[worlds] = NO_INDEX if place is None else first["light_sources"][:, 0] + place
-
     def _keep_buffers(
         self, listed: Mapping[Light, list[Light | None] | None], own: Mapping[Light, list[Light | None]]
     ) -> None:
@@ -233,11 +145,3 @@ def _emission_key(material: Material) -> tuple[Any, ...]:
 def _pose_key(lamp: Instance) -> tuple[bytes | None, ...]:
     pose = lamp.joint_matrices, lamp.morph_weights
     return tuple(None if values is None else np.asarray(values).tobytes() for values in pose)
-
-
-def _counts(made: LightList) -> dict[str, int]:
-    """The rows of each table."""
-    counts = {str(kind.buffer): len(made.records(kind)) for kind in made.others}
-    return counts | {
-        "light_sources": len(made.ids), "light_leaves": made.leaves.count, "light_tree": made.leaves.node_count,
-    }  # fmt: skip

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.given_poses import taken
 from solari_vk.bound.view_table import array, check_transforms
 from solari_vk.errors import SolariError, quoted
+from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Instance, Light, Material
 from solari_vk.scene.observed import Checked, Observable
@@ -29,7 +32,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     among: str  # the scene's collection
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
-        self._binder, self._worlds = binder, worlds
+        self._binder, self.worlds = binder, worlds
         self._given: dict[Item, Values] = {}
         self.changed: set[Item] = set()
 
@@ -64,7 +67,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def checked(self, key: str | Item, values: Any) -> tuple[Item, Values]:
         """What `replace` takes."""
         item = self._item(key)
-        if self._worlds == 1:
+        if self.worlds == 1:
             raise SolariError(f"{self.where}: the batch has one world: change {item.describe()} in the scene")
         return item, self._checked(item, values)
 
@@ -124,9 +127,9 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
 
     def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
         given = list(values) if isinstance(values, Sequence) else None
-        if given is None or len(given) != self._worlds:
+        if given is None or len(given) != self.worlds:
             there = quoted(values) if given is None else f"{len(given)}"
-            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self._worlds} {what}, one for each "
+            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self.worlds} {what}, one for each "
                               f"world, not {there}")  # fmt: skip
         for world, value in enumerate(given):
             if not isinstance(value, kind):
@@ -139,19 +142,55 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
     """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
     object. Instances without have the scene's in all worlds.
 
-    Assign numpy arrays, or tensors. Raises SolariError for an instance that the scene doesn't have, and for transforms
-    that `Instance.transform` doesn't take.
+    Assign numpy arrays, or tensors; for a list of K instances (worlds, K, 4, 4). Tensors of a GPU stay on it, but those
+    of lamps, which the host's lists of lights depend on. What is wrong with such a tensor is said by a later `render`,
+    and isn't shown. Raises SolariError for an instance that the scene doesn't have, and for transforms that
+    `Instance.transform` doesn't take.
     """
 
     where, kind, among = "Batch.transforms", Instance, "instances"
 
-    def _checked(self, item: Instance, values: ArrayLike) -> NDArray[np.float64]:
-        given = array(values, f"of {item.describe()}", (self._worlds, 4, 4), where=self.where)
+    def __init__(self, device: Device, binder: SceneBinder, worlds: int) -> None:
+        super().__init__(binder, worlds)
+        self._device = device
+
+    def __setitem__(self, key: Any, values: Any) -> None:
+        if not isinstance(key, (list, tuple)):
+            super().__setitem__(key, values)
+            return
+        what, shape = "of several instances", (self.worlds, len(key), 4, 4)
+        given = self.taken(values, what, shape)
+        if given is not None:
+            parts: list[Any] = [given.at(index, axis=1) for index in range(len(key))]
+        else:
+            parts = list(np.moveaxis(array(values, what, shape, where=self.where), 1, 0))
+        for item, own in [self.checked(*pair) for pair in zip(key, parts, strict=True)]:
+            self.replace(item, own)
+
+    def taken(self, values: Any, what: str, *shapes: tuple[int, ...], where: str | None = None) -> Taken | None:
+        """A tensor that stays on the device; None for what the host reads."""
+        return taken(self._device, values, what, *shapes, where=where or self.where)
+
+    def _checked(self, item: Instance, values: Any) -> Any:
+        what, shape = f"of {item.describe()}", (self.worlds, 4, 4)
+        given = values if isinstance(values, Taken) else self.taken(values, what, shape)
+        return given or self._on_host(item, array(values, what, shape, where=self.where))
+
+    def _on_host(self, item: Instance, given: NDArray[np.float64]) -> NDArray[np.float64]:
         check_transforms(given, item.describe(), self.where, "world")
         return np.array(given)
 
+    def on_host(self, items: Iterable[Instance]) -> dict[Instance, NDArray[np.float64]]:
+        """What was given of these, from now on in the host's memory also if it was a tensor's, which waits for it."""
+        found = {}
+        for item in self._given.keys() & set(items):
+            given = self._given[item]
+            found[item] = self._on_host(item, given.copy()) if isinstance(given, Taken) else given
+        self._given.update(found)
+        return found
+
     def _by_default(self, item: Instance) -> NDArray[np.float64]:
-        return np.broadcast_to(item.transform, (self._worlds, 4, 4))
+        return np.broadcast_to(item.transform, (self.worlds, 4, 4))
 
 
 class WorldMaterials(OfWorlds[Instance, list[Material]]):
@@ -168,7 +207,7 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
         return self._checked_list(item, values, Material, "sv.Material")
 
     def _by_default(self, item: Instance) -> list[Material]:
-        return [item.material] * self._worlds
+        return [item.material] * self.worlds
 
     def replace(self, item: Instance, values: list[Material] | None) -> None:
         before = self._given.get(item, [])
@@ -210,7 +249,7 @@ class WorldLights(OfWorlds[Light, list[Light | None]]):
         return given
 
     def _by_default(self, item: Light) -> list[Light | None]:
-        return [item] * self._worlds
+        return [item] * self.worlds
 
     def note(self, changed: Observable) -> None:
         """A light in use was edited."""

@@ -1,28 +1,26 @@
-"""The worlds of a batch: one scene many times, each with transforms, materials and lights of its own.
-
-A world's rows of `instances` follow those of the world before. Each world has a top-level structure, whose instances
-have these rows as their custom indices, so that shaders which have a hit need not know its world.
-"""
+"""The worlds of a batch: one scene many times, each with transforms, materials and lights of its own."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.binder import MAX_INSTANCES, SceneBinder
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.lights.bodies import has_body, transform_of
 from solari_vk.bound.lights.world_changes import Known
 from solari_vk.bound.traced_instances import flags_of, mask_of
-from solari_vk.bound.view_table import ViewTable
 from solari_vk.bound.world_lights import LightsOfWorlds
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
+from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
-from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuilds
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Instance, Material
 
@@ -33,7 +31,7 @@ class Differing(NamedTuple):
     """What an instance has of its own in each world (worlds, ...), None for what the scene has: its transforms, the
     rows of its materials, and the flags and masks of what rays hit."""
 
-    transforms: NDArray[np.float64] | None = None
+    transforms: NDArray[np.float64] | Taken | None = None
     materials: NDArray[np.uint32] | None = None
     flags: NDArray[np.uint32] | None = None
     masks: NDArray[np.uint32] | None = None
@@ -43,41 +41,37 @@ def _same(before: Mapping[Instance, NDArray[Any]], after: Mapping[Instance, NDAr
     return before.keys() == after.keys() and all(np.array_equal(rows, after[lamp]) for lamp, rows in before.items())
 
 
-class Worlds:
-    """The worlds of a batch on the device: `resources` for frames over them, beside the scene's."""
+class Worlds(WorldTables):
+    """The worlds of a batch of one scene."""
 
     def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
-        self.count = count
-        self.transforms = WorldTransforms(binder, count)
+        super().__init__(device, count)
+        self.transforms = WorldTransforms(device, binder, count)
         self.materials = WorldMaterials(binder, count)
         self.lights = WorldLights(binder, count)
         self._lit = LightsOfWorlds(device, binder, count)
-        self._device, self._binder = device, binder
-        self.version = 0  # of `resources`: frames bind them again when it has changed
+        self._binder = binder
         self._seen = -1  # the revision of the scene that was written
-        self._addresses: list[int] = []
-        self._buffers: dict[str, Buffer] = {"world_structures": device.buffer(16 * count, "world_structures")}
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
         self._surfaces: dict[Instance, Differing] = {}  # of `materials`
         self._blended: dict[Instance, tuple[Any, ...]] = {}  # in some world by `materials`, with what they looked like
         self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
-        self._records: Buffer | None = None
-        self._structures: list[Tlas] = []
-        self._builds: TlasBuilds | None = None
+        self.given_poses = GivenPoses(device, "Batch.transforms", "world")
 
     @property
     def resources(self) -> Mapping[str, Any]:
-        """Buffers by their names in GLSL."""
         return self._shared | self._buffers
 
     @property
     def rows(self) -> int:
-        """The number of rows of a world in `instances`."""
         return self._binder.instance_capacity
 
     @property
+    def blended_changes(self) -> NDArray[np.int64]:
+        return np.array([self._binder.blended_changes])
+
+    @property
     def known_lights(self) -> list[Known] | None:
-        """What is known of the lights of each world; None where all have the scene's."""
         return self._lit.known if self._lit.tables else None
 
     @property
@@ -86,17 +80,7 @@ class Worlds:
         own = [material for given in self.materials.present().values() for material in given]
         return any(len(known.ids) for known in self.known_lights or ()) or any(material.unlit for material in own)
 
-    def number(self, table: ViewTable) -> None:
-        """Write to the records of views which world each shows: as many views to each, one after the other."""
-        table.has_own_lights = bool(self._lit.tables)
-        if self.count > 1:
-            records = table.records
-            records["world"] = np.arange(len(records)) // (len(records) // self.count)
-            records["first_instance"] = records["world"] * self.rows
-
     def update(self) -> int:
-        """Have the next submission show the scene, whose edits are applied, and the worlds as they are; returns
-        `version`. Raises SolariError for more worlds than the device holds, and for what worlds can't have."""
         if self.count == 1:
             tlas, previous = self._binder.traced.tlas, self._binder.traced.previous
             self._show_addresses([tlas.address, (previous or tlas).address])
@@ -120,7 +104,7 @@ class Worlds:
             bodies = self._bodies()
             if (edited or bodies or self.transforms.changed or self.materials.changed
                     or not _same(lamp_rows, self._lit.lamp_rows)):  # fmt: skip
-                self._write(self._differing(bodies))
+                self._write(self._differing(bodies), moved_only=not (edited or lit or bodies))
             self._seen = self._binder.revision
             for given in own:
                 given.changed.clear()
@@ -195,13 +179,18 @@ class Worlds:
 
     # ---- instances and their structures -------------------------------------------------------------
 
-    def _write(self, differing: Mapping[Instance, Differing]) -> None:
+    def _write(self, differing: Mapping[Instance, Differing], *, moved_only: bool) -> None:
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         lamp_rows = self._lit.lamp_rows
         given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
         kept = binder.revision, (*given,), (*lamp_rows,)
+        on_device = [instance for instance, own in differing.items() if isinstance(own.transforms, Taken)]
+        changed = self.transforms.changed
+        if moved_only and self._kept is not None and self._kept[0] == kept and changed.issubset(on_device):
+            self._place(differing, [instance for instance in on_device if instance in changed])
+            return
         if self._kept is None or self._kept[0] != kept:
-            self._check_room()
+            self._check_room(binder.scene.describe(), binder.instance_table.records.dtype.itemsize)
             records = np.tile(binder.instance_table.records, (worlds, 1))
             instances = np.tile(traced.table.records[: traced.count], (worlds, 1))
             instances["custom_index_and_mask"] += (np.arange(worlds, dtype=np.uint32) * self.rows)[:, None]
@@ -210,7 +199,7 @@ class Worlds:
         for instance, own in differing.items():
             row = binder.instance_rows[instance]
             place = traced.place(row)
-            if own.transforms is not None:
+            if own.transforms is not None and not isinstance(own.transforms, Taken):
                 records["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
                 instances["transform"][:, place] = own.transforms[:, :3]
             if own.materials is not None:
@@ -222,61 +211,27 @@ class Worlds:
         for lamp, rows in lamp_rows.items():
             records["light_index"][:, binder.instance_rows[lamp]] = rows
         self._upload("instances", records)
-        rays = self._uploaded(self._records, instances, "tlas_instances")
-        if rays is not self._records or self._builds is None or self._structures[0].max_instances != traced.count:
-            self._records = rays
-            self._rebuild(traced.count)
-        assert self._builds is not None
-        self._builds.submit()
-        self._show_addresses([structure.address for structure in self._structures for _ in ("now", "previous")])
+        self._prepare(instances, (traced.count,) * worlds)
+        self._place(differing, on_device)
 
-    def _check_room(self) -> None:
-        binder, limit = self._binder, self._device.properties.limits.maxStorageBufferRange
-        most = min(MAX_INSTANCES // self.rows, limit // (self.rows * binder.instance_table.records.dtype.itemsize))
-        if self.count > most:
-            raise SolariError(f"Batch: {self.count:,} worlds of {binder.scene.describe()}, with {self.rows:,} rows of "
-                              f"instances each: this device holds at most {most:,}: share the worlds among several "
-                              "batches")  # fmt: skip
-
-    def _upload(self, name: str, records: NDArray[Any]) -> None:
-        before = self._buffers.get(name)
-        self._buffers[name] = self._uploaded(before, records, name)
-        self.version += self._buffers[name] is not before
-
-    def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
-        size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
-        if buffer is None or buffer.size != size:
-            made = self._device.buffer(size, name)
-            if buffer is not None:
-                buffer.destroy()
-            buffer = made
-        if records.nbytes:
-            buffer.upload(records)
-        return buffer
-
-    def _rebuild(self, count: int) -> None:
+    def _place(self, differing: Mapping[Instance, Differing], on_device: Iterable[Instance]) -> None:
+        """Build the structures, with the transforms that tensors give of some instances written on the device."""
+        binder, traced, records = self._binder, self._binder.traced, self._binder.instance_table.records
+        fields = records.dtype.fields
         assert self._records is not None
-        self._free_structures()
-        self._structures = [Tlas(self._device, count, name=f"world {index}") for index in range(self.count)]
-        self._builds = TlasBuilds(self._structures, self._records.address, count)
-
-    def _show_addresses(self, addresses: list[int]) -> None:
-        if addresses != self._addresses:
-            self._addresses = addresses
-            self._buffers["world_structures"].upload(np.array(addresses, np.uint64))
-
-    def _free_structures(self) -> None:
-        if self._builds is not None:
-            self._builds.destroy()
-        for structure in self._structures:
-            structure.destroy()
-        self._builds, self._structures = None, []
+        assert fields is not None
+        size, begin = records.dtype.itemsize // 4, fields["world_from_object"][1] // 4
+        for instance in on_device:
+            row, given = binder.instance_rows[instance], differing[instance].transforms
+            assert isinstance(given, Taken)
+            shown = self._buffers["instances"].address, row * size + begin, self.rows * size
+            ray_size = INSTANCE_DTYPE.itemsize // 4
+            rays = self._records.address, traced.place(row) * ray_size, traced.count * ray_size
+            self.given_poses.write(given, instance.describe(), self.count, shown, rays)
+        self._build()
 
     def destroy(self) -> None:
-        """Free everything."""
         self.materials.destroy()
         self._lit.destroy()
-        self._free_structures()
-        for buffer in (*self._buffers.values(), self._records):
-            if buffer is not None:
-                buffer.destroy()
+        self.given_poses.destroy()
+        super().destroy()

@@ -24,8 +24,8 @@ from solari_vk.settings import FIELDS
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
-# By tests/rt/test_examples.py, tests/cluster/test_guide.py and test_coming_from.py.
-ELSEWHERE = ("ray_tracing.md", "driver_faults.md", "guides/clusters.md", "guides/coming_from.md")
+# By tests/rt/test_examples.py, tests/cluster/test_guide.py, test_coming_from.py and test_learning.py.
+ELSEWHERE = ("ray_tracing.md", "driver_faults.md", "guides/clusters.md", "guides/coming_from.md", "guides/learning.md")
 RUN_ELSEWHERE = {DOCS / name for name in ELSEWHERE}
 # Pictures as small as possible, and few frames: each pattern must be on some page.
 SMALLER = {

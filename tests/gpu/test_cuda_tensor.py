@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import os
+import time
 
 import numpy as np
 import pytest
@@ -155,6 +156,40 @@ def test_later_frames_leave_tensors_alone(device, cuda):
             assert np.array_equal(tensor.cpu().numpy(), expected)
         tensors = device.cuda
         assert len([place for places in tensors._free.values() for place in places]) <= 4
+
+
+def test_given_tensors_stay_on_the_device(device, cuda):
+    """Poses and transforms show what arrays show; no host waits for a late stream, and no later change is seen."""
+    boxes, worlds, taken = ["short block", "tall block"], 4, []
+    rng = np.random.default_rng(1)
+    poses = np.stack([[sv.Camera.look_at((1 + 0.1 * view + 0.02 * frame, 1, -2.5), (1, 1, 1)).transform
+                       for view in range(worlds)] for frame in range(6)]).astype(np.float32)  # fmt: skip
+    moves = np.tile(np.eye(4, dtype=np.float32), (6, worlds, 2, 1, 1))
+    moves[..., :3, 3] = rng.uniform(-0.3, 0.3, (6, worlds, 2, 3))
+    for on_card in (False, True):
+        with (
+            cuda.cuda.stream(cuda.cuda.Stream()),
+            sv.Batch(device, sv.builtin("cornell_box"), SIZE, worlds, renderer="reference", worlds=worlds,
+                     outputs=("depth", "motion_vectors")) as batch,
+        ):  # fmt: skip
+            for frame in range(6):
+                pose, move = poses[frame], moves[frame]
+                if on_card:
+                    pose, move = (cuda.from_numpy(given).cuda() for given in (pose, move))
+                    if frame == 5:
+                        cuda.cuda._sleep(400_000_000)  # clocks
+                start = time.perf_counter()
+                batch.transforms[boxes] = move
+                batch.render(pose, fov=50, samples=1)
+                seconds = time.perf_counter() - start
+                if on_card:
+                    pose.zero_(), move.zero_()
+                taken.append({name: batch[name] for name in batch})
+            assert not on_card or (seconds < 0.05 and time.perf_counter() - start > 0.1)
+    assert "cuda_inputs" in vars(device)
+    for expected, found in zip(taken[:6], taken[6:], strict=True):
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, name)
 
 
 def test_tensors_outlive_their_device(cuda):

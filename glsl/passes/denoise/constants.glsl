@@ -46,8 +46,11 @@ const float MIN_TRIMMED_PIXELS = 8.0;  // fewer are too few to leave out the bri
 const float SPATIAL_VARIANCE_FRAMES = 4.0;  // frames that the spatial estimate of the variance counts for
 const float CENTER_MOMENTS_WEIGHT = 4.0;  // center weight of the 3 x 3 kernel, (1 2 1) x (1 2 1), of moments
 const float FIREFLY_FRAMES = 40.0;  // frames up to which fireflies are limited
+// Effective sample size below which longer histories are limited too, and its share of the frames if that is less.
+const float CONFIRMED_FRAMES = 4.0, CONFIRMED_SHARE = 0.0625;
 // Fireflies are clamped to the larger of two limits: these factors times the neighbors' mean, and times the mean of the
-// 3 x 3 cells and the history length, so that light that more frames confirm stays.
+// 3 x 3 cells and the squared effective sample size, up to the history length, so that light that more frames confirm
+// stays.
 const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_CELLS = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // least weight of the neighbors that a pixel is compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // fewer tell nothing of how samples differ

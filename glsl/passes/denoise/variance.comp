@@ -38,9 +38,9 @@ void extend(inout Range range, LobeHistory lobe) {
     range.min_upper_bound = min(range.min_upper_bound, mean + deviation);
 }
 
-// Clamps fireflies: pixels with short histories that are far brighter than their neighbors and the 3 x 3 cells around,
-// unless these are black or no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The
-// history isn't clamped, so that the light is shown when more frames confirm it.
+// Clamps fireflies: pixels with short histories, or with light of few frames alone, that are far brighter than their
+// neighbors and the 3 x 3 cells around, unless these are black or no neighbor shows a surface like the pixel's: then it
+// isn't noise, but a small object. The history isn't clamped, so that the light is shown when more frames confirm it.
 Signal estimate_signal(LobeHistory lobe, Moments sum, float trimmed_mean_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float local_mean = sum.luminance_sum / sum.weight_sum, value = luminance(lobe.radiance);
@@ -48,8 +48,13 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float trimmed_mean_luminan
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
-    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * lobe.frames * trimmed_mean_luminance);
-    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && lobe.frames < long_history) {
+    // Kish's effective sample size: 1 if one frame has all the light. Light of two or more is confirmed.
+    float effective_frames = lobe.frames * value * value / max(lobe.second_moment, EPSILON);
+    float confirming_frames = min(effective_frames * effective_frames, lobe.frames);
+    bool is_confirmed = lobe.frames >= long_history
+        && effective_frames >= min(CONFIRMED_FRAMES, CONFIRMED_SHARE * lobe.frames);
+    float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * confirming_frames * trimmed_mean_luminance);
+    if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && !is_confirmed) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
         local_mean += CENTER_MOMENTS_WEIGHT * (limit - value) / sum.weight_sum;

@@ -24,7 +24,8 @@ struct Guides {
     float perceptual_roughness;
     float depth;
     vec2 specular_motion;
-    bool is_noisy;    // false where a mirror shows a light or nothing
+    bool is_noisy;    // false where a mirror shows a light that reflects nothing, or no surface
+    bool shows_light;
     bool is_primary;  // false where a mirror is replaced by what it shows
 };
 
@@ -94,14 +95,16 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
         }
     }
 
-    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0), false, false);
+    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0), false, false, false);
     vec3 virtual_position, previous_virtual_position;
     if (instance == NO_INDEX) {
         virtual_position = camera.world_from_view[3] + mat3(chain) * (walk.direction * FAR_AWAY);
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
         describe(guides, surface.material, dot(surface.world_normal, -walk.direction));
-        guides.is_noisy = !passes_light && max_component(shown_emission(surface)) == 0.0;
+        bool reflects = !surface.unlit && max_component(guides.diffuse_albedo + guides.specular_albedo) > 0.0;
+        guides.is_noisy = !passes_light && reflects;
+        guides.shows_light = passes_light || max_component(shown_emission(surface)) > 0.0;
         guides.world_normal = mat3(chain) * surface.world_normal;
         guides.depth = camera.near / (path_length * camera_ray.depth_per_t);
         virtual_position = chain * vec4(surface.world_position, 1.0);
@@ -122,7 +125,7 @@ void main() {
 
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);
-    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion, true, true);
+    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion, true, false, true);
     if (surface.exists) {
         float cosine = dot(surface.world_normal, surface.wo);
         describe(guides, surface.material, cosine);
@@ -131,7 +134,7 @@ void main() {
         if ((is_wall || is_metal_mirror(surface.material)) && frame_settings.primary_surface_replacement != 0u) {
             Guides shown = replace_primary_surface(surface, pixel);
             // Lights behind glass have noise, since paths see them or what the glass reflects.
-            if (shown.is_noisy || !is_wall) { guides = shown; }
+            if (!is_wall || shown.is_noisy && !shown.shows_light) { guides = shown; }
         }
     }
     imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, float(guides.is_noisy)));

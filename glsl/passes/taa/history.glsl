@@ -98,6 +98,15 @@ vec2 motion_in_picture(ivec2 pixel) {
 
 // ---- what still holds -------------------------------------------------------------------------------
 
+// The row of the instance that the previous frame showed, or NO_INDEX. Those of a world move when the table grows.
+uint previous_instance(ivec2 at) {
+    uint row = imageLoad(previous_gbuffer_surface, at).y;
+#ifdef MANY_VIEWS
+    if (row != NO_INDEX) { row += views.at[view_index].first_instance - views.at[view_index].previous_first_instance; }
+#endif
+    return row;
+}
+
 // Whether neither the camera nor any surface around moved, among them those that only the previous frame shows there.
 bool is_still(ivec2 center) {
     if (in_exposure()) { return true; }  // the picture is that of all times
@@ -107,7 +116,7 @@ bool is_still(ivec2 center) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
         if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
-        uint instance = imageLoad(previous_gbuffer_surface, texel_of(pixel)).y;
+        uint instance = previous_instance(texel_of(pixel));
         if (instance == known || instance == NO_INDEX) { continue; }
         if (!is_static(instance)) { return false; }
         known = instance;
@@ -125,8 +134,7 @@ bool is_blended(ivec2 center) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
         ivec2 at = texel_of(pixel);
-        uint now = imageLoad(gbuffer_surface, at).y, before = imageLoad(previous_gbuffer_surface, at).y;
-        if (shows_blended(now) || shows_blended(before)) { return true; }
+        if (shows_blended(imageLoad(gbuffer_surface, at).y) || shows_blended(previous_instance(at))) { return true; }
     }
     return false;
 }

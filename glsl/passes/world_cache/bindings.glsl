@@ -7,7 +7,7 @@
 #include "passes/rows.glsl"
 
 #ifdef MANY_VIEWS
-layout(set = 1, scalar) uniform CameraBallBlock {  // around the cameras of all views
+layout(set = 1, scalar) restrict readonly buffer CameraBallBlock {  // around the cameras of all views
     vec3 center;
     float radius;
 } camera_ball;

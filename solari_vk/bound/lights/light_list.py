@@ -18,7 +18,7 @@ from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
-from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
+from solari_vk.bound.lights.own_buffers import OwnBuffers, SharedBuffers, own_data
 from solari_vk.bound.lights.portal_maps import PortalMaps
 from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
@@ -37,10 +37,10 @@ class LightList:
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
 
-    own: given for a list in the host's memory alone, which leaves bodies and the buffers of images to its maker.
+    own: given for a list on the host alone: the buffers of its maker, who has bodies too, or those that scenes share.
     """
 
-    def __init__(self, device: Device, layout: dict[str, Any], own: OwnBuffers | None = None) -> None:
+    def __init__(self, device: Device, layout: dict[str, Any], own: OwnBuffers | SharedBuffers | None = None) -> None:
         table: MakeTable = partial(Table, device) if own is None else HostTable
         self.sources = table("light_sources", layout["light_sources"])
         self.info = table("scene_infos", layout["scene_infos"])
@@ -50,12 +50,13 @@ class LightList:
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
         with_records.sort(key=lambda kind: PLACES.index(kind.met_by_rays))
         self._records = {kind: table(str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
-        self._emissive: list[Instance] = []
+        self.emissive: list[Instance] = []
+        """The emissive instances, in the order of their rows."""
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.bodies = Bodies()
-        self._has_bodies = own is None
-        self.own = OwnBuffers(device, self.leaves.table.records["by_power"].dtype) if own is None else own
+        self._has_bodies = not isinstance(own, OwnBuffers)
+        self.own = own if isinstance(own, OwnBuffers) else OwnBuffers(device, layout["light_leaves"]["by_power"], own)
         self._portal_maps = PortalMaps(device)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
@@ -120,8 +121,8 @@ class LightList:
         if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
-                index = self._index[instance] = len(self._emissive)
-                self._emissive.append(instance)
+                index = self._index[instance] = len(self.emissive)
+                self.emissive.append(instance)
                 self.renew(instance)
             self.sources.reserve(index + 1)
             self._write_source(index, self._mesh_kind, row, emission)
@@ -131,13 +132,13 @@ class LightList:
             return None
         self._changed = self._positions_changed = self._powers_changed = True
         del self._index[instance], self._id_of[instance], self._power_of[instance]
-        last = self._emissive.pop()
+        last = self.emissive.pop()
         if last is instance:
             return None
-        self._emissive[index] = last
-        self._emissive_places[index] = self._emissive_places[len(self._emissive)]
+        self.emissive[index] = last
+        self._emissive_places[index] = self._emissive_places[len(self.emissive)]
         self._index[last] = index
-        self.sources.records[index] = self.sources.records[len(self._emissive)]
+        self.sources.records[index] = self.sources.records[len(self.emissive)]
         self.sources.mark([index])
         return last
 
@@ -200,7 +201,7 @@ class LightList:
         self._update_edited(others, lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return
-        places = self._emissive_places[: len(self._emissive)]
+        places = self._emissive_places[: len(self.emissive)]
         if self._changed or self._positions_changed:
             moving = [kind.position(light) for kind, light in others if kind.position]
             self.positions = np.concatenate([places[:, 0], np.reshape(moving, (-1, 3))])
@@ -236,7 +237,7 @@ class LightList:
         if self._changed and others:
             for kind, light in others:
                 self._set_power(light, kind.power(light, self._lit(kind, lit_area)))
-        listed: list[Instance | Light] = [*self._emissive, *(light for _, light in others)]
+        listed: list[Instance | Light] = [*self.emissive, *(light for _, light in others)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False
         if self._changed:
@@ -270,7 +271,7 @@ class LightList:
     def _write_others(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
         self.sources.reserve(light_count)
-        row = len(self._emissive)
+        row = len(self.emissive)
         counts = {place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
                   for place in (BEYOND, PASSED, AT_INFINITY)}  # fmt: skip
         first_at_infinity = light_count - counts[AT_INFINITY]

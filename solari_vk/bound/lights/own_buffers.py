@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.bound.content import content_of
 from solari_vk.bound.lights.emissive_meshes import ONE_PART
 from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
 from solari_vk.bound.table import Rows
@@ -35,33 +36,41 @@ class ProfileBuffer:
         self._shares.destroy()
 
 
-class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
-    """The buffers of each light that has an image or a profile; lights of the same one share them.
+class SharedBuffers:
+    """The buffers of images and profiles, by their contents."""
 
-    row: as EnvironmentBuffers has it.
+    def __init__(self) -> None:
+        self.users: Rows[bytes | LightProfile] = Rows()  # each a light, and the OwnBuffers that has it
+        self.made: dict[bytes | LightProfile, EnvironmentBuffers | ProfileBuffer] = {}
+
+
+class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
+    """The buffers of each light that has an image or a profile; lights of equal ones share them.
+
+    row: as EnvironmentBuffers has it. shared: with the lights of others too.
     """
 
-    def __init__(self, device: Device, row: np.dtype[Any]) -> None:
+    def __init__(self, device: Device, row: np.dtype[Any], shared: SharedBuffers | None = None) -> None:
         super().__init__()
         self._device, self._row = device, row
-        self._data: dict[Light, Any] = {}  # which keeps the ids below from being given away
-        self._users: Rows[int] = Rows()  # by the id of the data, because arrays can't be keys
+        self._shared = SharedBuffers() if shared is None else shared
+        self._data: dict[Light, tuple[Any, bytes | LightProfile]] = {}  # of each light, with its content
 
     def set(self, light: Light, data: Any) -> bool:
         """Have buffers for the data, an image or a profile, that a light has now; None: for none. Returns whether it is
         another than before. On errors nothing is changed."""
-        if data is self._data.get(light):
+        if data is self._data.get(light, (None,))[0]:
             return False
-        made = None if data is None else self._shared(data) or self._make(data)
+        if data is None:
+            self._drop(light)
+            return True
+        shared, key = self._shared, data if isinstance(data, LightProfile) else content_of(data)
+        if key not in shared.made:
+            shared.made[key] = self._make(data)
+        shared.users.acquire(key, (id(self), light))  # before the same may be freed
         self._drop(light)
-        if made is not None:
-            self._users.acquire(id(data), light)
-            self[light], self._data[light] = made, data
+        self[light], self._data[light] = shared.made[key], (data, key)
         return True
-
-    def _shared(self, data: Any) -> EnvironmentBuffers | ProfileBuffer | None:
-        users = self._users.users(id(data))
-        return self[users[0]] if users else None
 
     def _make(self, data: Any) -> EnvironmentBuffers | ProfileBuffer:
         if isinstance(data, LightProfile):
@@ -71,8 +80,9 @@ class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
     def _drop(self, light: Light) -> None:
         """Free the buffers of a light, if it has some and is their last user."""
         if light in self:
-            buffers, data = self.pop(light), self._data.pop(light)
-            if self._users.release(id(data), light):
+            buffers, (_, key) = self.pop(light), self._data.pop(light)
+            if self._shared.users.release(key, (id(self), light)):
+                del self._shared.made[key]
                 buffers.destroy()
 
     def destroy(self) -> None:

@@ -165,17 +165,21 @@ class TlasBuild:
 class TlasBuilds:
     """Builds of many structures in one call, recorded once and submitted whenever the records changed.
 
-    instances: the device address of the records, `count` for each structure, one after the other.
+    instances: the device address of the records, `stride` for each structure, one after the other, of which it has the
+    first of these `counts`.
     """
 
-    def __init__(self, structures: Sequence[Tlas], instances: int, count: int) -> None:
-        self._structures, self._count = structures, count
+    def __init__(self, structures: Sequence[Tlas], instances: int, stride: int, counts: Sequence[int]) -> None:
+        self._structures, self._counts = structures, counts
         device = structures[0].device
-        step = count * INSTANCE_DTYPE.itemsize
-        infos = [tlas._info(instances + index * step, count) for index, tlas in enumerate(structures)]
-        one = raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)
+        step = stride * INSTANCE_DTYPE.itemsize
+        each = list(zip(structures, counts, strict=True))
+        infos = [tlas._info(instances + index * step, count) for index, (tlas, count) in enumerate(each)]
+        sizes = {count: raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)
+                  for count in set(counts)}  # fmt: skip
+        ranges = [sizes[count] for count in counts]
         arguments = (raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos),
-                     raw.array("VkAccelerationStructureBuildRangeInfoKHR*", [one] * len(infos)))  # fmt: skip
+                     raw.array("VkAccelerationStructureBuildRangeInfoKHR*", ranges))  # fmt: skip
 
         def record(cmd: raw.CData) -> None:
             device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
@@ -188,9 +192,9 @@ class TlasBuilds:
         """Have the builds run just before the next submission."""
         self._commands.submit_with_next()
         at = clock.tick()
-        for tlas in self._structures:
-            if not tlas.built:  # later builds are like the first
-                tlas._note(self._count, at)
+        for tlas, count in zip(self._structures, self._counts, strict=True):
+            if not tlas.built or tlas.instance_count != count:  # later builds are like the first
+                tlas._note(count, at)
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""

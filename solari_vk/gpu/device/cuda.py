@@ -72,6 +72,8 @@ int cuEventRecord(CUevent, CUstream);
 int cuEventSynchronize(CUevent);
 int cuEventDestroy_v2(CUevent);
 int cuMemcpyDtoH_v2(void *, CUdeviceptr, size_t);
+int cuMemcpyDtoDAsync_v2(CUdeviceptr, CUdeviceptr, size_t, CUstream);
+int cuStreamSynchronize(CUstream);
 """
 _HIP = {
     "cuInit": "hipInit", "cuGetErrorString": "hipDrvGetErrorString", "cuDeviceGet": "hipDeviceGet",
@@ -82,7 +84,8 @@ _HIP = {
     "cuDestroyExternalMemory": "hipDestroyExternalMemory", "cuMemFree_v2": "hipFree",
     "cuEventCreate": "hipEventCreateWithFlags", "cuEventRecord": "hipEventRecord",
     "cuEventSynchronize": "hipEventSynchronize", "cuEventDestroy_v2": "hipEventDestroy",
-    "cuCtxSynchronize": "hipCtxSynchronize",
+    "cuCtxSynchronize": "hipCtxSynchronize", "cuMemcpyDtoDAsync_v2": "hipMemcpyDtoDAsync",
+    "cuStreamSynchronize": "hipStreamSynchronize",
 }  # fmt: skip
 """HIP's names of the functions that it needs (hip_runtime_api.h of ROCm 5 to 7)."""
 _ffi: Any = FFI()
@@ -105,6 +108,7 @@ class Cuda:
     name = "CUDA"
     libraries: tuple[str, ...] = ("libcuda.so.1",)
     dlpack_type = dlpack.CUDA
+    default_stream = 1  # by DLPack's numbers
     waits_for_timelines = True
     """Whether streams wait for timeline semaphores of Vulkan."""
     names: ClassVar[dict[str, str]] = {}
@@ -183,17 +187,32 @@ class Cuda:
             self.call("cuWaitExternalSemaphoresAsync", _ffi.new("CUexternalSemaphore *", semaphore), wait, 1,
                       _ffi.cast("CUstream", stream))  # fmt: skip
 
-    def signal(self, semaphore: CData, value: int) -> None:
+    def signal(self, semaphore: CData, value: int, stream: int) -> None:
+        """Have a timeline semaphore get a value when the work that a stream has now is done."""
+        signal = _ffi.new("CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS *", {"params": {"value": value}})
+        with self.current():
+            self.call("cuSignalExternalSemaphoresAsync", _ffi.new("CUexternalSemaphore *", semaphore), signal, 1,
+                      _ffi.cast("CUstream", stream))  # fmt: skip
+
+    def signal_now(self, semaphore: CData, value: int) -> None:
         """Give a timeline semaphore a value now, whatever other streams wait for."""
         stream = _ffi.new("CUstream *")
-        signal = _ffi.new("CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS *", {"params": {"value": value}})
         with self.current():
             self.call("cuStreamCreate", stream, _NON_BLOCKING)
             try:
-                semaphores = _ffi.new("CUexternalSemaphore *", semaphore)
-                self.call("cuSignalExternalSemaphoresAsync", semaphores, signal, 1, stream[0])
+                self.signal(semaphore, value, int(_ffi.cast("intptr_t", stream[0])))
             finally:
                 self.call("cuStreamDestroy_v2", stream[0])  # when its work is done
+
+    def copy(self, target: int, source: int, size: int, stream: int) -> None:
+        """Have a stream copy bytes from one address of the device to another."""
+        with self.current():
+            self.call("cuMemcpyDtoDAsync_v2", target, source, size, _ffi.cast("CUstream", stream))
+
+    def await_stream(self, stream: int) -> None:
+        """Wait on the host for the work that a stream has now."""
+        with self.current():
+            self.call("cuStreamSynchronize", _ffi.cast("CUstream", stream))
 
     def synchronize(self) -> None:
         """Wait on the host for the work that all streams have now."""
@@ -221,6 +240,7 @@ class Hip(Cuda):
     name = "HIP"
     libraries = ("libamdhip64.so.7", "libamdhip64.so.6", "libamdhip64.so.5", "libamdhip64.so")
     dlpack_type = dlpack.ROCM
+    default_stream = 0
     waits_for_timelines = False
     names: ClassVar[dict[str, str]] = _HIP
 

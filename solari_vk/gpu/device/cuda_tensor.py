@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Any
@@ -13,9 +13,10 @@ import numpy as np
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import dlpack, raw
 from solari_vk.gpu.device.allocator import Allocator
-from solari_vk.gpu.device.barriers import ALL_COMMANDS, WRITE, full_barrier
+from solari_vk.gpu.device.barriers import ALL_COMMANDS, READ, WRITE, full_barrier
 from solari_vk.gpu.device.cuda import Cuda, CudaEvent, CudaMemory, Hip
 from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.device.submission import SemaphoreValue
 from solari_vk.gpu.device.work_queue import WorkQueue
 
 MEMORY, SEMAPHORE, PCI = "VK_KHR_external_memory_fd", "VK_KHR_external_semaphore_fd", "VK_EXT_pci_bus_info"
@@ -27,7 +28,7 @@ _NO_SYNC = -1  # DLPack: the consumer takes care
 _KEPT = 2  # free places of a size, for the next tensors
 
 
-class _Place:
+class Place:
     """A buffer in memory that CUDA maps too, and what its users need."""
 
     def __init__(self, device: WorkQueue, memory: Allocator, cuda: Cuda, size: int) -> None:
@@ -63,13 +64,22 @@ class _Place:
     @property
     def to_cuda(self) -> raw.CData:
         """The barrier after which CUDA owns the buffer. What it held isn't asked for when Vulkan writes again."""
+        return self._handing_over(self._device.queue_family, raw.VK_QUEUE_FAMILY_EXTERNAL)
+
+    @property
+    def from_cuda(self) -> raw.CData:
+        """The barrier after which Vulkan owns the buffer, with what CUDA wrote."""
+        return self._handing_over(raw.VK_QUEUE_FAMILY_EXTERNAL, self._device.queue_family)
+
+    def _handing_over(self, source: int, target: int) -> raw.CData:
         barrier = raw.struct(
             "VkBufferMemoryBarrier2",
             srcStageMask=ALL_COMMANDS,
             srcAccessMask=WRITE,
             dstStageMask=ALL_COMMANDS,
-            srcQueueFamilyIndex=self._device.queue_family,
-            dstQueueFamilyIndex=raw.VK_QUEUE_FAMILY_EXTERNAL,
+            dstAccessMask=READ,
+            srcQueueFamilyIndex=source,
+            dstQueueFamilyIndex=target,
             buffer=self.handle,
             size=raw.VK_WHOLE_SIZE,
         )
@@ -98,7 +108,7 @@ class _Place:
 class _Lease:
     """A use of a place, until nobody needs it: `Lent` is told when this object is gone."""
 
-    def __init__(self, place: _Place) -> None:
+    def __init__(self, place: Place) -> None:
         self.place = place
 
 
@@ -151,29 +161,17 @@ class CudaTensors:
         needed = (MEMORY, SEMAPHORE) if driver.waits_for_timelines else (MEMORY,)
         if missing := [name for name in needed if name not in device.extensions]:
             raise DeviceError(f"{device.name} lacks {' and '.join(missing)}")
-        self._device, self._memory = device, memory
+        self._device, self.memory = device, memory
         self.cuda = driver(device.properties.uuid if driver is Cuda else pci_address(device))
-        self._value, self._free = 0, dict[int, list[_Place]]()
+        self._value, self._free = 0, dict[int, list[Place]]()
         self._timeline = self._semaphore = None
         with ExitStack() as undo:
             undo.callback(self.cuda.close)
             if driver.waits_for_timelines:
-                self._make_timeline(undo)
+                self._timeline, self._semaphore = shared_timeline(device, self.cuda, undo)
             undo.callback(self._discard_free)
             self._end = undo.pop_all().close
         device.share(device.own(self._close))
-
-    def _make_timeline(self, undo: ExitStack) -> None:
-        device = self._device
-        export = raw.struct("VkExportSemaphoreCreateInfo", handleTypes=_SEMAPHORE_FD)
-        timeline = raw.struct("VkSemaphoreTypeCreateInfo", pNext=export, semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
-        self._timeline = device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=timeline), "tensors")
-        undo.callback(lambda: device.vk.vkDestroySemaphore(device.handle, self._timeline, raw.NULL))
-        info = raw.struct("VkSemaphoreGetFdInfoKHR", semaphore=self._timeline, handleType=_SEMAPHORE_FD)
-        fd = raw.ffi.new("int*")
-        device.vk.vkGetSemaphoreFdKHR(device.handle, info, fd)
-        self._semaphore = self.cuda.import_timeline(fd[0])
-        undo.callback(lambda: self.cuda.destroy_semaphore(self._semaphore))
 
     def copy(
         self, record_copy: Callable[[raw.CData, raw.CData], None], shape: tuple[int, ...], dtype: np.dtype[Any]
@@ -191,36 +189,43 @@ class CudaTensors:
             device.vk.vkCmdPipelineBarrier2(cmd, place.to_cuda)
 
         copying = Recorded(device, record, "tensor")
-        signals: list[Any] = [] if self._timeline is None else [(self._timeline, self._value + 1)]
-        submitted = device.submit_prepared(device.submission([copying.commands], signals=signals))
-        self._value += 1
+        await_written = self.submit(copying.commands)
         copying.destroy()
         lease = _Lease(place)
         device.lent.lend(lease, partial(self._give_back, place))
-        return CudaTensor(lease, partial(self._await_written, self._value, submitted), shape, dtype)
+        return CudaTensor(lease, await_written, shape, dtype)
 
-    def _await_written(self, value: int, submitted: int, stream: int | None) -> None:
-        """Have a stream wait for the copy of a value of the timeline; None: the host, as where streams can't."""
-        if self._semaphore is None or stream is None:
-            self._device.await_value(submitted)
-        else:
-            self.cuda.wait(self._semaphore, value, stream)
+    def submit(self, commands: raw.CData, waits: Sequence[SemaphoreValue] = ()) -> Callable[[int | None], None]:
+        """Submit commands, which wait for semaphores. Returns what has a stream wait for them, or, with None and where
+        streams can't, the host."""
+        device, value = self._device, self._value + 1
+        signals = [] if self._timeline is None else [(self._timeline, value)]
+        submitted = device.submit_prepared(device.submission([commands], waits, signals))
+        self._value = value
 
-    def _take(self, size: int) -> _Place:
+        def wait(stream: int | None) -> None:
+            if self._semaphore is None or stream is None:
+                device.await_value(submitted)
+            else:
+                self.cuda.wait(self._semaphore, value, stream)
+
+        return wait
+
+    def _take(self, size: int) -> Place:
         free = self._free.get(size)
         # The one that has been free for longest, which consumers have most likely read.
-        place = free.pop(0) if free else _Place(self._device, self._memory, self.cuda, size)
+        place = free.pop(0) if free else Place(self._device, self.memory, self.cuda, size)
         place.await_consumers()
         return place
 
-    def _give_back(self, place: _Place) -> None:
+    def _give_back(self, place: Place) -> None:
         """Nobody has the tensor any more."""
         free = self._free.setdefault(place.size, [])
         free.append(place)
         if len(free) > _KEPT and not self._device.closed:
             self._device.retire(partial(self._discard, free.pop(0)))  # a copy to it may be due
 
-    def _discard(self, place: _Place) -> None:
+    def _discard(self, place: Place) -> None:
         place.await_consumers()
         place.close()
 
@@ -231,8 +236,22 @@ class CudaTensors:
 
     def _close(self) -> None:
         if self._device.lost and self._semaphore is not None:
-            self.cuda.signal(self._semaphore, self._value)  # or streams would wait for ever for what isn't written
+            self.cuda.signal_now(self._semaphore, self._value)  # or streams would wait for ever for what isn't written
         self._end()
+
+
+def shared_timeline(device: WorkQueue, cuda: Cuda, undo: ExitStack) -> tuple[raw.CData, raw.CData]:
+    """A timeline semaphore, and CUDA's handle of it."""
+    export = raw.struct("VkExportSemaphoreCreateInfo", handleTypes=_SEMAPHORE_FD)
+    kind = raw.struct("VkSemaphoreTypeCreateInfo", pNext=export, semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
+    timeline = device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=kind), "tensors")
+    undo.callback(lambda: device.vk.vkDestroySemaphore(device.handle, timeline, raw.NULL))
+    info = raw.struct("VkSemaphoreGetFdInfoKHR", semaphore=timeline, handleType=_SEMAPHORE_FD)
+    fd = raw.ffi.new("int*")
+    device.vk.vkGetSemaphoreFdKHR(device.handle, info, fd)
+    semaphore = cuda.import_timeline(fd[0])
+    undo.callback(lambda: cuda.destroy_semaphore(semaphore))
+    return timeline, semaphore
 
 
 def pci_address(device: WorkQueue) -> str:

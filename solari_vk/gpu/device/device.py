@@ -11,6 +11,7 @@ from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import OnCompile
+from solari_vk.gpu.device.cuda_input import CudaInputs
 from solari_vk.gpu.device.cuda_tensor import CudaTensors
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
@@ -85,6 +86,11 @@ class Device(WorkQueue):
     def cuda(self) -> CudaTensors:
         """Makes tensors that CUDA shares. Raises DeviceError, with the reason, where it can't."""
         return CudaTensors(self, self.memory)
+
+    @cached_property
+    def cuda_inputs(self) -> CudaInputs:
+        """Takes tensors of CUDA's libraries. Raises DeviceError, with the reason, where it can't."""
+        return CudaInputs(self.cuda, self, self.buffer)
 
     def cuda_for(self, name: str) -> CudaTensors:
         """`cuda`, for a tensor of what has this name. Raises SolariError, with the reason, where there is none."""

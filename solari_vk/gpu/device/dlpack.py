@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -52,6 +53,20 @@ def _delete_unused(capsule: int) -> None:
 
 _delete_in_c = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(_delete)
 _delete_unused_in_c = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(_delete_unused)
+
+
+def described(capsule: Any) -> tuple[int, tuple[int, ...], np.dtype[Any] | None]:
+    """The address, shape and dtype of the memory that a capsule "dltensor" shows; no dtype for numbers that aren't
+    packed, or of a kind that numpy lacks. The capsule keeps the memory."""
+    tensor = _Tensor.from_address(_python.PyCapsule_GetPointer(id(capsule), b"dltensor"))
+    shape = tuple(tensor.shape[: tensor.ndim])
+    packed = [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
+    steps = tensor.strides[: tensor.ndim] if tensor.strides else packed
+    kind = next((name for name, number in _KINDS.items() if number == tensor.kind), None)
+    ordered = all(step == wanted or size < 2 for step, wanted, size in zip(steps, packed, shape, strict=True))
+    plain = kind is not None and tensor.lanes == 1 and ordered
+    dtype = np.dtype(f"{kind}{tensor.bits // 8}") if plain else None
+    return tensor.data + tensor.byte_offset, shape, dtype
 
 
 def capsule(

@@ -48,6 +48,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
         "shaderStorageImageArrayDynamicIndexing", "shaderStorageBufferArrayDynamicIndexing",
         "shaderUniformBufferArrayDynamicIndexing", "fragmentStoresAndAtomics", "vertexPipelineStoresAndAtomics",
         "independentBlend", "fillModeNonSolid", "depthClamp", "textureCompressionBC",
+        "shaderFloat64",
     ),
     "11": ("shaderDrawParameters", "storageBuffer16BitAccess"),
     "12": (

@@ -172,9 +172,21 @@ def test_reflections_in_balls_follow_the_camera(device):
         shown, raw, guides, depth = (np.asarray(frame[name]) for name in (
             "sample_radiance", "raw_radiance", "denoise_guides", "gbuffer_depth"))  # fmt: skip
     unfiltered = (guides.reshape(*size, 2)[..., 0] >> 30 == 0) & (depth.reshape(size) > 0)
-    assert unfiltered.sum() > 20
+    assert unfiltered.sum() > 10
     assert np.array_equal(shown[unfiltered], raw[unfiltered])
     assert relative_mse(shown.astype(np.float64), trace(device, scene, 256, size, camera, seed=99)) < 0.2
+
+
+@pytest.mark.parametrize("reflects", [0.0, 0.8])
+def test_lights_in_mirrors_are_denoised_where_they_reflect(device, reflects):
+    """What they emit has no noise, what else they reflect has."""
+    shining = sv.Material(base_color=reflects, specular=reflects, emissive=(1.0, 1.0, 1.0))
+    scene = sv.Scene(sv.Instance(sv.shapes.facing_quad((0, 0, 4), 8.0), shining))
+    scene.add(sv.shapes.quad((0, 0, 0), (9, 0, 0), (0, 9, 0)), sv.Material(metallic=1.0, roughness=0.0))
+    scene.add(sv.Camera.look_at((0, 0, 3), (0, 0, 0), fov=30))
+    with make(device, scene, (8, 8)) as renderer:
+        kinds = np.asarray(renderer.render(scene.camera)["denoise_guides"]).reshape(-1, 2)[:, 0] >> 30
+    assert set(kinds) == {2 if reflects else 0}
 
 
 def test_exposure_changes_nothing(device):

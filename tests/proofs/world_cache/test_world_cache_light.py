@@ -191,7 +191,7 @@ def measure_leak(device, walls=WALLS, **settings):
         with make_renderer(device, scene, size, **settings) as renderer:
             for _ in range(24):
                 renderer.render(scene.camera)
-            picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(16)], axis=0)
+            picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(64)], axis=0)
         lit = picture[(picture.max(axis=-1) > 0) & ~dark].mean()
         left = float(picture[dark].mean() / lit) if dark.any() and lit > 0 else math.inf
         note = f"wall at {x:g} m, turned by {turn} degrees"

@@ -1,0 +1,57 @@
+// Writes a tensor's poses to the records of cameras, as write_poses of solari_vk/bound/view_table.py does it: the same
+// operations in the same order on doubles.
+#version 460
+#include "scene/given/matrices.glsl"
+
+layout(local_size_x = 64) in;
+
+const uint NUMBERS = 24u;  // of world_from_view and view_from_world
+
+dvec3 unit(dvec3 v) {
+    precise double length = sqrt(v.x * v.x + v.y * v.y + v.z * v.z);
+    return dvec3(v.x / length, v.y / length, v.z / length);
+}
+
+// A row of the inverse is the cross product of the other two axes, over the volume of all three.
+dvec3 inverse_row(dvec3 u, dvec3 v, double volume) {
+    precise dvec3 made = dvec3(u.y * v.z - v.y * u.z, v.x * u.z - u.x * v.z, u.x * v.y - v.x * u.y);
+    return dvec3(made.x / volume, made.y / volume, made.z / volume);
+}
+
+double shift(dvec3 row, dvec3 origin) {
+    precise double moved = -row.x * origin.x - row.y * origin.y - row.z * origin.z;
+    return moved;
+}
+
+void main() {
+    uint view = gl_GlobalInvocationID.x;
+    if (view >= work.count) { return; }
+    uint current = work.first_place + view * work.first_step, previous = current + work.previous;
+    uint kept = view * NUMBERS;
+    Made cameras = work.first, earlier = work.second;
+    // What show() of view_table.py left in a previous camera: two axes of 0 where it is one of a tensor, and 1 in the
+    // first where that is the frame before's.
+    bool is_unknown = true;
+    for (uint i = 3u; i < 9u; i++) { is_unknown = is_unknown && cameras.at[previous + i] == 0.0; }
+    bool is_kept = cameras.at[previous] != 0.0;
+    float now[NUMBERS];
+    if (work.is_given != 0u) {
+        Axes axes;
+        if (!read_axes(view, axes)) { axes = Axes(dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(0, 0, 1), dvec3(0)); }
+        precise dvec3 x = unit(axes.x), y = unit(axes.y), z = unit(axes.z), origin = axes.origin;
+        precise double volume = x.x * (y.y * z.z - y.z * z.y) + x.y * (y.z * z.x - y.x * z.z)
+            + x.z * (y.x * z.y - y.y * z.x);
+        precise dvec3 rows[3] = { inverse_row(y, z, volume), inverse_row(z, x, volume), inverse_row(x, y, volume) };
+        dvec3 columns[4] = { x, y, z, origin };
+        for (uint row = 0u; row < 3u; row++) {
+            for (uint column = 0u; column < 4u; column++) {
+                now[3u * column + row] = float(columns[column][row]);
+                now[12u + 3u * column + row] = float(column < 3u ? rows[row][column] : shift(rows[row], origin));
+            }
+        }
+    }
+    for (uint i = 0u; i < NUMBERS; i++) {
+        if (is_unknown) { cameras.at[previous + i] = is_kept ? earlier.at[kept + i] : now[i]; }
+        if (work.is_given != 0u) { cameras.at[current + i] = earlier.at[kept + i] = now[i]; }
+    }
+}

@@ -1,0 +1,69 @@
+// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/bound/given_poses.py gives all memory by address,
+// and puts barriers around the shaders.
+#ifndef SCENE_GIVEN_MATRICES_GLSL
+#define SCENE_GIVEN_MATRICES_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Floats { float at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Doubles { double at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Made { float at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Wrong { uint at[]; };
+
+layout(push_constant, scalar) uniform Work {
+    Floats floats;    // the matrices
+    Doubles doubles;  // the same memory
+    Wrong wrong;      // a matrix that was refused: `what`, and its index in the lower 20 bits
+    Made first;       // records: world from object by columns, or cameras
+    Made second;      // records: world from object by rows, or the cameras of earlier frames
+    uint is_double;
+    uint step;         // from one matrix to the next, in numbers
+    uint count;
+    uint what;         // a number above 0 for what is given
+    uint first_place;  // of records, in floats: where the first begins, and from one to the next
+    uint first_step;
+    uint second_place;
+    uint second_step;
+    uint previous;     // of a camera, in floats behind the current one
+    uint is_given;     // 0: no matrices, but those of the frame before are previous ones
+} work;
+
+const double LARGEST = 1e12;  // LARGEST_TRANSFORM of solari_vk/scene/checks.py
+
+double element(uint index, uint row, uint column) {
+    uint at = index * work.step + 4u * row + column;
+    return work.is_double != 0u ? work.doubles.at[at] : double(work.floats.at[at]);
+}
+
+bool is_usable(double x) {
+    return (unpackDouble2x32(x).y & 0x7FF00000u) != 0x7FF00000u && abs(x) <= LARGEST;  // whatever drivers think of NaN
+}
+
+struct Axes {
+    precise dvec3 x, y, z, origin;
+};
+
+// The columns of a matrix; false if it isn't affine and invertible by the rules of check_transforms in
+// solari_vk/bound/view_table.py, in which case the matrix is noted as wrong.
+bool read_axes(uint index, out Axes axes) {
+    bool right = true;
+    dvec3 columns[4];
+    for (uint column = 0u; column < 4u; column++) {
+        for (uint row = 0u; row < 3u; row++) {
+            columns[column][row] = element(index, row, column);
+            right = right && is_usable(columns[column][row]);
+        }
+        right = right && element(index, 3u, column) == (column == 3u ? 1.0 : 0.0);
+    }
+    axes = Axes(columns[0], columns[1], columns[2], columns[3]);
+    dvec3 x = columns[0], y = columns[1], z = columns[2];
+    right = right && abs(dot(x, cross(y, z))) > 1e-9LF * sqrt(dot(x, x) * dot(y, y) * dot(z, z));
+    if (!right) {
+        work.wrong.at[0] = work.what << 20 | min(index, 0xFFFFFu);
+    }
+    return right;
+}
+
+#endif

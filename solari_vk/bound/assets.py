@@ -1,0 +1,79 @@
+"""What scenes on a device may share: meshes, textures and materials, and the features of shaders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.features import Features
+from solari_vk.bound.geometry import Geometry
+from solari_vk.bound.material_table import MaterialTable
+from solari_vk.bound.table import Table, upload
+from solari_vk.bound.texture_table import TextureTable
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders import spirv
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.scene.model import Mesh
+from solari_vk.scene.observed import Observable, Watcher
+
+
+class RowsOfScene(Protocol):
+    """What has the records of a scene that uses assets: `SceneRows`."""
+
+    def take_up(self) -> None: ...
+    def write(self, users: Iterable[Any]) -> None: ...
+
+
+class Assets:
+    """The meshes, textures and materials of scenes. watcher: is notified of their edits. layout: the records of the
+    shaders' blocks, by name."""
+
+    def __init__(self, device: Device, watcher: Watcher) -> None:
+        bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
+        self.layout: dict[str, Any] = {n: b.dtype if b.element is None else b.element for n, b in bindings.items()}
+        self._device = device
+        self.features = Features()
+        self.geometry = Geometry(device, self.layout, self.features, watcher)
+        self.textures = TextureTable(device, self.layout["textures"], watcher)
+        self.materials = MaterialTable(device, self.layout["materials"], self.textures, self.features, watcher)
+        posed = self.geometry.posed
+        self.tables: tuple[Table, ...] = (
+            self.geometry.table, *posed.tables, self.textures.table, self.materials.table
+        )  # fmt: skip
+
+    @property
+    def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
+        """For each row of `meshes` in use: the mesh's triangle of each uploaded triangle."""
+        return {self.geometry.rows[mesh]: order for mesh, order in self.geometry.orders.items()}
+
+    def users(self, asset: Observable) -> list[Any]:
+        """The instances that use a mesh, a material, a texture or an image."""
+        return self.geometry.rows.users(asset) if isinstance(asset, Mesh) else self.materials.users_of(asset)
+
+    def update(self, scenes: Sequence[RowsOfScene], revision: int, user: Any) -> bool:
+        """Take up the changes of scenes and write all records; returns whether images were replaced. revision: of all
+        scenes together. user: as of `SceneBinder.update`."""
+        for scene in scenes:
+            scene.take_up()
+        users = self.geometry.update(revision)
+        self.geometry.posed.show(user)
+        replaced = self.textures.update()
+        self.materials.update()
+        for scene in scenes:
+            scene.write(users)
+        return replaced
+
+    def upload(self, tables: Iterable[Table]) -> int:
+        """Upload what has changed in tables; returns how many have other buffers now."""
+        changed = [table for table in tables if table.marked]
+        replaced = sum(table.replace() for table in changed)
+        upload(self._device, changed)
+        return replaced
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for owner in (self.geometry, self.materials, self.textures):
+            owner.destroy()

@@ -1,0 +1,157 @@
+"""Tensors of CUDA's libraries that are given to the device, and copied on it."""
+
+from __future__ import annotations
+
+import sys
+import weakref
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.device import cuda_tensor, dlpack, raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensors, Place
+from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.device.work_queue import WorkQueue
+
+_NO_SYNC = -1  # DLPack: the consumer takes care
+
+
+class _Way:
+    """What a tensor of a size passes through: memory that CUDA writes, and a buffer of the device's own."""
+
+    def __init__(self, place: Place, buffer: Buffer, copying: Recorded) -> None:
+        self.place, self.buffer, self.copying = place, buffer, copying
+        self.await_read: Callable[[int | None], None] = _do_nothing
+        """Has a stream wait until the latest tensor was copied to the buffer."""
+
+
+class _Lease:
+    """A use of a buffer, which another tensor may take when this object is gone."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self.buffer = buffer
+
+
+class Taken:
+    """A copy of a tensor, or a part of it, in memory of the device. shape, dtype: as of numpy arrays. `address` is that
+    of the first number, `strides` are in bytes."""
+
+    def __init__(
+        self, lease: _Lease, shape: tuple[int, ...], dtype: np.dtype[Any], strides: tuple[int, ...], begin: int = 0
+    ) -> None:  # fmt: skip
+        self.shape, self.dtype, self.strides = shape, dtype, strides
+        self._lease, self._begin = lease, begin
+
+    @property
+    def address(self) -> int:
+        return self._lease.buffer.address + self._begin
+
+    def at(self, index: int, axis: int = 0) -> Taken:
+        """The part at an index along an axis, in the same memory."""
+        begin = self._begin + index * self.strides[axis]
+        shape, strides = ((*given[:axis], *given[axis + 1 :]) for given in (self.shape, self.strides))
+        return Taken(self._lease, shape, self.dtype, strides, begin)
+
+    def copy(self) -> NDArray[np.float64]:
+        """The numbers in the host's memory. Waits for all work submitted so far."""
+        values = np.ndarray(self.shape, self.dtype, self._lease.buffer.read(), self._begin, self.strides)
+        return values.astype(np.float64)
+
+
+class CudaInputs:
+    """Takes tensors of a device's CUDA. make: a buffer of so many bytes with a name, which is the device's own."""
+
+    def __init__(self, tensors: CudaTensors, device: WorkQueue, make: Callable[..., Buffer]) -> None:
+        self._tensors, self._device, self._make = tensors, device, make
+        self._ways: list[_Way] = []
+        self._free: dict[int, deque[_Way]] = {}
+        self._value, self._timeline, self._semaphore = 0, None, None
+        with ExitStack() as undo:
+            if tensors.cuda.waits_for_timelines:
+                self._timeline, self._semaphore = cuda_tensor.shared_timeline(device, tensors.cuda, undo)
+            undo.callback(lambda: [way.place.close() for way in self._ways])
+            device.share(device.own(undo.pop_all().close))
+
+    def take(self, value: Any) -> Taken | None:
+        """A copy of a tensor as it is when the work is done that its stream has now. Neither the host nor later work of
+        the stream waits, but with HIP the host. None for a tensor of another device, or of numbers that aren't floats
+        in one piece of memory."""
+        cuda = self._tensors.cuda
+        if tuple(map(int, value.__dlpack_device__())) != (cuda.dlpack_type, cuda.ordinal):
+            return None
+        if hasattr(value, "detach") and hasattr(value, "contiguous"):  # PyTorch
+            value = value.detach().contiguous()
+        known = _stream_of(value)
+        stream = cuda.default_stream if known is None else known
+        capsule = value.__dlpack__(stream=stream if known is None else _NO_SYNC)
+        source, shape, dtype = dlpack.described(capsule)
+        if dtype not in (np.float32, np.float64) or not source:
+            return None
+        strides = np.empty(shape, dtype).strides
+        size = shape[0] * strides[0]
+        free = self._free.setdefault(size, deque())
+        way = free.popleft() if free else self._new(size)
+        try:
+            way.await_read(stream)
+            cuda.copy(way.place.memory.address, source, size, stream)
+            way.await_read = self._tensors.submit(way.copying.commands, self._after(stream))
+        except BaseException:
+            free.append(way)
+            raise
+        self._device.retire(partial(_do_nothing, capsule))  # its memory, when the copy is done
+        lease = _Lease(way.buffer)
+        weakref.finalize(lease, free.append, way).atexit = False
+        return Taken(lease, shape, dtype, strides)
+
+    def _after(self, stream: int) -> Sequence[Any]:
+        """What a submission waits for to come after the work that a stream has now."""
+        cuda = self._tensors.cuda
+        if self._semaphore is None:
+            cuda.await_stream(stream)
+            return ()
+        if self._value:
+            cuda.wait(self._semaphore, self._value, stream)  # values must rise, whichever stream sets them
+        cuda.signal(self._semaphore, self._value + 1, stream)
+        self._value += 1
+        return ((self._timeline, self._value),)
+
+    def _new(self, size: int) -> _Way:
+        device, tensors = self._device, self._tensors
+        with device.undone_on_error():
+            buffer = self._make(size, "given tensor", shared=True)
+            place = Place(device, tensors.memory, tensors.cuda, size)
+
+            def record(cmd: raw.CData) -> None:
+                device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+                device.vk.vkCmdPipelineBarrier2(cmd, place.from_cuda)
+                region = raw.struct("VkBufferCopy", size=size)
+                device.vk.vkCmdCopyBuffer(cmd, place.handle, buffer.handle, 1, region)
+                device.vk.vkCmdPipelineBarrier2(cmd, place.to_cuda)
+                device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+            way = _Way(place, buffer, Recorded(device, record, "take tensor"))
+        self._ways.append(way)
+        return way
+
+
+def _stream_of(value: Any) -> int | None:
+    """The stream in which a library works now, None where that isn't known. What is given later to this stream may
+    change the tensor, and is behind the copy."""
+    library = type(value).__module__.partition(".")[0]
+    module: Any = sys.modules.get(library)
+    if library == "torch":
+        return int(module.cuda.current_stream(value.device).cuda_stream)
+    if library == "cupy":
+        return int(module.cuda.get_current_stream().ptr)
+    return None
+
+
+def _do_nothing(_: Any) -> None:
+    pass

@@ -1,0 +1,233 @@
+"""Tensors of CUDA that are given to a batch, with a library that stands in for NVIDIA's on a software device."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import queue
+import threading
+import time
+import uuid
+from functools import partial
+
+import numpy as np
+import pytest
+from test_hip import Library
+
+import solari_vk as sv
+from solari_vk.gpu.device import cuda, cuda_tensor, dlpack, raw
+from solari_vk.gpu.device.device import Device
+
+SIZE, WORLDS = (12, 8), 3
+BOXES = ["short block", "tall block"]
+OPTIONS = {"labels": {"outputs": sv.Batch.OUTPUTS}, "reference": {"outputs": ["motion_vectors"]},
+           "realtime": {"outputs": [], "settings": sv.Settings(world_cache=False)}}  # fmt: skip
+
+
+class CudaLibrary(Library):
+    """libcuda, whose stream is a thread that is late."""
+
+    def __init__(self, device):
+        super().__init__()
+        self._device, self._work = device, queue.SimpleQueue()
+        threading.Thread(target=self._stream, daemon=True).start()
+
+    known = Library.known | {
+        "cuSignalExternalSemaphoresAsync", "cuWaitExternalSemaphoresAsync", "cuDeviceGetCount", "cuDeviceGetUuid_v2",
+        "cuDestroyExternalSemaphore",
+    }  # fmt: skip
+
+    def __getattr__(self, name):
+        return super().__getattr__(cuda._HIP.get(name, name))
+
+    def _stream(self):
+        while True:
+            time.sleep(0.03)
+            self._work.get()()
+
+    def _cuDeviceGetCount(self, count):
+        count[0] = 1
+        return 0
+
+    def _cuDeviceGetUuid_v2(self, found, _):
+        cuda._ffi.buffer(found)[:] = uuid.UUID(self._device.properties.uuid).bytes
+        return 0
+
+    def _hipMemcpyDtoDAsync(self, target, source, size, _):
+        self._work.put(lambda: ctypes.memmove(target, source, size))
+        return 0
+
+    def _cuSignalExternalSemaphoresAsync(self, semaphores, signals, *_):
+        info = raw.struct("VkSemaphoreSignalInfo", semaphore=self.timelines[_number(semaphores[0])],
+                          value=signals.params.value)  # fmt: skip
+        self._work.put(lambda: self._device.vk.vkSignalSemaphore(self._device.handle, info))
+        return 0
+
+    def _cuWaitExternalSemaphoresAsync(self, semaphores, waits, *_):
+        info = raw.struct("VkSemaphoreWaitInfo", semaphoreCount=1, pSemaphores=[self.timelines[_number(semaphores[0])]],
+                          pValues=[waits.params.value])  # fmt: skip
+        self._work.put(lambda: self._device.vk.vkWaitSemaphores(self._device.handle, info, 10**9))
+        return 0
+
+    timelines = ()
+
+    def shared_timeline(self, device, _, undo):
+        """In place of the function of cuda_tensor.py: lavapipe exports no semaphores."""
+        kind = raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
+        made = device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=kind), "tensors")
+        undo.callback(lambda: device.vk.vkDestroySemaphore(device.handle, made, raw.NULL))
+        self.timelines = (*self.timelines, made)
+        return made, cuda._ffi.cast("void *", len(self.timelines) - 1)
+
+
+def _number(pointer):
+    return int(cuda._ffi.cast("intptr_t", pointer))
+
+
+class GpuTensor:
+    """A tensor that only CUDA sees: numpy can't read it."""
+
+    def __init__(self, device, array):
+        self._array, self.shape = np.array(array), np.shape(array)
+        self._place = device.cuda.cuda.dlpack_type, device.cuda.cuda.ordinal
+
+    def __dlpack_device__(self):
+        return self._place
+
+    def __dlpack__(self, *, stream):
+        assert stream == (1 if self._place[0] == dlpack.CUDA else 0)
+        kept = self._array
+        return dlpack.capsule(kept.ctypes.data, kept.shape, kept.dtype, self._place, lambda: kept.fill(np.nan))
+
+    def __array__(self, *_, **__):
+        raise TypeError("it is on a GPU")
+
+
+@pytest.fixture(scope="module", params=["cuda", "hip"])
+def gpu(request):
+    """A software device as one that CUDA, or HIP, shares. The validation layer takes semaphores that another thread
+    signals for a fault of its own."""
+    is_cuda = request.param == "cuda"
+    with pytest.MonkeyPatch.context() as patch, Device("cpu", validation=not is_cuda) as device:
+        if cuda_tensor.MEMORY not in device.extensions:
+            pytest.skip("needs a software device that exports memory")
+        library = CudaLibrary(device) if is_cuda else Library()
+        patch.setattr(cuda._ffi, "dlopen", lambda name: library, raising=False)
+        patch.setattr(cuda_tensor, "pci_address", lambda _: "0000:03:00.0")
+        if is_cuda:
+            patch.setattr(cuda_tensor, "shared_timeline", library.shared_timeline)
+        vendor = device.properties.vendor_id if is_cuda else cuda_tensor.AMD
+        device.extensions |= {cuda_tensor.SEMAPHORE}
+        device.properties = dataclasses.replace(device.properties, vendor_id=vendor, kind="discrete gpu")
+        device.library = library
+        yield device
+
+
+def poses(frame):
+    return np.stack([sv.Camera.look_at((0.7 + 0.1 * view + 0.03 * frame, 1, -2.5), (1, 0.8, 1)).transform
+                     for view in range(WORLDS)])  # fmt: skip
+
+
+def bulb(x):
+    """A light with a body, which rays hit."""
+    return sv.PointLight((0.7 + x, 1, 0.2), intensity=3, radius=0.2, casts_shadow=True, name="bulb")
+
+
+def moved(frame):
+    places = np.tile(np.eye(4), (WORLDS, 2, 1, 1))
+    places[..., 0, 3] = 0.1 * np.arange(WORLDS)[:, None] + 0.03 * frame
+    return places
+
+
+@pytest.mark.parametrize(("renderer", "dtype"), [
+    ("labels", np.float32), ("labels", np.float64), ("reference", np.float64), ("realtime", np.float32)
+])  # fmt: skip
+def test_tensors_show_what_arrays_show(gpu, renderer, dtype):
+    """Bit by bit, frame by frame, with cuts, and with arrays and tensors one after the other."""
+    shown = []
+    cuts, by_tensor = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0]], bool), (True, True, False, True)
+    tensor = partial(GpuTensor, gpu)
+    for wrap in (lambda _: np.asarray, lambda frame: tensor if by_tensor[frame] else np.asarray):
+        taken, scene = [], sv.builtin("cornell_box")
+        if renderer == "labels":
+            scene.add(bulb(0))
+        with sv.Batch(gpu, scene, SIZE, WORLDS, renderer=renderer, worlds=WORLDS, **OPTIONS[renderer]) as batch:
+            for frame, cut in enumerate(cuts):
+                batch.transforms[BOXES] = wrap(frame)(moved(frame).astype(dtype))
+                if frame == 1:
+                    scene.instances["lamp"].position += 0.01  # the records are written anew
+                if frame > 1 and renderer == "labels":
+                    batch.world_lights["bulb"] = [bulb(0.1 * world + 0.05 * frame) for world in range(WORLDS)]
+                batch.render(wrap(frame)(poses(frame).astype(dtype)), fov=50, reset=cut)
+                taken.append({name: batch[name] for name in batch})
+                np.testing.assert_array_equal(batch.transforms[BOXES[1]], moved(frame)[:, 1].astype(dtype))
+            later = np.stack([poses(4), poses(5)]).astype(dtype)
+            moves = {BOXES[0]: wrap(3)(np.stack([moved(4), moved(5)])[:, :, 0])}
+            many = batch.render_many(wrap(3)(later), frames=2, fov=50, transforms=moves)
+            shown.append([*taken, dict(many)])
+    for frame, (expected, found) in enumerate(zip(*shown, strict=True)):
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, f"{name}, frame {frame}")
+
+
+def test_the_ball_around_cameras_of_a_tensor(gpu):
+    views, balls = 600, []
+    places = np.random.default_rng(1).normal(size=(views, 3)) * (5, 1, 3)
+    given = np.stack([sv.Camera.look_at(place, (30, 1, 0)).transform for place in places])
+    for wrap in (np.asarray, partial(GpuTensor, gpu)):
+        with sv.Batch(gpu, sv.builtin("cornell_box"), (8, 8), views, renderer="realtime", outputs=()) as batch:
+            batch.render(wrap(given))
+            balls.append(batch._realtime._ball.read(np.float32))
+    np.testing.assert_array_equal(*balls)
+
+
+def test_wrong_tensors_are_said_later_and_not_shown(gpu):
+    scene, given = sv.builtin("cornell_box"), poses(0)
+    with sv.Batch(gpu, scene, SIZE, WORLDS, worlds=WORLDS, outputs=["depth"]) as batch:
+        before = batch.render(given, fov=50)["depth"]
+        for spoil in (np.nan, 1e13, 0.0):
+            wrong = np.tile(scene.instances["tall block"].transform, (WORLDS, 1, 1))
+            wrong[1, :3, 0] = spoil
+            batch.transforms["tall block"] = GpuTensor(gpu, wrong)
+            batch.render(given, fov=50)
+            with pytest.raises(sv.SolariError, match=r"Batch.transforms: .*tall block.* of world 1 must be finite"):
+                batch["depth"]
+            np.testing.assert_array_equal(batch["depth"], before)
+            given[2, 0] = 0, 0, 0, 0
+            batch.render(GpuTensor(gpu, given), fov=50)
+            gpu.wait_idle()
+            with pytest.raises(sv.SolariError, match="the pose of view 2 must be finite, affine"):
+                batch.render(poses(0), fov=50)
+            given = poses(0)
+        for shape in ((2, 4, 4), (WORLDS, 3, 4)):
+            with pytest.raises(sv.SolariError, match=r"must have the shape \(3, 4, 4\)"):
+                batch.transforms["tall block"] = GpuTensor(gpu, np.zeros(shape))
+
+
+def test_lamps_of_tensors_move_on_the_host(gpu):
+    places, powers = moved(0)[:, 0], []
+    for wrap in (np.asarray, partial(GpuTensor, gpu)):
+        with sv.Batch(gpu, sv.builtin("cornell_box"), SIZE, WORLDS, worlds=WORLDS, outputs=["depth"]) as batch:
+            batch.transforms["lamp"] = wrap(places)
+            batch.render(poses(0), fov=50)
+            powers.append([known.positions for known in batch._worlds.known_lights])
+    np.testing.assert_array_equal(*powers)
+
+
+def test_tensors_use_memory_again(gpu):
+    """By work that waits until it was read. Numbers that no shader takes go by the host."""
+    inputs, calls, live = gpu.cuda_inputs, gpu.library.calls, []
+    ways = len(inputs._ways)
+    for index in range(9):
+        taken = inputs.take(GpuTensor(gpu, np.full((5, 4, 4), index, np.float32)))
+        gpu.wait_idle()
+        assert (taken.copy() == index).all()
+        live.append(gpu.objects_in_use)
+    assert len(inputs._ways) == ways + 2
+    assert len(set(live[1:])) == 1
+    if gpu.cuda.cuda.waits_for_timelines:
+        [copy] = [at for at, (name, *_) in enumerate(calls) if name == "hipMemcpyDtoDAsync"][-1:]
+        assert [name for name, *_ in calls[copy - 3 :] if "Semaphores" in name] == [
+            "cuWaitExternalSemaphoresAsync", "cuWaitExternalSemaphoresAsync", "cuSignalExternalSemaphoresAsync"
+        ]  # fmt: skip
+    assert inputs.take(GpuTensor(gpu, np.zeros((5, 4, 4), np.float16))) is None
