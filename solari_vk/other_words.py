@@ -23,6 +23,8 @@ _AMBIENT = "light comes from lights alone: scene.environment = Environment(0.3) 
 _ORBIT = "Camera.look_at(position, target) for each picture, or solari-vk render --animate orbit"
 _ANNOTATED = "Annotations(frame.labels, objects=frame.objects) has coco and yolo; `solari-vk dataset` writes files"
 _PAIR = "CameraRig.stereo(camera, baseline).at() is a pair; Flow has its disparity (optical_flow)"
+_GROUP = "group = scene.group(*objects) moves objects together: group.position, group.rotation, group.scale"
+_PARENT = dict.fromkeys(("parent", "children", "set_parent", "parent_to", "attach", "add_child"), _GROUP)
 _FALL = "scene.drop(...) lets things fall until they rest"
 _LABEL = "it is called label here, and is text"
 _NOT_HERE = "there are no volumes, curves and node graphs: see docs/explained/limits.md"
@@ -97,20 +99,25 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("load", "open", "from_file", "from_gltf"), _LOAD),
         **dict.fromkeys(("render", "show", "view"), "Renderer(device, scene, size).render() makes pictures of it"),
         **dict.fromkeys(("simulate", "physics", "fall", "settle", "simulate_physics"), _FALL),
+        **dict.fromkeys(("parent", "set_parent", "attach", "link"), _GROUP),
         **dict.fromkeys(("objects", "children", "nodes", "entities"), "instances are its objects, by number or name"),
         **dict.fromkeys(("background", "envmap", "hdri", "sky"), "environment is its light from all around"),
     },
+    "Scene.add": _PARENT,
     "Scene.drop": {"gravity": "things fall as on the earth, along -y"},
     "Scene.animate": {"time": "write scene.animate(seconds, clip)"},
     "Material": {
         **{word: f"it is called {ours} here" for word, ours in _SURFACE.items()},
         **dict.fromkeys(("emission", "emit", "emission_color"), "it is called emissive here, and is in cd/m^2"),
+        **dict.fromkeys(("emissive_strength", "emission_strength", "emissive_intensity", "emissive_power"),
+                        "emissive has it: the color times the strength, in cd/m^2"),
         **dict.fromkeys(("opacity", "transparency"), "it is alpha, with alpha_mode='blend'; glass has transmission"),
         **dict.fromkeys(("glass", "refraction"), "transmission=1 is glass, solid=True glass that isn't thin"),
         **dict.fromkeys(("map", "texture", "image"), "base_color_texture takes a path, an array or a Texture"),
         "shininess": "it is called roughness here, and the other way round", "side": "see double_sided",
     },
     "Instance": {
+        **_PARENT,
         **dict.fromkeys(("translation", "translate", "location", "rotate", "matrix", "pose", "rotation_euler"), _PARTS),
         **dict.fromkeys(("color", "base_color", "texture"), _OWN_MATERIAL),
         **dict.fromkeys(("castshadow", "receiveshadow", "cast_shadow", "hide_render", "hide", "hidden"), _SHADOWS),
@@ -121,6 +128,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     },
     "Mesh": dict.fromkeys(("translate", "position", "rotate", "rotation", "scale", "transform"), _MOVED),
     "Camera": {
+        **_PARENT,
         **dict.fromkeys(("eye", "origin", "target", "up", "lookat", "location", "to_world"), _EYE),
         **dict.fromkeys(("translate", "moved", "move", "move_to", "set_position"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("yfov", "fovy", "angle", "field_of_view", "perspective"), _LENS),
@@ -136,13 +144,16 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("znear", "clip_start"), "it is called near here"),
         **dict.fromkeys(("fstop", "f_number", "dof"), "camera.focus_on(point, f_number) focuses as photographers do"),
     },
-    "PointLight": dict.fromkeys(("power", "energy", "watts", "brightness", "luminance"), _FLUX),
+    "PointLight": {**_PARENT, **dict.fromkeys(("power", "energy", "watts", "brightness", "luminance"), _FLUX)},
+    "Group": {**_PARENT, "children": "a loop over a group gives its objects, group.items those of groups in it too"},
     "SpotLight": {
+        **_PARENT,
         **dict.fromkeys(("power", "energy", "watts", "brightness"), _FLUX),
         **dict.fromkeys(("angle", "spot_size", "cone_angle"), "outer_cone_angle is from the axis, in radians"),
         **dict.fromkeys(("target", "look_at"), "direction is the way it shines: target - position"),
     },
     "DirectionalLight": {
+        **_PARENT,
         **dict.fromkeys(("intensity", "strength", "energy", "irradiance"), "it is illuminance, in lux"),
         **dict.fromkeys(("position", "location", "target"), "direction is the way it shines; a sun has no place"),
     },
@@ -151,6 +162,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     "Environment": {
         **dict.fromkeys(("path", "file", "filename", "url"), "image takes the path: Environment(path)"),
         **dict.fromkeys(("strength", "scale"), "it is called intensity here"),
+        **dict.fromkeys(("color", "radiance", "background"), "image takes one color too: Environment((1, 0.9, 0.8))"),
     },
     "CameraRig": dict.fromkeys(("left", "right"), 'left, right = rig.at(); rig.cameras["left"] is on the body'),
     "RenderedFrame": {
@@ -167,6 +179,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("transparent", "alpha"), 'none is written: np.isfinite(frame["depth"]) is where surfaces are'),
         **dict.fromkeys(("quality", "compression"), "a .jpg has 95; save frame.image() by Pillow for another"),
     },
+    "--aov": {word: said for word, said in _RESULTS.items() if said != _PICTURE},
     "render": _OPTIONS,
     "dataset": _OPTIONS,
     "hits": {

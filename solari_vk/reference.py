@@ -157,9 +157,8 @@ class PathTracer(ShutterRenderer):
         changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
         the number of samples per pixel after each dispatch. denoise: `frame["radiance"]` is denoised when it is read,
         by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
-        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Unless
-        the picture is denoised, pixels that need fewer samples than others get fewer, which biases pixels in which
-        bright samples are rarer than one in a few thousand.
+        samples. target_error: the `error` at which rendering stops early; None estimates none. Unless denoised, easy
+        pixels get fewer samples, which biases those in which bright samples are rarer than one in a few thousand.
 
         shutter: exposes a new picture at its times, for which `pose(seconds)`, by default `scene.animate`, poses the
         scene, and may return the camera. The scene stays as in the middle of the exposure, which results at pixels'
@@ -194,6 +193,7 @@ class PathTracer(ShutterRenderer):
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
+        self._latest.camera = camera  # another one, perhaps with another exposure, where no sample was missing
         return self._finish(self._latest)
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
@@ -302,8 +302,8 @@ class PathTracer(ShutterRenderer):
     def error(self) -> float:
         """The picture's estimated error relative to its luminance, 0.01 for 1 %: the root of relMSE.
 
-        inf before there are enough samples, and after `render` without target_error. Of a denoised picture it is noise
-        and bias of an earlier one with half the samples or fewer, which the samples since then show."""
+        inf before there are enough samples, and without target_error, of which 0 takes all samples. Of a denoised one
+        it is noise and bias of an earlier one with at most half the samples, which the samples since then show."""
         return self._control.error
 
     @property

@@ -20,14 +20,11 @@ from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
-from solari_vk.output.tone_mapping import encode_picture
+from solari_vk.output.tone_mapping import encode_picture, unseen
 from solari_vk.passes import pathtracer
 from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.objects import objects_of
-
-# Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
-DARKEST, BRIGHTEST = 1e-4, 30.0
 
 
 class Source(Protocol):
@@ -213,7 +210,7 @@ class RenderedFrame(Hints):
                 raise SolariError(f"exposure is a factor or 'auto', not {quoted(exposure)}")
             return Camera(ev100=self._renderer.auto_exposure(radiance)).exposure
         factor = self.camera.exposure if exposure is None else exposure
-        if (wrong := _unseen(radiance * factor)) == "black":
+        if (wrong := unseen(radiance * factor)) == "black":
             warn("the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
                  "with an emissive material, scene.environment, and studio_lights(scene)")  # fmt: skip
         elif wrong and exposure is not None:
@@ -268,11 +265,3 @@ class RenderedFrame(Hints):
             tonemap=tonemap or renderer.tonemap,
             layers={name: self[name] for name in layers if name != "radiance"},
         )
-
-
-def _unseen(picture: NDArray[Any]) -> str:
-    """Why nothing can be seen in a picture after exposure: it is "black", "dark" or "bright"; "" if something can."""
-    if not picture.any():
-        return "black"
-    typical = float(np.median(picture[picture > 0]))
-    return "" if DARKEST < typical < BRIGHTEST else "bright" if typical > 1 else "dark"

@@ -351,6 +351,8 @@ WRONG = [
     (BOX, [*SAMPLES, "--camera", '{"position": [0, 0, 0], "target": [0, 0, 0]}'], ["--camera", "differ"]),
     (BOX, [*SAMPLES, "--exposure", "bright"], ["bright"]),
     (BOX, [*SAMPLES, "--aov", "smell"], ["smell", "depth"]),
+    (BOX, [*SAMPLES, "--mode", "realtime", "--aov", "Depth"], ["--aov Depth", "distance", "guides_depth"]),
+    (BOX, [*SAMPLES, "--aov", "normal"], ["--aov normal", "shading_normal"]),
     (BOX, [*SAMPLES, "--scene", "1"], ["--scene 1", "built-in"]),
     (BOX, ["--time-limit", "0"], ["time-limit"]),
     (BOX, ["--frames", "3", "--samples", "4"], ["--samples", "--mode reference"]),
@@ -403,6 +405,7 @@ def test_bad_input_is_one_line_and_exit_code_2(render, source, arguments, words)
         ("a.gif", ["--animate", "orbit", "--aov", "emission"], "--aov"),
         ("no/folder/a.gif", ["--animate", "orbit"], "folder"),
         ("a.webm", ["--animate", "orbit"], ".webm"),
+        ("a_%03d.png", ["--animate", "orbit"], "give a.png for a.0000.png"),
     ],
 )
 def test_a_bad_output_is_refused_before_a_device_is_asked_for(render, output, arguments, word):

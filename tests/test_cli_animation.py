@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import solari_vk as sv
 from solari_vk.cli import main
+from solari_vk.cli.commands import COMMANDS
+from solari_vk.cli.options import parse
+from solari_vk.cli.render import make_job
+from solari_vk.cli.subject import load
 
 SMALL = ["--size", "24x16", "--environment", "none"]
 
@@ -32,6 +37,17 @@ def test_a_movie_of_a_clip(render, moving, tmp_path):
     places = [np.argwhere(seen(path))[:, 1].mean() for path in sorted(tmp_path.glob("picture.*.png"))]
     assert len(places) == 4
     assert (np.diff(places) > 2).all(), "the triangle goes to the right"
+
+
+@pytest.mark.parametrize("orbit", ["orbit", "orbit:90"])
+def test_an_orbit_shows_all_of_a_file(tmp_path, orbit):
+    scene = sv.Scene(sv.Instance(sv.shapes.box((-2, 0, -1), (2, 1, 1))))
+    scene.save(tmp_path / "long.glb")
+    words = ["render", str(tmp_path / "long.glb"), "--size", "200x150", "-o", "turn.gif", "--animate", orbit]
+    cameras = load(make_job(parse(COMMANDS, words)[1])).cameras
+    seen = np.array([camera.project(scene.bounds.corners, (200, 150)) for camera in cameras])
+    assert (len(cameras), (seen > 0).all(), (seen < (200, 150)).all()) == (48, True, True)
+    assert (seen[..., 0].min() < 12) or (seen[..., 1].min() < 9)
 
 
 def test_pictures_of_a_moment(render, moving, tmp_path):

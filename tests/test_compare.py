@@ -20,13 +20,33 @@ def test_known_differences():
     assert same.flip == 0 or np.isnan(same.flip)
 
 
+def test_flip_looks_at_what_the_reference_is_shown_with(device):
+    pytest.importorskip("flip_evaluator")
+    dim = np.linspace(0.1, 0.3, 8 * 6 * 3).reshape(8, 6, 3)
+    by_hand = sv.compare(1.5 * dim, dim, exposure=sv.Camera(ev100=sv.auto_exposure(dim)).exposure).flip
+    assert by_hand > 0.05
+    assert sv.compare(1.5e5 * dim, 1e5 * dim).flip == pytest.approx(by_hand, rel=1e-3)  # clipped at an exposure of 1
+    scene = sv.Scene(sv.Instance(sv.shapes.sphere()))
+    scene.environment = sv.Environment(1e4)
+    with sv.PathTracer(device, scene, (16, 12)) as tracer:
+        for ev100, suits in ((12.0, True), (-20.0, False)):
+            frame = tracer.render(sv.Camera.look_at((0, 0, 4), (0, 0, 0), ev100=ev100), samples=2)
+            other = 1.2 * frame["radiance"]
+            for pair in ((other, frame), (frame, other)):
+                factor = sv.Camera(ev100=ev100 if suits else sv.auto_exposure(np.asarray(pair[1]))).exposure
+                assert 0 < sv.compare(*pair).flip == sv.compare(*pair, exposure=factor).flip
+
+
 def test_frames_and_what_is_refused(device):
     scene = sv.Scene(sv.Instance(sv.shapes.sphere()))
     scene.environment = sv.Environment(1.0)
     with sv.PathTracer(device, scene, (16, 12)) as tracer:
         frame = tracer.render(samples=2)
         assert sv.compare(frame, frame["radiance"]).relative_mse == 0
-        with pytest.warns(UserWarning, match="has 2 samples of earlier calls, more than 1: call reset"):
+        assert tracer.error == np.inf
+        tracer.render(samples=8, target_error=0)
+        assert (tracer.samples, tracer.error < 0.1) == (8, True)
+        with pytest.warns(UserWarning, match="has 8 samples of earlier calls, more than 1: call reset"):
             tracer.render(samples=1)
     with pytest.raises(sv.SolariError, match="exposure is a factor above 0"):
         sv.compare(np.ones((2, 2, 3)), np.ones((2, 2, 3)), exposure=0)

@@ -84,7 +84,7 @@ MAY_IMPORT = {
     "notebook": {"errors", "scene", "renderer", "viewer", "browser"},
     "conformance": {"", "measure", *LIBRARY},
     "measure": {"", "cluster", *LIBRARY},
-    "cli": {"", "viewer", "browser", "cluster", "conformance", "measure", *LIBRARY},
+    "cli": {"", "viewer", "browser", "cluster", "conformance", "measure", "other_words", *LIBRARY},
     "__main__": {"cli"},
     "": {"viewer", "cluster", "notebook", "light_meter", *LIBRARY},
 }

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from solari_vk.cli import desktop, realtime, reference, terminal
 from solari_vk.cli.jobs import MovieJob, RenderOptions, StillJob
 from solari_vk.cli.options import spelled
 from solari_vk.cli.progress import check_time_limit
+from solari_vk.cli.subject import check_aovs
 from solari_vk.errors import SolariError
 from solari_vk.output import oidn
 from solari_vk.reference import PathTracer
@@ -36,8 +39,15 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     for name, suffixes in (("open", "a .gif or an .mp4"), ("show", "a .gif")):
         if numbered and getattr(options, name):
             raise SolariError(f"--{name}: numbered pictures are many files: write {suffixes}")
+    if numbered and (pattern := re.search(r"[._-]?%\d*d|[._-]?#{2,}", options.output.stem)):
+        name = options.output.name.replace(pattern[0], "")
+        raise SolariError(f"-o {options.output}: pictures are numbered already: give {name} for "
+                          f"{Path(name).stem}.0000{options.output.suffix} and so on")  # fmt: skip
     if options.show:
         terminal.check_can_show(options.output)
+    outputs = {"realtime": Renderer.OUTPUTS, "reference": PathTracer.OUTPUTS}
+    of_any = [name for name in dict.fromkeys(sum(outputs.values(), ())) if name not in ("radiance", "display")]
+    check_aovs(options.aov, "auto", of_any)  # before what --mode auto makes of them
     kind = StillJob if options.animate is None else MovieJob
     values: dict[str, Any] = {**vars(options), **_mode(options, kind.GROUPS)}
     for mode in MODES:

@@ -15,7 +15,8 @@ import solari_vk as sv
 from solari_vk.cli.jobs import MovieJob, SceneOptions
 from solari_vk.errors import SolariError
 from solari_vk.files import read_json
-from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit
+from solari_vk.other_words import advice_for
+from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
 from solari_vk.scene.libraries import INSTALL
 from solari_vk.scene.model import Animation, Camera, Scene
 from solari_vk.scene.surroundings import surround
@@ -28,7 +29,8 @@ def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
     """Raise SolariError for a name that isn't among the outputs of a mode."""
     for name in names:
         if name not in known:
-            raise SolariError(f"--aov {name}: --mode {mode} has no such output; it has {', '.join(known)}")
+            there = advice_for("--aov", name) or f"it has {', '.join(known)}"
+            raise SolariError(f"--aov {name}: --mode {mode} has no such output; {there}")
 
 
 def expose(cameras: Iterable[Camera], ev100: float) -> None:
@@ -62,10 +64,12 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     if played is not None and time is not None:
         played.apply(scene, time, loop=False)
         still, played = played, None
-    front = scene.camera_for(job.size[0] / job.size[1], played)
+    sweep = None if movie is None else _sweep(movie)
+    turns = (0.0,) if sweep is None else orbit_turns(ORBIT_PICTURES, *sweep).tolist()
+    front = scene.camera_for(job.size[0] / job.size[1], played, turns=turns)
     camera = front if job.camera is None else _find_camera(scene, job.camera)
     # Before added lights widen the scene's bounds:
-    cameras = [camera] if movie is None else _path(movie, scene, camera, played)
+    cameras = [camera] if movie is None else _path(movie, scene, camera, played, sweep)
     given, in_studio = surround(scene, front, job.environment)  # by `front`: --camera doesn't turn the light
     if given:
         print(f"{job.source} has no light of its own: it is {given}", file=sys.stderr)
@@ -119,23 +123,32 @@ def _find_clip(scene: Scene, source: str, name: str | None, time: float | None, 
     return scene.animations[text if index is None else index]
 
 
-def _path(movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None) -> list[Camera]:
+def _path(
+    movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None, sweep: tuple[float | None] | None
+) -> list[Camera]:
     """The cameras of an animation that starts at `camera`."""
     count = movie.frames or (ORBIT_PICTURES if clip is None else max(round(clip.duration * movie.fps), 1))
     if count > MAX_CAMERAS:
         raise SolariError(f"--frames {count}: an animation has at most {MAX_CAMERAS:,} pictures")
     if clip is not None:
         return [camera] * count
+    if sweep is None:
+        return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
+    return orbit(camera, scene.bounds.center, count, *sweep)
+
+
+def _sweep(movie: MovieJob) -> tuple[float | None] | None:
+    """The degrees through which --animate orbit swings, None for all around; None for another animation."""
     kind, colon, sweep = movie.animate.partition(":")
     if kind != "orbit":
-        return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
+        return None
     try:
         degrees = float(sweep) if colon else None
     except ValueError:
         degrees = math.nan
     if degrees is not None and not math.isfinite(degrees):
         raise SolariError(f"--animate {movie.animate}: give an angle such as orbit:30")
-    return orbit(camera, scene.bounds.center, count, degrees)
+    return (degrees,)
 
 
 def _find_camera(scene: Scene, text: str) -> Camera:

@@ -15,6 +15,7 @@ from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.picture import write_codes
 from solari_vk.passes.debug_views import check_view
+from solari_vk.viewer.layout import Layout
 
 
 def run(job: ViewJob) -> None:
@@ -27,7 +28,8 @@ def run(job: ViewJob) -> None:
             raise SolariError(f"--screenshot {job.screenshot}: is taken after --frames: give their number too")
     settings = job.make_settings()
     check_view(job.view, settings.lighting)
-    subject = load(job)
+    area = Layout.of(job.size, panels=not job.no_overlay).picture
+    subject = load(replace(job, size=(area.width, area.height)))
     is_file = not job.source.startswith("builtin:")
     subject.cameras[0].auto_exposure = subject.auto_exposure
     beside = None if job.beside is None else load(replace(job, source=job.beside, camera=None)).scene

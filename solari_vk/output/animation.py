@@ -27,11 +27,15 @@ def orbit(camera: Camera, center: ArrayLike, count: int, sweep_degrees: float | 
     With `sweep_degrees` they swing through that angle and back instead. One step after the last camera comes the first
     again, so that the movie can loop.
     """
-    turns = 2 * math.pi * np.arange(count) / count
-    if sweep_degrees is not None:
-        turns = math.radians(sweep_degrees) / 2 * np.sin(turns)
+    turns = orbit_turns(count, sweep_degrees)
     transforms = (turned_about(center, rotation((0, 1, 0), turn), camera.transform) for turn in turns)
     return [_camera(camera, transform, camera.vertical_fov, camera.ev100) for transform in transforms]
+
+
+def orbit_turns(count: int, sweep_degrees: float | None = None) -> NDArray[np.float64]:
+    """The angles of the cameras of `orbit`, in radians about the vertical axis, (count,)."""
+    turns = 2 * math.pi * np.arange(count) / count
+    return turns if sweep_degrees is None else math.radians(sweep_degrees) / 2 * np.sin(turns)
 
 
 def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None = None) -> list[Camera]:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, quoted
+from solari_vk.output.tone_mapping import auto_exposure, unseen
+from solari_vk.scene.camera import Camera, exposure_of
 
 
 class Difference(NamedTuple):
@@ -24,21 +26,31 @@ class Difference(NamedTuple):
     al., "Visualizing Errors in Rendered High Dynamic Range Images" (2021)."""
 
 
-def compare(picture: Any, reference: Any, *, exposure: float = 1.0) -> Difference:
+def compare(picture: Any, reference: Any, *, exposure: float | None = None) -> Difference:
     """How far a picture is from a reference.
 
     picture, reference: arrays (height, width, 3) of radiance, or frames of a renderer. The reference's noise is part of
-    the error. exposure: the factor around which FLIP looks, such as `camera.exposure`. Raises SolariError for arrays of
-    other or different shapes, and for values that aren't finite.
+    the error. exposure: the factor around which FLIP looks, such as `camera.exposure`. By default it is that of the
+    reference's camera, else of the picture's, as far as something can be seen with it; for arrays `auto_exposure` of
+    the reference. Raises SolariError for arrays of other or different shapes, and for values that aren't finite.
     """
-    if not (isinstance(exposure, (int, float)) and 0 < exposure < math.inf):
+    if exposure is not None and not (isinstance(exposure, (int, float)) and 0 < exposure < math.inf):
         raise SolariError(f"compare: exposure is a factor above 0, such as camera.exposure, not {quoted(exposure)}")
     given, true = _radiance(picture), _radiance(reference)
     if given.shape != true.shape:
         raise SolariError(f"compare: pictures have one size, not {given.shape} and {true.shape}")
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = given.mean(axis=(0, 1)) / true.mean(axis=(0, 1))
-    return Difference(relative_mse(given, true), ratio, flip(given, true, exposure))
+    factor = _shown_with(true, reference, picture) if exposure is None else exposure
+    return Difference(relative_mse(given, true), ratio, flip(given, true, factor))
+
+
+def _shown_with(radiance: NDArray[np.float64], *pictures: Any) -> float:
+    """The exposure that frames are shown with, by the camera of the first one that has one."""
+    for camera in (getattr(picture, "camera", None) for picture in pictures):
+        if isinstance(camera, Camera) and unseen(radiance * camera.exposure) in ("", "black"):
+            return camera.exposure
+    return exposure_of(auto_exposure(radiance))
 
 
 def _radiance(picture: Any) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ and take every number from here.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,9 @@ Colors = NDArray[np.float32]
 LUMINANCE = np.array(LUMINANCE_WEIGHTS, np.float32)
 MIDDLE_GRAY = 0.18
 MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve overflows
+
+# Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
+VISIBLE_MEDIANS = 1e-4, 30.0
 
 ACES_EXPOSURE = 0.6
 ACES_NUMERATOR, ACES_DENOMINATOR = (2.51, 0.03), (2.43, 0.59, 0.14)  # polynomials, highest power first
@@ -146,3 +150,12 @@ def auto_exposure(radiance: ArrayLike, surfaces: ArrayLike | None = None) -> flo
     luminance = luminance[luminance >= 1e-6 * luminance.mean()]
     average = np.exp(np.log(luminance).mean())
     return float(np.clip(np.log2(average / (1.2 * MIDDLE_GRAY)), -100, 100))
+
+
+def unseen(picture: NDArray[Any]) -> str:
+    """Why nothing can be seen in a picture after exposure: it is "black", "dark" or "bright"; "" if something can."""
+    if not picture.any():
+        return "black"
+    typical = float(np.median(picture[picture > 0]))
+    darkest, brightest = VISIBLE_MEDIANS
+    return "" if darkest < typical < brightest else "bright" if typical > 1 else "dark"

@@ -223,6 +223,15 @@ def line(value: Any) -> str:
     return str(value)
 
 
+def object_name(value: Any) -> str:
+    """The name of an object that has parts, one line."""
+    if not isinstance(value, str):
+        kind = type(value).__name__
+        raise TypeError(f"must be a string, the name that the parts of one object share, not {kind}; it is no parent: "
+                        "scene.group(...) moves objects together")  # fmt: skip
+    return line(value)
+
+
 def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:
     def convert(value: Any) -> Any:
         if not (optional and value is None) and not isinstance(value, kind()):

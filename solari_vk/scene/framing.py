@@ -10,6 +10,7 @@ import numpy as np
 
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.enclosures import Floats, extent, find_dome, find_room, largest_triangles, trace
+from solari_vk.scene.matrices import rotation
 
 if TYPE_CHECKING:
     from solari_vk.scene.animation.clip import Animation
@@ -19,6 +20,7 @@ VIEW = (-0.55, -0.4, -1.0)  # the direction in which objects are seen: a three-q
 OBJECT_FOV, ROOM_FOV = math.radians(35), math.radians(65)
 MARGIN = 1.08
 CLIP_POSES = 17  # of a clip, that a camera for it must show
+DIRECTIONS = 400
 WIDEST_FOV = math.radians(100)  # in a dome that leaves no room to step back
 
 
@@ -30,10 +32,12 @@ def poses(scene: Any, subject: Callable[[], list[Instance]], clip: Animation | N
         yield subject()
 
 
-def default_camera(poses: Iterable[list[Instance]], aspect: float) -> Camera | None:
+def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterable[float] = (0.0,)) -> Camera | None:
     """A camera that shows instances in several poses, of which the last one stays; None if there are no instances.
 
-    aspect: width / height of the picture. A room is seen from inside, and what is in a dome from within the dome.
+    aspect: width / height of the picture. turns: angles, in radians about the vertical axis through their middle, by
+    which the camera will be turned, from where objects that stand alone are seen whole too. A room is seen from inside,
+    and what is in a dome from within the dome.
     """
     visible: list[Instance] = []
     points, dome = [], None
@@ -47,7 +51,22 @@ def default_camera(poses: Iterable[list[Instance]], aspect: float) -> Camera | N
     if dome is not None:
         return _in_dome(fit(every, VIEW, aspect), every, largest_triangles(dome.shells), aspect)
     room = find_room(visible, every)
-    return fit(every, VIEW, aspect) if room is None else _inside(room.center, room.triangles)
+    if room is not None:
+        return _inside(room.center, room.triangles)
+    center, turns = (every.min(axis=0) + every.max(axis=0)) / 2, list(turns)
+    outer = every if len(turns) == 1 else _outermost(every)
+    seen = [(outer - center) @ rotation((0, 1, 0), turn) + center for turn in turns]  # turned the other way
+    return fit(np.concatenate(seen), VIEW, aspect)
+
+
+def _outermost(points: Floats) -> Floats:
+    """Of points (N, 3) those that are the farthest in any of many directions."""
+    number = np.arange(DIRECTIONS)
+    height, turn = 1 - (2 * number + 1) / DIRECTIONS, math.pi * (1 + math.sqrt(5)) * number  # Fibonacci's lattice
+    level = np.sqrt(1 - height**2)
+    directions = np.stack([level * np.cos(turn), height, level * np.sin(turn)], axis=1)
+    found: Floats = points[np.unique([int(np.argmax(points @ direction)) for direction in directions])]
+    return found
 
 
 def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:

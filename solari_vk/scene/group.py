@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import Hints, SolariError, unknown_name
-from solari_vk.scene import checks
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.collection import Collection
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.portal import Portal
@@ -97,10 +97,12 @@ class Group(Scaled, Hints):
     def update(self, **fields: Any) -> None:
         """Assign the transform, or several of its parts at once; nothing moves if one object can't. And `label` and
         `part_of` of all instances."""
-        try:
-            names = {name: checks.line(fields.pop(name)) for name in NAMES if name in fields}
-        except (TypeError, ValueError) as error:
-            raise SolariError(f"{self.describe()}: a label {error}") from None
+        names = {name: fields.pop(name) for name in NAMES if name in fields}
+        for name, value in names.items():
+            try:
+                Instance._converters[name](value)
+            except (TypeError, ValueError) as error:
+                raise SolariError(f"{self.describe()}: {name} {error}") from None
         moved = self._held() if fields else {}
         after = self._changed(fields, self._transform)
         move = after @ np.linalg.inv(self._transform)
@@ -145,6 +147,46 @@ class Group(Scaled, Hints):
 
     def __repr__(self) -> str:
         return f"{self.describe()}[{', '.join(item.describe() for item in self._items)}]"
+
+
+class Grouping:
+    """What a scene can do with groups."""
+
+    _groups: dict[Group, None]
+
+    @property
+    def groups(self) -> Collection[Any]:
+        """The groups that `group` and `add` have made, by number or name; not those that have nothing in the scene."""
+        scene: Any = self
+
+        def holds(item: Any) -> bool:
+            return item in scene._holder(item)
+
+        kept = [group for group in self._groups if not group.items or any(map(holds, group.items))]
+        return Collection("group", kept)
+
+    def group(self, *items: Instance | Light | Camera | Group | str, name: str = "", **where: Any) -> Group:
+        """A Group of objects that move together, such as the parts of a car; those that aren't in the scene are added.
+
+        items: objects, or names of instances, lights, cameras and groups. name and where are those of Group, as is the
+        error for objects without a place.
+        """
+        scene: Any = self
+        group = Group([self._named(item) if isinstance(item, str) else item for item in items], name=name, **where)
+        for item in group.items:
+            if item not in scene._holder(item):
+                scene.add(item)
+        self._groups[group] = None
+        return group
+
+    def _named(self, name: str) -> Any:
+        """The first instance of this name, else the first light, camera or group."""
+        scene: Any = self
+        holders = (scene.instances, scene.lights, scene.cameras, self.groups)
+        for holder in holders:
+            if name in holder:
+                return holder[name]
+        raise unknown_name("there is no object", name, [known for holder in holders for known in holder.names])
 
 
 _PLACES = ("position", "direction", "horizontal", "center", "half_u", "half_v")  # fields of lights

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, warn
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
@@ -104,6 +104,14 @@ def _span(low_default: float, high_default: float, low: float, high: float, unit
 def _texture(srgb: bool = False) -> Any:
     converter = checks.made_of(lambda: Texture, optional=True)
     return field(default=None, metadata={"converter": converter, "glsl": "uint", "srgb": srgb})
+
+
+_OF_TRIMESH = {
+    "baseColorFactor": "base_color", "metallicFactor": "metallic", "roughnessFactor": "perceptual_roughness",
+    "emissiveFactor": "emissive", "alphaMode": "alpha_mode", "alphaCutoff": "alpha_cutoff",
+    "doubleSided": "double_sided", "baseColorTexture": "base_color_texture", "normalTexture": "normal_texture",
+    "metallicRoughnessTexture": "metallic_roughness_texture", "emissiveTexture": "emissive_texture",
+}  # fmt: skip
 
 
 @checked
@@ -213,6 +221,41 @@ class Material(Checked):
         "unlit": checks.flag,
         "solid": checks.flag,
     }
+
+    @classmethod
+    def from_trimesh(cls, mesh: Any) -> Material:
+        """The material of a `trimesh.Trimesh`, whose colors of vertices or faces are those of `Mesh.from_trimesh`.
+
+        A PBRMaterial's fields have the meanings and defaults of glTF, where metallic and roughness are 1. Of a
+        SimpleMaterial the diffuse color, the image and the highlight's width are taken. Warns of what is left out.
+        """
+        visual = mesh.visual
+        if visual.kind in ("vertex", "face"):
+            mode = "blend" if visual.transparency else "opaque"
+            return cls(base_color=np.ones(3, np.float32), alpha_mode=mode, double_sided=True)
+        given = getattr(visual, "material", None)
+        if given is None or (visual.uv is None and getattr(given, "image", None) and given.image.size == (2, 2)):
+            return cls()  # trimesh gives meshes without a material one with such an image
+        simple = hasattr(given, "to_pbr")
+        pbr = given.to_pbr() if simple else given
+        said = {name: value for name in _OF_TRIMESH if (value := getattr(pbr, name, None)) is not None}
+        lost = [name for name in said if name.endswith("Texture") and visual.uv is None]
+        if not hasattr(pbr, "baseColorFactor") or visual.face_materials is not None:
+            lost.append("materials of single faces")
+        if lost:
+            warn(f"a mesh of trimesh: {', '.join(lost)} left out; textures need uvs, a mesh has one material")
+        color = np.asarray(said.pop("baseColorFactor", (255,) * 4)) / 255
+        if simple and "baseColorTexture" in said and (given.diffuse[:3] == 102).all():
+            color = np.ones(4)  # the gray is trimesh's default
+        fields: dict[str, Any] = {"metallic": 0.0 if simple else 1.0, "perceptual_roughness": 1.0}
+        for name in said.keys() - set(lost):
+            value = said[name]
+            fields[_OF_TRIMESH[name]] = np.asarray(value.convert("RGBA")) if name.endswith("Texture") else value
+        if simple:
+            fields |= {"double_sided": True, "alpha_mode": "blend" if color[3] < 1 else "opaque"}
+        mode = str(fields.pop("alpha_mode", "opaque")).lower()
+        fields |= {"base_color": color[:3], "alpha": color[3], "alpha_mode": mode, "name": str(given.name or "")}
+        return cls(**fields)
 
     @property
     def emits(self) -> bool:

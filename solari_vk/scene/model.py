@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, TypeVar, overload
 
@@ -19,7 +19,7 @@ from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.dropping import Dropping
 from solari_vk.scene.framing import default_camera, poses
-from solari_vk.scene.group import Group, copies
+from solari_vk.scene.group import Group, Grouping, copies
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -30,11 +30,12 @@ from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
+from solari_vk.scene.placement import PARTS
 
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
-class Scene(Dropping, Observable):
+class Scene(Grouping, Dropping, Observable):
     """Instances, lights and cameras. Instances with an emissive material are lights too.
 
     `instances`, `lights` and `cameras` are collections by number or name, in the order in which objects were added;
@@ -45,6 +46,7 @@ class Scene(Dropping, Observable):
     @checked_keywords()
     def __init__(self, *items: Instance | Light | Camera, name: str = "") -> None:
         self.name = name
+        self._groups: dict[Group, None] = {}
         self._instances: Items[Instance] = Items("instance", (Instance,), self._notify)
         self._lights: Items[Light] = Items("light", (Light,), self._notify)
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
@@ -150,19 +152,21 @@ class Scene(Dropping, Observable):
     ) -> Any:  # fmt: skip
         """Add an object and return it; or add what is made of a mesh, a file or another scene.
 
-        An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material
-        is added and returned. Of another scene, or a file by its path, copies of the instances and lights are added,
-        which share meshes and materials, and returned as a Group; without its clips, cameras and environment. name is
-        theirs: it precedes the names of several instances. transform, and as parts position, rotation and scale, say
-        where what is made stands. Raises SolariError for anything else.
+        An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material,
+        by default that of trimesh, is added and returned. Of another scene, or a file by its path, copies of the
+        instances and lights are added, which share meshes and materials, and returned as a Group; without its clips,
+        cameras and environment. name is theirs: it precedes the names of several instances. transform, and as parts
+        position, rotation and scale, say where what is made stands. Raises SolariError for anything else.
         """
         if type(item).__module__.partition(".")[0] == "trimesh":
-            item = Mesh.from_trimesh(item)
+            item, material = Mesh.from_trimesh(item), material or Material.from_trimesh(item)
         where = parts if transform is None else {"transform": transform, **parts}
         if isinstance(item, Mesh):
             return self._instances.add(Instance(item, material or Material(), name=name, **where))
         if isinstance(item, Scene | str | os.PathLike) and material is None:
             return self._add_scene(item, name, where)
+        for word in parts.keys() - set(PARTS):
+            raise unknown_name("Scene.add has no option", word, ("material", "transform", "name", *PARTS))
         if material is not None or where or name:
             raise SolariError(
                 f"{self.describe()}: name, transform, position, rotation and scale are given with a mesh, a file or a "
@@ -184,33 +188,17 @@ class Scene(Dropping, Observable):
         group.update(**where)
         for item in group:
             self.add(item)
-        return group
-
-    def group(self, *items: Instance | Light | Camera | Group | str, name: str = "", **where: Any) -> Group:
-        """A Group of objects that move together, such as the parts of a car; those that aren't in the scene are added.
-
-        items: objects, or names of instances. name and where are those of Group, as is the error for objects without a
-        place.
-        """
-        found = [self._instances[item] if isinstance(item, str) else item for item in items]
-        group = Group(found, name=name, **where)
-        for item in group.items:
-            if item not in self._holder(item):
-                self.add(item)
+        self._groups[group] = None
         return group
 
     def remove(self, item: Instance | Light | Camera | Group | str) -> None:
         """Remove an object from the scene, a Sky with its sun, a Group with all in it. It can be added again.
 
-        item: the object, or a name: the first instance with this name is removed, else the first light, else camera.
+        item: the object, or a name: the first instance with this name is removed, else light, camera or group.
         Raises SolariError for an object and a name that the scene doesn't have.
         """
         if isinstance(item, str):
-            holders = (self._instances, self._lights, self._cameras)
-            named: Any = next((holder for holder in holders if item in holder), None)
-            if named is None:
-                raise unknown_name("there is no object", item, [name for holder in holders for name in holder.names])
-            self.remove(named[item])
+            self.remove(self._named(item))
         elif isinstance(item, Group):
             for inner in item.items:
                 if inner not in self._holder(inner):
@@ -258,14 +246,17 @@ class Scene(Dropping, Observable):
                 self._own_materials.setdefault(instance, instance.material)
             instance.material = material
 
-    def camera_for(self, aspect: float, clip: Animation | int | str | None = None) -> Camera:
+    def camera_for(
+        self, aspect: float, clip: Animation | int | str | None = None, *, turns: Sequence[float] = (0.0,)
+    ) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is one that shows
         all of it from above at an angle, a room from inside, and what stands in a dome, such as a modelled sky, from
         within the dome. It is created on the first call and kept, but not added to `cameras`. For an empty scene it is
         Camera(). With a clip, or its number or name in `animations`, the scene is posed as at its start, and a camera
-        that is created shows all that the clip does.
+        that is created shows all that the clip does. turns: angles in radians about the vertical axis through the
+        middle, by which a camera that is created will be turned, as in an orbit: objects are seen whole from there too.
 
         Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
@@ -276,7 +267,7 @@ class Scene(Dropping, Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            camera = default_camera(poses(self, self._subject, clip), aspect)
+            camera = default_camera(poses(self, self._subject, clip), aspect, turns)
             if camera is None:
                 return Camera()
             camera.auto_exposure = self._meters

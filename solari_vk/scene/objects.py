@@ -20,6 +20,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.deformation import Deformation, check_pose
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Scaled, resolved
@@ -78,7 +79,8 @@ class Mesh(Checked):
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, smooth: bool = False) -> Mesh:
-        """A mesh from a `trimesh.Trimesh`, whose unit is taken as meters; with its uvs if it has any.
+        """A mesh from a `trimesh.Trimesh`, whose unit is taken as meters; with its uvs and its colors, which are
+        sRGB there. Where faces have colors, none share a vertex. `Material.from_trimesh` has the material.
 
         smooth: use trimesh's vertex normals; otherwise triangles are flat. v is flipped, since in trimesh it increases
         upwards. Raises SolariError for an object of another kind.
@@ -94,11 +96,22 @@ class Mesh(Checked):
         except ImportError as error:  # trimesh needs scipy for them
             raise SolariError(f"Mesh.from_trimesh: smooth=True needs a library that isn't installed ({error}): install "
                               "it by \"pip install scipy\", or leave smooth out") from None  # fmt: skip
+        positions, triangles, colors = mesh.vertices, mesh.faces, None
+        if mesh.visual.kind == "face":
+            corners = mesh.faces.ravel()
+            positions, triangles = positions[corners], np.arange(len(corners)).reshape(-1, 3)
+            normals = None if normals is None else normals[corners]
+            colors = np.repeat(mesh.visual.face_colors, 3, axis=0)
+        elif mesh.visual.kind == "vertex":
+            colors = mesh.visual.vertex_colors
+        if colors is not None:
+            colors = np.column_stack([LINEAR_OF_SRGB[colors[:, :3]], colors[:, 3] / 255])
         return cls(
-            mesh.vertices,
-            mesh.faces,
+            positions,
+            triangles,
             normals=normals,
             uvs=None if uvs is None else np.array([0, 1], np.float32) + np.array([1, -1], np.float32) * uvs,
+            colors=colors,
             name=str(mesh.metadata.get("name") or ""),
         )
 
@@ -138,8 +151,9 @@ class Instance(Checked, Scaled):
     and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
     `transform`, and how much of each morph target is added. label: a semantic class, such as "chair", for annotations
     of pictures (`label_instances`). part_of: the name of an object; instances with one name are its parts, such as the
-    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. Raises
-    SolariError for a singular transform, and for poses that don't fit the mesh.
+    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. It is no
+    parent: `Scene.group` moves objects together. Raises SolariError for a singular transform, and for poses that don't
+    fit the mesh.
     """
 
     mesh: Mesh
@@ -157,7 +171,7 @@ class Instance(Checked, Scaled):
     _converters = {
         "name": checks.text,
         "label": checks.line,
-        "part_of": checks.line,
+        "part_of": checks.object_name,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,

@@ -82,6 +82,9 @@ class Actions(EditActions):
 
     def next_view(self, step: int = 1) -> None:
         pictures = self._session.pictures
+        if pictures.mode == "reference":
+            self._session.say("debug views are of realtime pictures alone: M changes the mode")
+            return
         view = pictures.view = _next(views_of(self._session.settings.lighting), pictures.view, step)
         self._session.say(f"{view}: {DEBUG_VIEWS[view]}")
 

@@ -23,6 +23,7 @@ from solari_vk.viewer.actions import act
 from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.controls import Controls
+from solari_vk.viewer.layout import Layout
 from solari_vk.viewer.opening import meter, note_recent
 from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
@@ -94,7 +95,8 @@ class Viewer(Session):
             undo.callback(self._presenter.close)
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
-            camera = camera or scene.camera_for(size[0] / size[1])
+            area = Layout.of(window.size, panels=overlay, scale=window.text_scale).picture
+            camera = camera or scene.camera_for(area.width / max(area.height, 1))
             meter(pictures, camera)
             camera_control = CameraControl(camera, extent_of(scene))
             super().__init__(window, pictures, camera_control, scale_control, sources,
@@ -112,7 +114,7 @@ class Viewer(Session):
             self._closers = undo.pop_all()
         if source and not source.startswith("builtin:"):
             note_recent(Path(source).absolute())
-        self.frame_count = 0
+        self.frame_count, self._wants_screenshot = 0, False
         self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
 
@@ -128,8 +130,16 @@ class Viewer(Session):
         return overlay
 
     def act(self, name: str, argument: Any = None) -> Any:
-        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window."""
+        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window.
+
+        A screenshot waits for a picture of the scene as it is now."""
+        if name == "screenshot" and self.pictures.ready and not self._is_current():
+            self._wants_screenshot = True
+            return None
         return act(self, name, argument)
+
+    def _is_current(self) -> bool:
+        return self._rendering.is_current((self.picture_area.width, self.picture_area.height))
 
     # ---- running ------------------------------------------------------------------------------------
 
@@ -169,6 +179,9 @@ class Viewer(Session):
             self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
             with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
                 self._render(pixels)
+        if self._wants_screenshot and ("picture" in self.faults or self._is_current()):
+            self._wants_screenshot = False
+            act(self, "screenshot")
         shown = self._presenter.show(self._rendering.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)

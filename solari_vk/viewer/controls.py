@@ -86,7 +86,7 @@ KEYS_HELP = (
     ("Ctrl+C, Ctrl+V", "copy and paste the pose, as JSON that `render --camera` takes"),
     ("M", "mode: realtime, reference, split"),
     (", and .", "move the divider"),
-    ("V, Shift+V", "next and previous debug view"),
+    ("V, Shift+V", "next and previous debug view of the realtime picture"),
     ("T", "next tone mapping"),
     ("Space, N", "play or pause the file's animation; its next clip"),
     ("+ and -", "brighter and darker by a third of a stop"),

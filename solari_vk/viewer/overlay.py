@@ -19,7 +19,7 @@ from solari_vk.viewer.layout import Area, Layout
 from solari_vk.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.viewer.panels import Panels
 from solari_vk.viewer.session import Question, Session
-from solari_vk.viewer.status import Probe, state_in_words
+from solari_vk.viewer.status import Probe, status_line
 from solari_vk.viewer.theme import apply_theme, scale_theme
 from solari_vk.viewer.window import Event
 
@@ -146,21 +146,31 @@ class Overlay:
                 width = 8 * imgui.get_font_size()
                 imgui.progress_bar(session.refining.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
                 imgui.same_line()
-            imgui.text_unformatted(state_in_words(session))
             self._probe.update()
-            imgui.same_line(layout.status.width - imgui.calc_text_size(self._probe.text).x - 8)
-            imgui.text_unformatted(self._probe.text)
+            room, probe = layout.status.width - imgui.get_cursor_pos_x() - 8, self._probe.text
+            imgui.text_unformatted(status_line(session, probe, room, lambda text: imgui.calc_text_size(text).x))
+            imgui.same_line(layout.status.width - imgui.calc_text_size(probe).x - 8)
+            imgui.text_unformatted(probe)
             imgui.end()
             imgui.pop_style_var()
 
     def _help(self) -> None:
-        """In the middle of the window: a picture beside the panels may be too narrow."""
+        """In the middle of the window: a picture beside the panels may be too narrow. Long lines are broken, and what
+        has no room can be scrolled to."""
+        window = imgui.get_main_viewport().size
         imgui.set_next_window_pos(imgui.get_main_viewport().get_center(), 0, imgui.ImVec2(0.5, 0.5))
-        imgui.begin("keys", None, BARE | imgui.WindowFlags_.always_auto_resize)
-        if imgui.begin_table("keys", 2):
+        imgui.set_next_window_size_constraints(imgui.ImVec2(0, 0), window)
+        imgui.begin("keys", None, (BARE | imgui.WindowFlags_.always_auto_resize) & ~imgui.WindowFlags_.no_scrollbar)
+        keys, meanings = (max(imgui.calc_text_size(text).x for text in texts) for texts in zip(*KEYS_HELP, strict=True))
+        if imgui.begin_table("keys", 2, imgui.TableFlags_.sizing_fixed_fit):
+            imgui.table_setup_column("keys", 0, keys)
+            font = imgui.get_font_size()
+            imgui.table_setup_column("meanings", 0, max(min(meanings, window.x - keys - 5 * font), font))
+            imgui.push_text_wrap_pos(0.0)
             for text in itertools.chain.from_iterable(KEYS_HELP):
                 imgui.table_next_column()
                 imgui.text_unformatted(text)
+            imgui.pop_text_wrap_pos()
             imgui.end_table()
         imgui.end()
 

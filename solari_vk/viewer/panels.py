@@ -67,7 +67,7 @@ class Panels:
         session, pictures = self._session, self._session.pictures
         pictures.mode = choose("mode", pictures.mode, MODES)
         pictures.view = choose("view", pictures.view, views_of(session.settings.lighting))
-        hint(DEBUG_VIEWS[pictures.view])
+        hint(DEBUG_VIEWS[pictures.view] + ", of realtime pictures alone" * (pictures.mode == "reference"))
         pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
         camera = session.camera
         changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)

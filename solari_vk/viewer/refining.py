@@ -80,6 +80,10 @@ class Refining:
         gained = self.done - done
         return None if gained <= 0 else (self._clock() - began) * (1 - self.done) / gained
 
+    def shows(self, view: Hashable) -> bool:
+        """Whether the latest frame is of this view, and nothing that looks better is shown in its place."""
+        return view == self._view and not self.hides
+
     def note_view(self, view: Hashable) -> bool:
         """Note what the next frame depends on; returns whether that changed."""
         changed = view != self._view

@@ -33,7 +33,7 @@ class Rendering:
         session = self._session
         refining, pictures = session.refining, session.pictures
         refining.enabled = session.scale.auto
-        refining.note_view((pixels, session.load_count, self._setting_values(), self._seen()))
+        refining.note_view(self._view(pixels))
         if not refining.hides:
             self._held.drop()
         if refining.finished:
@@ -67,6 +67,13 @@ class Rendering:
             return session.refining.count + 1
         shown = [session.pictures, *([session.beside.pictures] if session.beside and session.beside.shown else [])]
         return min(pictures.reference.mean_samples for pictures in shown if pictures.reference is not None)
+
+    def is_current(self, pixels: tuple[int, int]) -> bool:
+        """Whether the latest picture shows the scene as it is now, in all its pixels."""
+        return self._session.pictures.whole and self._session.refining.shows(self._view(pixels))
+
+    def _view(self, pixels: tuple[int, int]) -> Hashable:
+        return pixels, self._session.load_count, self._setting_values(), self._seen()
 
     @property
     def _tone(self) -> tuple[float, str]:

@@ -14,9 +14,9 @@ from solari_vk.files import make_folder, write_whole
 from solari_vk.scene.placement import Placed
 from solari_vk.settings import DEFAULTS
 from solari_vk.viewer.history import Assignment
+from solari_vk.viewer.refining import FRAMES, SAMPLES
 from solari_vk.viewer.session import Session
 
-UNSEEN_FRAMES = 32  # of a realtime picture that the viewer hasn't shown yet
 # Fields that clips change.
 PLACES = ("transform", "position", "rotation", "scale", "direction", "horizontal", "center", "half_u", "half_v")
 
@@ -75,8 +75,9 @@ def _animated_edits(session: Session) -> tuple[list[str], list[str]]:
 
 def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) -> str:
     """A script that renders the picture from the scene in a file beside it. edits: lines after the scene is posed."""
-    pictures, camera = session.pictures, session.camera
-    width, height = pictures.size if pictures.ready else session.window.pixels
+    pictures, camera, refining = session.pictures, session.camera, session.refining
+    settles = not pictures.ready or (refining.enabled and not refining.finished)  # then this is how the picture will be
+    width, height = (session.picture_area.width, session.picture_area.height) if settles else pictures.size
     pose = {**camera.pose(), "ev100": camera.ev100}
     player = session.player
     shown = "realtime picture of the mode split" if pictures.mode == "split" else f"{pictures.mode} picture"
@@ -96,16 +97,17 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
     ]
     options = f"({width}, {height}), seed={pictures.seed}"
     if pictures.mode == "reference":
-        samples = max(pictures.reference.tracer.samples if pictures.reference else 0, 1)
+        samples = pictures.reference.tracer.samples if pictures.reference and not settles else refining.samples
         lines += [
             f"    renderer = sv.PathTracer(device, scene, {options})",
             f"    renderer.tonemap = {pictures.tonemap!r}",
-            f"    frame = renderer.render(camera, samples={samples})",
+            f"    frame = renderer.render(camera, samples={samples or SAMPLES})",
         ]
     else:
         changed = {name: getattr(session.settings, name) for name in DEFAULTS}
-        settings = [f"{name}={value!r}" for name, value in changed.items() if value != DEFAULTS[name]]
-        frames = session.refining.frames if pictures.ready else UNSEEN_FRAMES
+        settings = [f"{name}={value!r}" for name, value in changed.items() if value != DEFAULTS[name]
+                    and not (settles and name == "upscale")]  # it follows the size, which is the whole one then
+        frames = FRAMES if settles else refining.frames
         lines += [
             f"    settings = sv.Settings({', '.join(settings)})",
             f"    renderer = sv.Renderer(device, scene, {options}, settings=settings)",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from solari_vk.viewer.picking import radiance_at
 from solari_vk.viewer.refining import in_words
@@ -11,13 +12,21 @@ from solari_vk.viewer.session import Session
 PROBE_INTERVAL = 0.25  # seconds between two looks at the pixel under the cursor, each of which waits for the picture
 
 
-def state_in_words(session: Session) -> str:
-    """The mode, the view, the size that is rendered, the rate, and the progress."""
+def state_in_words(session: Session, *, brief: bool = False) -> str:
+    """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one."""
     pictures, refining = session.pictures, session.refining
     width, height = pictures.rendered_size
-    parts = [pictures.mode, pictures.view, f"{width}x{height}"]
-    parts.append(progress_in_words(session) if refining.rests else f"{session.fps:.1f} fps")
-    return " - ".join(parts)
+    view = [pictures.view] if pictures.mode != "reference" else []
+    parts = [pictures.mode, *([] if brief else [*view, f"{width}x{height}"])]
+    progress = progress_in_words(session) if refining.rests else f"{session.fps:.1f} fps"
+    return " - ".join([*parts, progress.rpartition(", ")[0] if brief and progress.endswith(" left") else progress])
+
+
+def status_line(session: Session, probe: str, room: float, width_of: Callable[[str], float]) -> str:
+    """What the status line says left of the probe's text, as much as there is room for; "" if there is none."""
+    room -= width_of(f"{probe}  ") if probe else 0.0
+    texts = [state_in_words(session), state_in_words(session, brief=True)]
+    return next((text for text in texts if width_of(text) <= room), "" if probe else texts[-1])
 
 
 def progress_in_words(session: Session) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.output.animation import orbit, orbit_turns
 from solari_vk.scene import enclosures, framing, shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import transform_points
@@ -42,6 +43,18 @@ def test_objects_touch_the_margin_on_both_sides(scale, aspect):
     np.testing.assert_allclose(seen.min(axis=0), -seen.max(axis=0), atol=1e-6, err_msg="centered")
     assert camera.transform[1, 2] > 0.2, "from above"
     assert camera.near < np.linalg.norm(camera.transform[:3, 3]) / 100
+
+
+@pytest.mark.parametrize("sweep", [None, 90.0])
+def test_what_an_orbit_goes_around_stays_in_the_picture(sweep):
+    def reach(turns):
+        scene = sv.Scene(sv.Instance(shapes.box((-1, 0, -2), (4, 1, 2)), WHITE), sv.Instance(shapes.sphere(), WHITE))
+        camera = scene.camera_for(1.5, turns=turns)
+        cameras = orbit(camera, scene.bounds.center, 90, sweep)
+        return max(np.abs(in_picture(scene, other, 1.5)).max() for other in cameras)
+
+    assert 0.98 / framing.MARGIN < reach(orbit_turns(48, sweep)) < 1.01 / framing.MARGIN
+    assert reach((0.0,)) > 1
 
 
 def test_a_camera_for_a_clip_shows_all_of_it(writer):

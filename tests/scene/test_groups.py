@@ -79,7 +79,7 @@ def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
     (lambda s: s.add(sv.Camera(), position=(1, 2, 3)), "are given with a mesh, a file or a"),
     (lambda s: s.add(sv.Scene(), sv.Material()), "material with a mesh only"),
     (lambda s: s.add("nothing.glb"), "nothing.glb: there is no such file"),
-    (lambda s: s.group("wall"), "there is no instance 'wall'"),
+    (lambda s: s.group("wall"), "there is no object 'wall'; there are none"),
     (lambda s: s.group().update(place=1), "Group has no field 'place'; .*there are transform, position, rotation"),
     (lambda s: setattr(s.group(), "visible", False), "Group has no field 'visible'"),
     (lambda s: s.group(scale=np.inf), "scale must be finite"),
@@ -104,7 +104,7 @@ def test_labels_are_those_of_all_instances():
     before = first.transform
     group.label = "van"
     assert first.transform is before
-    with pytest.raises(sv.SolariError, match="Group: a label must be one line"):
+    with pytest.raises(sv.SolariError, match="Group: label must be one line"):
         group.label = "a\nb"
 
 
@@ -129,3 +129,33 @@ def test_an_added_scene_leaves_its_sky_and_sun():
     source.environment = sv.Sky()
     scene.add(source)
     assert [type(light) for light in scene.lights] == [sv.PointLight]
+
+
+def test_groups_are_made_of_names_and_listed():
+    scene = sv.Scene()
+    for thing in (sv.Instance(BOX, name="box"), sv.PointLight((0, 3, 0), name="lamp"), sv.Camera(name="eye")):
+        scene.add(thing)
+    inner = scene.group("lamp", "eye", name="inner")
+    outer = scene.group("inner", "box", name="outer")
+    assert inner.items == [scene.lights["lamp"], scene.cameras["eye"]]
+    assert list(outer) == [inner, scene.instances["box"]]
+    assert scene.groups.names == ["inner", "outer"]
+    assert scene.groups["outer"] is outer
+    scene.remove("inner")
+    assert scene.groups.names == ["outer"]
+    scene.remove("box")
+    assert not scene.groups
+
+
+@pytest.mark.parametrize("use", [
+    lambda scene, box: scene.add(BOX, parent=box),
+    lambda scene, box: scene.add(sv.Instance(BOX), parent=box),
+    lambda scene, box: box.parent,
+    lambda scene, box: setattr(sv.PointLight((0, 1, 0)), "parent", box),
+    lambda scene, box: scene.group(box).update(part_of=box),
+    lambda scene, box: box.update(part_of=scene.group(box)),
+])  # fmt: skip
+def test_parents_lead_to_groups(use):
+    scene = sv.Scene(sv.Instance(BOX))
+    with pytest.raises((sv.SolariError, AttributeError), match=r"scene\.group\("):
+        use(scene, scene.instances[0])

@@ -13,9 +13,10 @@ from PIL import Image
 
 from solari_vk import Environment, Sky
 from solari_vk.errors import SolariError
+from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.scene import shapes
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 SPOT = {"position": [0, 1, 0], "direction": [0, -1, 0]}
@@ -204,6 +205,49 @@ def test_a_mesh_from_trimesh(monkeypatch):
     monkeypatch.setattr(trimesh.geometry, "mean_vertex_normals", missing)
     with pytest.raises(SolariError, match=r"smooth=True needs .*no scipy.*pip install scipy"):
         Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=1), smooth=True)
+
+
+def test_colors_and_materials_of_trimesh():
+    trimesh = pytest.importorskip("trimesh")
+    from trimesh.visual.material import PBRMaterial, SimpleMaterial
+
+    def added(visual=None, **colors):
+        shape = trimesh.creation.box()
+        shape.visual = visual or shape.visual
+        for name, value in colors.items():
+            setattr(shape.visual, name, value)
+        return Scene().add(shape)
+
+    assert (added().mesh.colors, added().material.base_color.tolist()) == (None, Material().base_color.tolist())
+    codes = np.arange(32, dtype=np.uint8).reshape(8, 4) * 8
+    vertices = added(vertex_colors=codes)
+    np.testing.assert_allclose(vertices.mesh.colors[:, :3], decode_srgb(codes[:, :3] / 255), atol=1e-6)
+    np.testing.assert_allclose(vertices.mesh.colors[:, 3], codes[:, 3] / 255)
+    assert (vertices.material.alpha_mode, vertices.material.base_color[0]) == ("blend", 1)
+    faces = added(face_colors=np.tile(np.arange(12, dtype=np.uint8)[:, None] * 20, 4))
+    at = faces.mesh.triangles[7]
+    np.testing.assert_allclose(faces.mesh.colors[at, 3], 140 / 255)
+    np.testing.assert_allclose(faces.mesh.positions[at], trimesh.creation.box().triangles[7])
+
+    checks, uv = np.array([[0, 255], [255, 9]], np.uint8), np.zeros((8, 2))
+    image = Image.fromarray(checks)
+    pbr = PBRMaterial("paint", baseColorFactor=[0, 255, 51, 102], roughnessFactor=0.25, emissiveFactor=[0, 0.5, 1],
+                      alphaMode="BLEND", metallicRoughnessTexture=image, doubleSided=True)  # fmt: skip
+    found = added(trimesh.visual.TextureVisuals(uv=uv, material=pbr)).material
+    np.testing.assert_allclose([*found.base_color, found.alpha], (0, 1, 0.2, 0.4))
+    assert (found.metallic, found.roughness, found.alpha_mode, found.name) == (1, 0.25, "blend", "paint")
+    assert found.emissive.tolist() == [0, 0.5, 1]
+    assert found.double_sided
+    assert found.metallic_roughness_texture.image.pixels[..., 1].tolist() == checks.tolist()
+    simple = SimpleMaterial(image=image, glossiness=30)
+    found = added(trimesh.visual.TextureVisuals(uv=uv, material=simple)).material
+    assert (found.metallic, *found.base_color) == (0, 1, 1, 1)
+    assert found.base_color_texture is not None
+    assert found.roughness == pytest.approx((2 / 32) ** 0.25)
+    with pytest.warns(UserWarning, match="trimesh: metallicRoughnessTexture left out; textures need uvs"):
+        assert added(trimesh.visual.TextureVisuals(material=pbr)).material.metallic_roughness_texture is None
+    red = Material(base_color=(1, 0, 0))
+    assert Scene().add(trimesh.creation.box(), red).material is red
 
 
 # ---- changes ----------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.gltf_writer import GltfWriter
-from viewer_tools import click, press, read_exr, type_keys
+from viewer_tools import click, press, read_exr, release, type_keys
 
 import solari_vk as sv
 from solari_vk.cli import main
@@ -20,6 +20,7 @@ from solari_vk.gpu.shaders import compiler
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import views_of
 from solari_vk.viewer import app, messages, pictures, reload
+from solari_vk.viewer.status import state_in_words
 
 FLAT = {"overlay": False, "size": (64, 64)}
 
@@ -29,11 +30,18 @@ FLAT = {"overlay": False, "size": (64, 64)}
 
 def test_keys_cycle_through_views_and_tone_mappings(viewer):
     views = views_of("paths")
-    type_keys(viewer, *[glfw.KEY_V] * len(views), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
-    assert viewer.pictures.view == "picture"
+    type_keys(viewer, glfw.KEY_V, *[glfw.KEY_T] * (len(TONEMAPS) + 1))
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
-    type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
+    viewer.act("next_view")
+    assert viewer.message == "debug views are of realtime pictures alone: M changes the mode"
+    assert (viewer.pictures.view, state_in_words(viewer).split(" - ")[:2]) == ("picture", ["reference", "96x64"])
+    viewer.pictures.mode = "realtime"
+    for _ in views:
+        viewer.controls.handle([press(glfw.KEY_V), release(glfw.KEY_V)])
+    assert viewer.pictures.view == "picture"
+    viewer.controls.handle([press(glfw.KEY_V, glfw.MOD_SHIFT), release(glfw.KEY_V)])
     assert viewer.pictures.view == views[-1]
+    viewer.pictures.mode = "reference"
     viewer.settings.lighting = "split"
     viewer.pictures.view, viewer.settings.lighting = "di_light", "paths"
     assert viewer.pictures.view == "picture", "a view that the lighting lacks"
@@ -276,6 +284,8 @@ def test_a_screenshot_has_the_windows_size_and_lists_edits(open_viewer, tmp_path
     lamp = sv.PointLight((0, 1, 0))
     viewer.history.add(scene.lights, lamp)
     viewer.act("screenshot")
+    assert not (tmp_path / "solari-001.png").exists(), "it waits for a picture of the edited scene"
+    viewer.run(frames=1)
     assert np.asarray(Image.open(tmp_path / "solari-001.png")).shape == viewer.capture().shape == (64, 64, 3)
     _, heading, *edits = (tmp_path / "solari-001.txt").read_text().splitlines()
     assert edits == ["# scene.materials[1].base_color = [0.25, 0.5, 1.0]", "# scene.instances[0].visible = False",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from solari_vk.viewer import marks, refining
 from solari_vk.viewer.layout import Area, Layout
 from solari_vk.viewer.outline import COLOR, outline
 from solari_vk.viewer.refining import FRAMES, HIDDEN, LEAST_FRAMES, REST, Refining, in_words
+from solari_vk.viewer.status import state_in_words, status_line
 
 SIZES = [(960, 540), (1600, 900), (160, 100), (40, 30), (3, 2), (1, 1)]
 
@@ -179,3 +182,18 @@ def test_every_field_of_a_material_has_its_group():
     assert group_of("diffuse_transmission_color") == "translucency"
     assert group_of("normal_texture") == group_of("metallic_roughness_texture") == "surface"
     assert group_of("clearcoat_normal_texture") == "clearcoat"
+
+
+def test_the_status_line_makes_room_for_the_pixel_under_the_cursor():
+    state = Refining(clock := Clock())
+    for count in range(REST + 4):
+        state.note_view("still")
+        state.note(0.1, count, False)
+        clock.now += 1
+    pictures = SimpleNamespace(mode="realtime", view="picture", rendered_size=(64, 48))
+    session = SimpleNamespace(pictures=pictures, refining=state)
+    whole, brief, probe = state_in_words(session), "realtime - 9 frames, 14 %", "(3, 4)  R 1"
+    assert whole == "realtime - picture - 64x48 - 9 frames, 14 %, 1:22 min left"
+    for room, text in ((len(whole), whole), (len(whole) - 1, brief), (len(brief), brief), (len(brief) - 1, "")):
+        assert status_line(session, probe, room + len(probe) + 2, len) == text
+    assert status_line(session, "", len(brief) - 1, len) == brief

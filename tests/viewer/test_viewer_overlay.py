@@ -80,6 +80,23 @@ def test_all_panels_can_be_laid_out(open_viewer, replace):
     viewer.run(frames=3)
 
 
+def test_the_help_fits_into_narrow_windows(open_viewer, monkeypatch):
+    viewer = open_viewer(size=(400, 200))
+    viewer.run(frames=1)
+    module = sys.modules["solari_vk.viewer.overlay"]
+    imgui, ends, write = module.imgui, {}, module.imgui.text_unformatted
+
+    def noted(text):
+        write(text)
+        ends[text] = imgui.get_item_rect_max().x
+
+    monkeypatch.setattr(imgui, "text_unformatted", noted)
+    viewer.act("help")
+    viewer.run(frames=3)
+    longest = max((text for _, text in module.KEYS_HELP), key=len)
+    assert 200 < ends[longest] < 400
+
+
 def test_panels_fit_windows_of_all_sizes(open_viewer, replace):
     replace()
     viewer = open_viewer(scale=0.5)

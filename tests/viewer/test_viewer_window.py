@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from contextlib import nullcontext
+from unittest.mock import MagicMock
 
 import glfw
 import numpy as np
@@ -10,8 +12,10 @@ import pytest
 from PIL import Image, ImageGrab
 
 import solari_vk as sv
+from solari_vk.cli import main
 from solari_vk.gpu.device import raw
 from solari_vk.viewer import presenter
+from solari_vk.viewer.layout import Layout
 from solari_vk.viewer.presenter import Part
 from solari_vk.viewer.window import Window
 
@@ -95,6 +99,25 @@ def test_the_screen_shows_what_ray_pipelines_render(screen):
             shown = grab(viewer, screen)
             assert shown.max() > 100
             assert (shown == viewer.pictures.pixels()).all()
+
+
+@pytest.mark.parametrize("by_command", [False, True])
+def test_objects_are_framed_for_the_picture_beside_the_panels(open_viewer, monkeypatch, tmp_path, by_command):
+    def wide():
+        return sv.Scene(sv.Instance(sv.shapes.box((-2, 0, -1), (2, 1, 1))))
+
+    if by_command:
+        wide().save(tmp_path / "wide.glb")
+        given = {}
+        monkeypatch.setattr(sv, "Viewer", lambda *_, **options: given.update(options) or nullcontext(MagicMock()))
+        assert main(["view", str(tmp_path / "wide.glb"), "--size", "320x180", "--frames", "1"]) == 0
+        camera = given["camera"]
+    else:
+        camera = open_viewer(scene := wide(), size=(320, 180)).camera
+        assert camera.transform.tolist() == scene.camera.transform.tolist()
+    area = Layout.of((320, 180), panels=True).picture
+    assert area.width < 1.2 * area.height
+    np.testing.assert_allclose(camera.transform, wide().camera_for(area.width / area.height).transform, atol=1e-6)
 
 
 def test_small_pictures_are_stretched(open_viewer, screen):

@@ -119,6 +119,7 @@ class PointLight(PunctualLight):
     radius, directions are those from its center.
     """
 
+    _: KW_ONLY
     profile: LightProfile | None = None
     direction: FloatArray = field(default_factory=lambda: np.array((0, -1, 0), np.float32))
     horizontal: FloatArray = field(default_factory=lambda: np.array((1, 0, 0), np.float32))
