@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -168,6 +169,28 @@ def test_what_is_for_worlds_of_one_scene_is_named(device):
         assert batch.render_many(CAMERAS[:2], frames=3, fov=50, outputs=["depth"])["depth"].shape == (3, 2, *SIZE[::-1])
         with pytest.raises(sv.SolariError, match=r"Batch\.transforms is for"):
             batch.render_many(CAMERAS[:2], frames=3, fov=50, transforms={"lamp": np.ones((3, 2, 4, 4))})
+
+
+def test_portals_in_lists_are_refused(device):
+    scene = sv.builtin("cornell_box")
+    scene.add(sv.Portal((0, 1, 0), (0.5, 0, 0), (0, 0, 0.5)))
+    sv.Batch(device, [scene], SIZE, 2).close()
+    with pytest.raises(sv.SolariError, match="has a portal, which lists of scenes can't have"):
+        sv.Batch(device, [sv.builtin("cornell_box"), scene], SIZE, 2)
+
+
+def test_an_update_that_failed_is_done_again(device, monkeypatch):
+    scenes = [sv.builtin("cornell_box"), sv.builtin("cornell_box")]
+    with sv.Batch(device, scenes, SIZE, 2, renderer="reference") as batch:
+        dark = batch.render(CAMERAS[:2], samples=1)["radiance"]
+        scenes[1].instances["lamp"].material.emissive = (900, 900, 900)
+        with monkeypatch.context() as patched:
+            patched.setattr(batch._worlds, "_upload", Mock(side_effect=MemoryError))
+            with pytest.raises(MemoryError):
+                batch.render(CAMERAS[:2], samples=1)
+        lit = batch.render(CAMERAS[:2], samples=1)["radiance"]
+        assert np.array_equal(lit[0], dark[0])
+        assert lit[1].mean() > 5 * dark[1].mean()
 
 
 def test_a_scene_without_light_is_named(device):

@@ -60,8 +60,9 @@ class GivenPoses:
         if self._wrong is None:
             self._wrong = self._device.buffer(16, "wrong tensors", host=True)
             self._wrong.write(np.zeros(4, np.uint32))
+        if what not in self._what and len(self._what) >= MOST:
+            what = "a matrix"
         if what not in self._what:
-            what = what if len(self._what) < MOST else "a matrix"
             self._what.append(what)
         source = {} if given is None else {
             "floats": given.address, "doubles": given.address, "is_double": given.dtype == np.float64,

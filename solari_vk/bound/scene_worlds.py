@@ -15,6 +15,7 @@ from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene.lights.portal import Portal
 
 
 class SceneWorlds(WorldTables):
@@ -59,11 +60,15 @@ class SceneWorlds(WorldTables):
 
     def update(self) -> int:
         if self._seen != self._binder.revision:
-            self._seen = -1  # until all is written
+            again, self._seen = self._seen < 0, -1  # until all is written
             scenes = self._binder.worlds
+            for scene in dict.fromkeys(scenes) if self.count > 1 else ():
+                if any(isinstance(light, Portal) for light in scene.scene.lights):
+                    raise SolariError(f"Batch: {scene.scene.describe()} has a portal, which lists of scenes can't "
+                                      "have: remove it, or give the scene a batch of its own")  # fmt: skip
             shown = [(id(scene), sum(table.revision for table in scene.lights.tables)) for scene in scenes]
             lists = {key: scene.lights for key, scene in zip(shown, scenes, strict=True)}
-            if self._lit.show(lists, shown, self.rows):
+            if self._lit.show(lists, shown, self.rows) or again:
                 for name, table in self._lit.tables.items():
                     self._upload(name, table)
             self._write()

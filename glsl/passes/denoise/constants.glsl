@@ -81,6 +81,6 @@ const float EPSILON = 1e-30;
 
 // The estimated error over the standard deviation of the noise that is left, since the blur also has a bias. Chosen so
 // that the error of about 68 % of the pixels of mirror_hall and other scenes is at most the estimate.
-const float ERROR_OVER_NOISE = 1.38;
+const float ERROR_OVER_NOISE = 1.3;
 
 #endif

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import cuda_tensor, dlpack, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
@@ -83,6 +84,8 @@ class CudaInputs:
         """A copy of a tensor as it is when the work is done that its stream has now. Neither the host nor later work of
         the stream waits, but with HIP the host. None for a tensor of another device, or of numbers that aren't floats
         in one piece of memory."""
+        if self._device.closed:
+            raise DeviceError(f"{self._device.name} {self._device.closed_how}")
         cuda = self._tensors.cuda
         if tuple(map(int, value.__dlpack_device__())) != (cuda.dlpack_type, cuda.ordinal):
             return None
@@ -124,9 +127,11 @@ class CudaInputs:
 
     def _new(self, size: int) -> _Way:
         device, tensors = self._device, self._tensors
-        with device.undone_on_error():
+        with ExitStack() as undo:
             buffer = self._make(size, "given tensor", shared=True)
+            undo.callback(buffer.destroy)
             place = Place(device, tensors.memory, tensors.cuda, size)
+            undo.callback(place.close)
 
             def record(cmd: raw.CData) -> None:
                 device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
@@ -137,6 +142,7 @@ class CudaInputs:
                 device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 
             way = _Way(place, buffer, Recorded(device, record, "take tensor"))
+            undo.pop_all()
         self._ways.append(way)
         return way
 

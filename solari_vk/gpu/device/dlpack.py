@@ -66,7 +66,7 @@ def described(capsule: Any) -> tuple[int, tuple[int, ...], np.dtype[Any] | None]
     ordered = all(step == wanted or size < 2 for step, wanted, size in zip(steps, packed, shape, strict=True))
     plain = kind is not None and tensor.lanes == 1 and ordered
     dtype = np.dtype(f"{kind}{tensor.bits // 8}") if plain else None
-    return tensor.data + tensor.byte_offset, shape, dtype
+    return (tensor.data or 0) + tensor.byte_offset, shape, dtype
 
 
 def capsule(

@@ -146,7 +146,7 @@ def _furnace(renderer: Renderer, scene: Scene) -> list[float]:
 
 def _skipped(renderer: Renderer, scene: Scene) -> list[float]:
     spent = _pass_ms(renderer, scene.camera, 16, 8, "solari019/restir_gi/")
-    return [spent, float(_mean(renderer, scene.camera, 0, 48, "radiance").mean())]
+    return [spent, float(_mean(renderer, scene.camera, 0, 48, "raw_radiance").mean())]
 
 
 PAIRS = (

@@ -18,12 +18,8 @@ from solari_vk.measure.statistics import interval
 from solari_vk.measure.timing import every_barrier
 from solari_vk.settings import Settings
 
-# The frame without guides and display, so that their shaders need not be compiled.
-LIGHT = (
-    "gbuffer/", "world_cache/", "taa/",
-    *(f"solari019/{name}"
-      for name in ("light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "compose")),
-)  # fmt: skip
+# The frame without guides, denoiser and display, so that their shaders need not be compiled.
+LIGHT = ("gbuffer/", "world_cache/", "taa/", "solari019/", "display/compose")
 HEAD = ("claim", "post", "what is compared", "before", "after", "ratio", "asked", "verdict")
 INTRO = (
     "Each claim of the posts about Solari is a pair of settings of the preset `solari` (Bevy 0.19) with "
