@@ -11,9 +11,8 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.bound.lights.world_changes import Known, WorldChanges
 from solari_vk.bound.projection import SEED_STRIDE
-from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.view_table import ViewTable, Written, write_samples
-from solari_vk.bound.worlds import Worlds
+from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.buffer import Buffer
@@ -33,14 +32,9 @@ class ViewTracer(PathTracer):
     """The path tracer over a strip of views."""
 
     def __init__(
-        self,
-        device: Device,
-        binder: SceneBinder,
-        strip: Size,
-        views: Buffer,
-        worlds: Worlds | SceneWorlds,
+        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: WorldTables,
         options: dict[str, Any],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._views, self._worlds, self._bound = views, worlds, worlds.version
         super().__init__(device, binder, strip, **options)
 
@@ -78,7 +72,7 @@ class ViewRenderer(Renderer):
 
     def __init__(
         self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding,
-        worlds: Worlds | SceneWorlds, options: dict[str, Any],
+        worlds: WorldTables, options: dict[str, Any],
     ) -> None:  # fmt: skip
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version

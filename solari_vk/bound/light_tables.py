@@ -55,7 +55,7 @@ class LightTables:
     def _write(self, shown: list[Any], lamps: list[Instance], rows: int) -> bool:
         sizes = dict.fromkeys(self._layout, 1)
         for listed in self._lists.values():
-            for name, count in _counts(listed.lights).items():
+            for name, count in row_counts(listed.lights).items():
                 sizes[name] = max(sizes[name], count)
         if rows != self._rows:
             self._rows, self._shown = rows, []
@@ -124,7 +124,7 @@ class LightTables:
             of_lamp[worlds] = NO_INDEX if place is None else first["light_sources"][:, 0] + place
 
 
-def _counts(made: LightList) -> dict[str, int]:
+def row_counts(made: LightList) -> dict[str, int]:
     """The rows of each table."""
     counts = {str(kind.buffer): len(made.records(kind)) for kind in made.others}
     return counts | {

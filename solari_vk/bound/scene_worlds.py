@@ -8,22 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.light_tables import LightTables
+from solari_vk.bound.light_tables import LightTables, row_counts
 from solari_vk.bound.lights.world_changes import Known
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.lights.portal import Portal
 
 
 class SceneWorlds(WorldTables):
     """The worlds of the scenes of a binder."""
 
     shows_scenes = True
-    lit = False  # by something that isn't in its scene
-
     def __init__(self, device: Device, binder: ScenesBinder) -> None:
         super().__init__(device, len(binder.worlds))
         self._binder = binder
@@ -63,7 +60,7 @@ class SceneWorlds(WorldTables):
             again, self._seen = self._seen < 0, -1  # until all is written
             scenes = self._binder.worlds
             for scene in dict.fromkeys(scenes) if self.count > 1 else ():
-                if any(isinstance(light, Portal) for light in scene.scene.lights):
+                if row_counts(scene.lights)["portals"]:
                     raise SolariError(f"Batch: {scene.scene.describe()} has a portal, which lists of scenes can't "
                                       "have: remove it, or give the scene a batch of its own")  # fmt: skip
             shown = [(id(scene), sum(table.revision for table in scene.lights.tables)) for scene in scenes]

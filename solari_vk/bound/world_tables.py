@@ -49,6 +49,11 @@ class WorldTables:
         raise NotImplementedError
 
     @property
+    def lit(self) -> bool:
+        """Whether something may shine in a world that its scene doesn't have."""
+        return False
+
+    @property
     def known_lights(self) -> list[Known] | None:
         """What is known of the lights of each world; None where all have the scene's."""
         raise NotImplementedError

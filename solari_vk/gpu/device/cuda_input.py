@@ -17,11 +17,9 @@ from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import cuda_tensor, dlpack, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_tensor import CudaTensors, Place
+from solari_vk.gpu.device.cuda_tensor import NO_SYNC, CudaTensors, Place
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.device.work_queue import WorkQueue
-
-_NO_SYNC = -1  # DLPack: the consumer takes care
 
 
 class _Way:
@@ -93,7 +91,7 @@ class CudaInputs:
             value = value.detach().contiguous()
         known = _stream_of(value)
         stream = cuda.default_stream if known is None else known
-        capsule = value.__dlpack__(stream=stream if known is None else _NO_SYNC)
+        capsule = value.__dlpack__(stream=stream if known is None else NO_SYNC)
         source, shape, dtype = dlpack.described(capsule)
         if dtype not in (np.float32, np.float64) or not source:
             return None

@@ -24,7 +24,7 @@ AMD = 0x1002  # the vendor's number at PCI-SIG
 _FD = raw.VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT
 _SEMAPHORE_FD = raw.VK_EXTERNAL_SEMAPHORE_HANDLE_TYPE_OPAQUE_FD_BIT
 _USAGE = raw.VK_BUFFER_USAGE_TRANSFER_DST_BIT | raw.VK_BUFFER_USAGE_TRANSFER_SRC_BIT
-_NO_SYNC = -1  # DLPack: the consumer takes care
+NO_SYNC = -1  # DLPack: the consumer takes care
 _KEPT = 2  # free places of a size, for the next tensors
 
 
@@ -141,7 +141,7 @@ class CudaTensor:
         """A capsule. stream: the consumer's, as the array API standard has it. For -1, which names none, the host waits
         until the tensor is written, and before its memory is used again for all streams."""
         lease = self._lease
-        reader = None if stream == _NO_SYNC else int(stream or 0)
+        reader = None if stream == NO_SYNC else int(stream or 0)
         self._await_written(reader)
         return dlpack.capsule(
             lease.place.memory.address, self.shape, self.dtype, self.__dlpack_device__(),
