@@ -46,7 +46,7 @@ class Written(NamedTuple):
     exposure: Floats
     """(N,)"""
     poses: Taken | None = None
-    """Those of a tensor, which the records don't have."""
+    """Poses in a tensor of the device, which a shader writes to the records; None where the records have them."""
 
 
 class ViewTable:

@@ -48,7 +48,7 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float trimmed_mean_luminan
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
-    // Kish's effective sample size: 1 if one frame has all the light. Light of two or more is confirmed.
+    // Kish's effective sample size: 1 if a single frame brought all the light, `frames` if each brought as much.
     float effective_frames = lobe.frames * value * value / max(lobe.second_moment, EPSILON);
     float confirming_frames = min(effective_frames * effective_frames, lobe.frames);
     bool is_confirmed = lobe.frames >= long_history

@@ -23,7 +23,8 @@ from solari_vk.gpu.device.work_queue import WorkQueue
 
 
 class _Way:
-    """What a tensor of a size passes through: memory that CUDA writes, and a buffer of the device's own."""
+    """How tensors of one size reach the device: memory that CUDA writes, a buffer of the device's own, and the commands
+    that copy from one to the other."""
 
     def __init__(self, place: Place, buffer: Buffer, copying: Recorded) -> None:
         self.place, self.buffer, self.copying = place, buffer, copying
