@@ -27,6 +27,7 @@ _HOMES = {
     "scene.animation.keyframes": ("Channel",),
     "scene.deformation": ("Deformation",),
     "scene.animation.rig": ("Rig",),
+    "scene.matrices": ("euler",),
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
@@ -87,7 +88,7 @@ __all__ = [
     "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter",
     "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "StructuredLightCamera", "Texture", "TextureImage",
     "TimeOfFlightCamera", "ValidationError", "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin",
-    "check_output", "cluster", "compare", "encode_picture", "illuminance", "instance_table", "kelvin", "keypoints",
+    "check_output", "cluster", "compare", "encode_picture", "euler", "illuminance", "instance_table", "kelvin", "keypoints",
     "label_instances", "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open", "optical_flow",
     "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity", "save_kitti_flow", "save_shards",
     "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
@@ -137,6 +138,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.lights.sky import Sky
     from solari_vk.scene.lights.temperature import kelvin
     from solari_vk.scene.load import load
+    from solari_vk.scene.matrices import euler
     from solari_vk.scene.model import (
         Camera,
         DirectionalLight,

@@ -112,6 +112,7 @@ class RayTracer(SceneUser):
         """The outputs (N) of rays, traced in batches."""
         if not self._buffers:
             raise SolariError(f"RayTracer.{who}: the ray tracer is closed; make a new one")
+        self.device.check_open()
         self._update()
         frame = self.frame(any_hit, ECHOES in outputs)
         frame.uniforms["ray_batch.seed"] = seed

@@ -48,7 +48,7 @@ def garden():
     scene.add(sv.Instance(bar(), steel, name="bar", joint_matrices=[np.eye(4)] * 2, morph_weights=[0.5]))
     scene.add(sv.Environment(np.random.default_rng(1).random((4, 8, 3)), name="sky"))
     scene.add(sv.DirectionalLight((0.3, -1, 0.5), illuminance=3, name="sun"))
-    scene.add(sv.PointLight((0.5, 1.2, 0.5), intensity=2, radius=0.1, casts_shadow=True, name="bulb"))
+    scene.add(sv.PointLight((0.5, 1.2, 0.5), intensity=2, radius=0.1, blocks_light=True, name="bulb"))
     return scene
 
 

@@ -181,7 +181,7 @@ def own_room(everything):
     """The Cornell box with a sun. everything: what costs shaders of their own too, a bulb and a sky."""
     scene, lights = sv.builtin("cornell_box"), [sv.DirectionalLight((0.1, -0.3, 1), illuminance=20, name="sun")]
     if everything:
-        lights.append(sv.PointLight((0.5, 1.2, 1.1), intensity=3, radius=0.1, casts_shadow=True, name="bulb"))
+        lights.append(sv.PointLight((0.5, 1.2, 1.1), intensity=3, radius=0.1, blocks_light=True, name="bulb"))
         lights.append(sv.Environment(np.full((4, 8, 3), 0.3), name="sky"))
     for light in lights:
         scene.add(light)
@@ -204,7 +204,7 @@ def lights_of(world, everything):
     made = {"sun": sv.DirectionalLight((0.3 * world, -0.3, 1), illuminance=9 * world) if world else None}
     if everything:
         place = 0.5, 1, 1 + 0.1 * world
-        made["bulb"] = sv.PointLight(place, intensity=1 + world, radius=0.1, casts_shadow=world != 1)
+        made["bulb"] = sv.PointLight(place, intensity=1 + world, radius=0.1, blocks_light=world != 1)
         sky = sv.Environment(np.random.default_rng(world).random((4 + world, 8, 3)))
         made["sky"] = sky if world else sv.PointLight((1, 1, 0.5), intensity=2)
     return made

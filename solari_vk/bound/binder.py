@@ -88,6 +88,7 @@ class SceneBinder(SceneRows):
         latest frame. `previous_tlas` is from before the latest change until a user that has used the changed scene is
         about to do so again.
         """
+        self._device.check_open()
         self.version += self.traced.keep_previous(bool(self._previous_users))
         posed = self._geometry.posed
         if not self._changed and not self._first:

@@ -103,6 +103,7 @@ class ScenesBinder:
 
     def update(self, user: Any = None) -> None:
         """Apply all changes since the latest call, as `SceneBinder.update`."""
+        self._device.check_open()
         assets = self.assets
         posed = assets.geometry.posed
         if self.revision and not any(scene.changed for scene in self._scenes):

@@ -162,8 +162,8 @@ class Worlds(WorldTables):
             if body is None:
                 wrong = [world for world, one in enumerate(given) if has_body(one)]
                 if wrong:
-                    raise SolariError(f"Batch.world_lights: {light.describe()} casts a shadow in world {wrong[0]}, for "
-                                      "which it needs a body in the scene: set casts_shadow there too")  # fmt: skip
+                    raise SolariError(f"Batch.world_lights: {light.describe()} blocks light in world {wrong[0]}, for "
+                                      "which it needs a body in the scene: set blocks_light there too")  # fmt: skip
                 continue
             casts = [has_body(one) for one in given]
             places = [transform_of(one) if has_body(one) else body.transform for one in given]

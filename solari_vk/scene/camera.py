@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, quoted, warn
 from solari_vk.scene import checks
 from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
@@ -20,6 +20,7 @@ from solari_vk.scene.lens import PROJECTIONS, TERMS
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Placed, resolved
 
+LIKELY_RADIANS = 2.0  # degrees: who gives a smaller `fov` most often means radians
 MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
 
 
@@ -151,9 +152,13 @@ class Camera(Checked, Placed, Calibrated, Focused):
             if "vertical_fov" in given:
                 raise SolariError("Camera: fov is vertical_fov in degrees: give one of them")
             try:
-                given["vertical_fov"] = math.radians(checks.number(0.01, 360, "degrees")(given.pop("fov")))
+                fov = checks.number(0.01, 360, "degrees")(given.pop("fov"))
+                given["vertical_fov"] = math.radians(fov)
             except (TypeError, ValueError) as error:
                 raise SolariError(f"Camera: fov {error}") from None
+            if fov < LIKELY_RADIANS:
+                warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: for radians give vertical_fov={fov:g}, "
+                     f"which is {math.degrees(fov):.0f} degrees")  # fmt: skip
         return cls._place(given, current) if given.keys() & {"transform", *PARTS} else given
 
     @_Placing

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.errors import SolariError, quoted
+
 
 def unit(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (..., N) with their lengths made 1. Zero vectors, and those with an infinity or a NaN, become zero."""
@@ -42,6 +44,22 @@ def quaternion_rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
         [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
     ]
+
+
+def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
+    """The unit quaternion (x, y, z, w) of three angles in degrees, for `rotation` of instances, cameras and groups.
+
+    It turns about the x axis first, then about y, then about z, each counter-clockwise seen from the axis's end, and
+    the axes stay those of the world: what Blender calls an XYZ Euler, and three.js the order "ZYX". Raises SolariError
+    for angles that aren't finite numbers.
+    """
+    try:
+        halves = [math.radians(float(angle)) / 2 for angle in (x, y, z)]
+        (a, b, c), (i, j, k) = map(math.cos, halves), map(math.sin, halves)
+    except (TypeError, ValueError, OverflowError):
+        raise SolariError(f"euler: takes three angles in degrees, such as euler(0, 90, 0), not "
+                          f"{quoted((x, y, z))}") from None  # fmt: skip
+    return np.array((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
 
 
 def compose(translations: NDArray[Any], rotations: NDArray[Any], scales: NDArray[Any]) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
-from solari_vk.errors import Hints, SolariError, check_count, shortened, unknown_name
+from solari_vk.errors import Hints, SolariError, check_count, shortened, unknown_name, warn_of_old_name
 
 _UNSEEN = {"name", "label", "part_of"}  # no picture depends on them
 
@@ -77,6 +77,7 @@ class Checked(Observable):
 
     _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}  # and those in the fields' metadata
     _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
+    _renamed: ClassVar[Mapping[str, str]] = {}  # former names of fields, which warn until version 0.4
     _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
     _derived: ClassVar[tuple[str, ...]] = ()  # names that can be assigned, of which `_resolve` makes fields
     _defaults: ClassVar[Mapping[str, Any]] = {}  # of the fields; MISSING where there is none; `checked` sets it
@@ -121,7 +122,9 @@ class Checked(Observable):
             return given
         names: dict[str, str] = {}  # by field: the name that was given
         for name in given:
-            field = cls._aliases.get(name, name)
+            if name in cls._renamed:
+                warn_of_old_name(cls.__name__, name, cls._renamed[name])
+            field = cls._renamed.get(name) or cls._aliases.get(name, name)
             if field not in cls._names and field not in cls._derived:
                 raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases, *cls._derived])
             if field in names:
@@ -171,4 +174,11 @@ def checked(kind: Kind) -> Kind:
     setattr(kind, "__init__", with_aliases)  # noqa: B010
     for alias, name in kind._aliases.items():
         setattr(kind, alias, property(operator.attrgetter(name), doc=f"Another name of `{name}`."))
+    for old, name in kind._renamed.items():
+        setattr(kind, old, property(functools.partial(_by_old_name, old=old, name=name), doc=f"Now `{name}`."))
     return kind
+
+
+def _by_old_name(item: Checked, *, old: str, name: str) -> Any:
+    warn_of_old_name(type(item).__name__, old, name)
+    return getattr(item, name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partialmethod
 from typing import Any, NoReturn
 
 import numpy as np
@@ -25,8 +26,9 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
         return np.array(quaternion_rotation(*unit(given)))
     is_rotation = given.shape == (3, 3) and np.abs(given @ given.T - np.eye(3)).max() <= _ROTATION_ERROR
     if not is_rotation or not np.linalg.det(given) > 0:
-        raise ValueError("must be a quaternion (x, y, z, w), a rotation matrix (3, 3), which neither scales nor "
-                         "mirrors, or an angle in radians about +y")  # fmt: skip
+        raise ValueError("must be a quaternion (x, y, z, w), such as solari_vk.euler(0, 90, 0) gives for three angles "
+                         "in degrees, a rotation matrix (3, 3), which neither scales nor mirrors, or an angle in "
+                         "radians about +y")  # fmt: skip
     return given
 
 
@@ -85,9 +87,32 @@ def resolved(cls: type[Any], given: dict[str, Any], current: Any) -> dict[str, A
 
 
 class Part(np.ndarray[Any, np.dtype[np.float64]]):
-    """A copy of a part of a transform: an error for what other libraries' vectors have says how to change the part."""
+    """A read-only copy of a part of a transform: errors for its elements, and for what other libraries' vectors have,
+    say how to change the part. `+=` and the like make a new array, which Python then assigns."""
 
     __slots__ = ()
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64]) -> Part:
+        """A part that nobody can change by its elements, which would be lost."""
+        part = values.view(cls)
+        part.setflags(write=False)
+        return part
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not self.flags.writeable:
+            raise SolariError("elements of position, rotation and scale are read-only, and nothing moved: assign the "
+                              "whole, as in instance.position = (x, y, z), or add to it by +=")  # fmt: skip
+        super().__setitem__(key, value)
+
+    def _in_place(self, function: Any, other: Any) -> Any:
+        return function(self, other, out=self if self.flags.writeable else None)
+
+    __iadd__ = partialmethod(_in_place, np.add)  # type: ignore[assignment]
+    __isub__ = partialmethod(_in_place, np.subtract)  # type: ignore[assignment]
+    __imul__ = partialmethod(_in_place, np.multiply)  # type: ignore[assignment]
+    __itruediv__ = partialmethod(_in_place, np.divide)  # type: ignore[assignment]
+    __imatmul__ = partialmethod(_in_place, np.matmul)  # type: ignore[assignment]
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "
@@ -110,8 +135,9 @@ class Placed:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """Where the origin of object space is in the world, (3,) in meters. May be assigned."""
-        return parts(self.transform)[0].view(Part)
+        """Where the origin of object space is in the world, (3,) in meters. May be assigned as a
+        whole; its elements are read-only."""
+        return Part.of(parts(self.transform)[0])
 
     @position.setter
     def position(self, position: ArrayLike) -> None:
@@ -120,9 +146,9 @@ class Placed:
     @property
     def rotation(self) -> NDArray[np.float64]:
         """The rotation from object to world space, a matrix (3, 3) that neither scales nor mirrors: its columns are
-        where the object's axes point. Assign such a matrix, a quaternion (x, y, z, w) as in glTF, or an angle in
-        radians about +y; position, scale and shear stay."""
-        return parts(self.transform)[1].view(Part)
+        where the object's axes point. Assign such a matrix, a quaternion (x, y, z, w) as in glTF, of which `euler`
+        makes one from three angles, or an angle in radians about +y; position, scale and shear stay."""
+        return Part.of(parts(self.transform)[1])
 
     @rotation.setter
     def rotation(self, rotation: ArrayLike) -> None:
@@ -136,7 +162,7 @@ class Scaled(Placed):
     def scale(self) -> NDArray[np.float64]:
         """The lengths of the object's axes in the world, (3,). Assign three or one for all, above 0; what the transform
         mirrors stays mirrored."""
-        return parts(self.transform)[2].view(Part)
+        return Part.of(parts(self.transform)[2])
 
     @scale.setter
     def scale(self, scale: ArrayLike) -> None:

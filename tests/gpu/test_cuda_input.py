@@ -130,7 +130,7 @@ def poses(frame):
 
 def bulb(x):
     """A light with a body, which rays hit."""
-    return sv.PointLight((0.7 + x, 1, 0.2), intensity=3, radius=0.2, casts_shadow=True, name="bulb")
+    return sv.PointLight((0.7 + x, 1, 0.2), intensity=3, radius=0.2, blocks_light=True, name="bulb")
 
 
 def moved(frame):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import solari_vk as sv
 from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import physical, raw, software
 from solari_vk.gpu.device.barriers import full_barrier
@@ -460,3 +461,15 @@ def test_names_reach_vulkan_with_the_kind_of_object(device, kind, monkeypatch):
     types = {"ImageView": raw.VK_OBJECT_TYPE_IMAGE_VIEW,
              "AccelerationStructureKHR": raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR}  # fmt: skip
     assert named == [(types[kind], 1234)]
+
+
+def test_closed_devices_are_refused_before_their_memory_is_written():
+    """The work of all of them is done, so that nothing waits for the device before it writes."""
+    scene = sv.builtin("cornell_box")
+    with Device() as device:
+        rays, tracer = sv.RayTracer(device, scene), sv.PathTracer(device, scene, (8, 8))
+        rays.trace((0, 0, 0), (0, 0, 1))
+        tracer.render(samples=1)["radiance"]
+    for use in (lambda: rays.trace((0, 0, 0), (0, 0, 1)), lambda: tracer.render(samples=1)):
+        with pytest.raises(DeviceError, match="was closed: make a new Device"):
+            use()

@@ -144,3 +144,8 @@ def test_fov_is_vertical_fov_in_degrees():
     for wrong in (0, 361, float("nan"), "wide"):
         with pytest.raises(SolariError, match="Camera: fov"):
             camera.fov = wrong
+
+
+def test_fields_of_view_in_radians_are_noticed():
+    with pytest.warns(UserWarning, match=r"fov is in degrees, .* vertical_fov=0.7, which is 40 degrees"):
+        assert sv.Camera(fov=0.7).fov == pytest.approx(0.7)

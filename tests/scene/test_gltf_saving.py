@@ -116,7 +116,7 @@ def scenes(draw):
     color, at = random.random(3) * 3, random.normal(size=3)
     radius = draw(st.sampled_from([0, 0.25]))
     shadow = bool(radius) and draw(st.booleans())
-    scene.add(sv.PointLight(at, color=color, radius=radius, casts_shadow=shadow, name="point"))
+    scene.add(sv.PointLight(at, color=color, radius=radius, blocks_light=shadow, name="point"))
     scene.add(
         sv.SpotLight(at, at + 1, color=color, range=draw(st.none() | st.just(7.5)), inner_cone_angle=0.2, name="a")
     )
@@ -421,6 +421,13 @@ def test_a_sky_that_cannot_be_written_is_named(tmp_path, monkeypatch):
         with pytest.raises(SolariError, match=r"sky.exr: can't be written: (No space|write failed)"):
             sv.Scene(sv.Environment(np.eye(4))).save(tmp_path / "sky.glb")
     assert not list(tmp_path.iterdir())
+
+
+def test_extras_have_former_names(tmp_path, writer):
+    extras = {"solari_vk": {"radius": 0.1, "casts_shadow": True}}
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "extras": extras}]}}
+    writer.json["nodes"] = [{"extensions": {"KHR_lights_punctual": {"light": 0}}}]
+    assert sv.load(writer.save(tmp_path / "old.gltf")).lights[0].blocks_light
 
 
 def test_extras_of_others_are_not_ours(tmp_path, writer):

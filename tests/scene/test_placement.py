@@ -50,7 +50,7 @@ def test_shear_and_mirrors_stay():
 
 @pytest.mark.parametrize(("fields", "message"), [
     ({"scale": 0}, "Instance: scale must be one factor or three, .* not 0"), ({"scale": (1, -1, 1)}, "above 0"),
-    ({"rotation": (0, 45, 0)}, "rotation must be a quaternion"), ({"rotation": np.diag([1, 1, 2])}, "rotation must be"),
+    ({"rotation": (0, 45, 0)}, r"must be a quaternion .* solari_vk.euler\(0, 90, 0\)"), ({"rotation": np.diag([1, 1, 2])}, "rotation must be"),
     ({"position": (1, 2)}, r"position must have the shape \(3\)"), ({"position": (1, 2, np.nan)}, "must be finite"),
     ({"postion": (1, 2, 3)}, "did you mean 'position'"),
 ])  # fmt: skip
@@ -61,3 +61,36 @@ def test_refused_parts(fields, message):
     with pytest.raises(sv.SolariError, match=message):
         made.update(**fields)
     np.testing.assert_array_equal(made.transform, np.eye(4))
+
+
+@pytest.mark.parametrize("name", ["position", "scale", "rotation"])
+def test_elements_of_parts_are_not_lost_in_silence(name):
+    made = sv.Group([instance()])
+    for item in (made, *made, *([sv.Camera()] if name != "scale" else [])):
+        with pytest.raises(sv.SolariError, match=r"read-only, and nothing moved: assign .*\.position = \(x, y, z\)"):
+            getattr(item, name)[1] = 3
+        mine = getattr(item, name).copy()
+        mine[1] = 3  # a copy is the caller's
+        assert not np.array_equal(mine, getattr(item, name))
+
+
+def test_parts_change_in_place_by_operators():
+    made = instance(position=(1, 2, 3))
+    held = made.position
+    made.position += (0, 1, 0)
+    made.position -= (1, 0, 0)
+    made.scale *= 2
+    made.scale /= (1, 2, 1)
+    made.rotation @= TURN
+    np.testing.assert_allclose(made.position, (0, 3, 3))
+    np.testing.assert_allclose(made.scale, (2, 1, 2))
+    np.testing.assert_allclose(made.rotation, TURN, atol=1e-12)
+    np.testing.assert_array_equal(held, (1, 2, 3))
+
+
+def test_euler_angles_turn_about_x_then_y_then_z():
+    turns = [rotation(axis, math.radians(angle)) for axis, angle in zip(np.eye(3), (20, -50, 110), strict=True)]
+    made = instance(rotation=sv.euler(20, -50, 110))
+    np.testing.assert_allclose(made.rotation, turns[2] @ turns[1] @ turns[0], atol=1e-12)
+    with pytest.raises(sv.SolariError, match=r"three angles in degrees, such as euler\(0, 90, 0\)"):
+        sv.euler((0, 90, 0))

@@ -54,7 +54,7 @@ class Bodies:
 
 def has_body(light: Light | None) -> TypeGuard[PunctualLight]:
     """Whether it is a light with a body."""
-    return isinstance(light, PunctualLight) and light.casts_shadow
+    return isinstance(light, PunctualLight) and light.blocks_light
 
 
 def transform_of(light: PunctualLight) -> NDArray[np.float64]:

@@ -122,6 +122,13 @@ class LogicalDevice:
         """Why a closed device can't be used, for errors."""
         return _FORKED if self.forked else "was closed"
 
+    def check_open(self) -> None:
+        """Raise DeviceError after the device was closed or lost. What writes to mapped memory asks first."""
+        if self.closed:
+            raise DeviceError(f"{self.name} {self.closed_how}" + ("" if self.forked else ": make a new Device"))
+        if self.lost:
+            raise DeviceError(f"{self.name} was lost: make a new Device")
+
     def create(self, type_name: str, create_info: raw.CData, name: str) -> raw.CData:
         """A new handle of a type such as "VkSemaphore", with its debug name; the caller destroys it."""
         out = raw.ffi.new(type_name + "*")

@@ -91,8 +91,7 @@ class WorkQueue(GatheringDevice):
 
         internal: for commands of the device's own, which don't count as the next submission.
         """
-        if self.lost:
-            raise DeviceError(f"{self.name} was lost: make a new Device")
+        self.check_open()
         if self._before_next and not internal:
             self.flush()
         value = self.submitted + 1
@@ -192,8 +191,7 @@ class WorkQueue(GatheringDevice):
 
     def await_value(self, value: int) -> None:
         """Wait until the timeline reaches a value, without calling callbacks: for waits inside other operations."""
-        if self.lost:
-            raise DeviceError(f"{self.name} was lost: make a new Device")
+        self.check_open()
         if value > self.submitted:
             raise DeviceError(f"wait for submission {value}, but there were only {self.submitted} submissions")
         if self._completed < value:

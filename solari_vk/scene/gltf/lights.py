@@ -23,9 +23,9 @@ from solari_vk.scene.matrices import upright
 EXTENSION, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
 MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
-OWN = ("radius", "casts_shadow", "angular_diameter")
+OWN = ("radius", "blocks_light", "angular_diameter")
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
-OWN_OF_PROFILES = ("radius", "casts_shadow", "range")
+OWN_OF_PROFILES = ("radius", "blocks_light", "range")
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
 
 

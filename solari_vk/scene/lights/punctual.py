@@ -31,12 +31,13 @@ class PunctualLight(Light):
     color: FloatArray = field(default_factory=lambda: np.ones(3, np.float32))
     radius: float = 0.0
     range: float | None = None
-    casts_shadow: bool = False
+    blocks_light: bool = False
     name: str = ""
 
+    _renamed = {"casts_shadow": "blocks_light"}
     _converters = {
         "name": checks.text,
-        "casts_shadow": checks.flag,
+        "blocks_light": checks.flag,
         "position": checks.array(3, max_abs=checks.LARGEST_COORDINATE),
         "intensity": checks.number(0, 1e15, "cd"),
         "color": checks.color(0, 1e6),
@@ -95,9 +96,9 @@ class PunctualLight(Light):
     def _validate(self) -> None:
         if 0 < self.radius < MIN_RADIUS:
             raise SolariError(f"{self.describe()}: radius must be 0 or at least {MIN_RADIUS:g} m, not {self.radius:g}")
-        if self.casts_shadow and self.radius == 0:
-            raise SolariError(f"{self.describe()}: casts_shadow needs a radius above 0, since a point stops no light: "
-                              "set both by update(radius=..., casts_shadow=...)")  # fmt: skip
+        if self.blocks_light and self.radius == 0:
+            raise SolariError(f"{self.describe()}: blocks_light needs a radius above 0, since a point stops no light: "
+                              "set both by update(radius=..., blocks_light=...)")  # fmt: skip
 
 
 @checked
@@ -108,7 +109,8 @@ class PointLight(PunctualLight):
     intensity / d^2. lumens, in its place: intensity times `solid_angle`, 4 pi without a profile. color (3,): linear.
     kelvin, in its place: the temperature of a black body, see `kelvin`. radius: in meters; 0 is a point, which no ray
     meets. A larger radius makes a sphere of the same intensity, with soft shadows; cameras and mirrors see it, and pass
-    through. casts_shadow: the sphere stops the light of other lamps and hides what is behind it, which needs a radius.
+    through. blocks_light: the lamp's own sphere stops the light of other lamps and hides what is behind it, which needs
+    a radius; objects that the lamp lights cast shadows either way.
     range: in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None:
     without end, as real light.
 

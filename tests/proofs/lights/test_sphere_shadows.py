@@ -28,7 +28,7 @@ def lit(device, scene, *points):
 
 
 def ball(**fields):
-    return sv.PointLight((0, 1, 0), radius=RADIUS, **{"intensity": 0, "casts_shadow": True, **fields})
+    return sv.PointLight((0, 1, 0), radius=RADIUS, **{"intensity": 0, "blocks_light": True, **fields})
 
 
 def check_outline(device):
@@ -50,10 +50,10 @@ def test_the_outline_notices_small_balls(device, monkeypatch):
         check_outline(device)
 
 
-@pytest.mark.parametrize("casts_shadow", [False, True])
-def test_a_lamp_keeps_its_own_light(device, casts_shadow):
+@pytest.mark.parametrize("blocks_light", [False, True])
+def test_a_lamp_keeps_its_own_light(device, blocks_light):
     """That of a sphere of even radiance on floors that face it, near and far."""
-    scene = sv.Scene(ball(intensity=50.0, casts_shadow=casts_shadow))
+    scene = sv.Scene(ball(intensity=50.0, blocks_light=blocks_light))
     expected = [50 * 1 / (1 + x * x) ** 1.5 for x in (0.0, 1.0, 4.0)]
     np.testing.assert_allclose(lit(device, scene, (0, 0), (1, 0), (4, 0)), expected, rtol=0.01)
 
@@ -70,9 +70,9 @@ def test_shadows_follow_the_lamp(device):
     assert shaded() == [True, False]
     lamp.position = (2, 1, 0)
     assert shaded() == [False, True]
-    lamp.casts_shadow = False
+    lamp.blocks_light = False
     assert shaded() == [False, False]
-    lamp.update(radius=1.0, casts_shadow=True)
+    lamp.update(radius=1.0, blocks_light=True)
     assert shaded() == [False, True]
     scene.remove(lamp)
     assert shaded() == [False, False]
@@ -108,8 +108,8 @@ def before_a_wall():
     scene = sv.Scene(sv.Camera.look_at((0, 0, 3), (0, 0, 0), vertical_fov=0.7))
     scene.add(shapes.quad((0, 0, -1), (3, 0, 0), (0, 3, 0)), matte(0.8))
     scene.add(sv.PointLight((0, 0.8, 2.5), intensity=20.0))
-    for x, casts_shadow in ((-0.5, True), (0.5, False)):
-        lamp = sv.PointLight((x, 0, 0), intensity=0.1, radius=0.3, casts_shadow=casts_shadow, name=str(casts_shadow))
+    for x, blocks_light in ((-0.5, True), (0.5, False)):
+        lamp = sv.PointLight((x, 0, 0), intensity=0.1, radius=0.3, blocks_light=blocks_light, name=str(blocks_light))
         scene.add(lamp)
     return scene
 
@@ -139,8 +139,15 @@ def test_frames_have_the_path_tracers_light(device):
 
 
 def test_points_cast_no_shadows():
-    with pytest.raises(SolariError, match="casts_shadow needs a radius above 0"):
-        sv.PointLight((0, 0, 0), casts_shadow=True)
-    lamp = sv.SpotLight((0, 0, 0), (0, -1, 0), radius=0.1, casts_shadow=True)
+    with pytest.raises(SolariError, match="blocks_light needs a radius above 0"):
+        sv.PointLight((0, 0, 0), blocks_light=True)
+    lamp = sv.SpotLight((0, 0, 0), (0, -1, 0), radius=0.1, blocks_light=True)
     with pytest.raises(SolariError, match="set both by update"):
         lamp.radius = 0
+
+
+def test_the_former_name_of_blocks_light_warns():
+    with pytest.warns(FutureWarning, match="casts_shadow is called blocks_light now"):
+        lamp = sv.PointLight((0, 0, 0), radius=0.1, casts_shadow=True)
+    with pytest.warns(FutureWarning, match="casts_shadow is called blocks_light now"):
+        assert lamp.blocks_light is lamp.casts_shadow is True
