@@ -139,18 +139,30 @@ class RenderedFrame(Hints):
         """The scene's materials by the numbers in `frame["material_id"]`."""
         return self._renderer.binder.materials.by_row
 
-    def mask(self, instance: Instance | Group | str) -> NDArray[np.bool_]:
-        """Whether pixels show an instance at their center, (height, width). instance: the object, a group of them, its
-        name, or that of an object of several parts. Raises SolariError for what isn't in the scene."""
-        found: list[Any] = [other for other in self.instances.values() if other.part_of and other.part_of == instance]
-        if isinstance(instance, str) and not found:
-            found = [self._renderer.binder.scene.instances[instance]]
-        elif not found:
-            found = instance.items if isinstance(instance, Group) else [instance]
+    def mask(self, instance: Instance | Group | str | Sequence[Instance]) -> NDArray[np.bool_]:
+        """Whether pixels show an instance at their center, (height, width). instance: the object, a group or a list of
+        them, a name, of which all count that have it, or that of an object of several parts. Raises SolariError for
+        what isn't in the scene."""
+        if isinstance(instance, str):
+            found = self._named(instance)
+        elif isinstance(instance, Group):
+            found = instance.items
+        else:
+            found = list(instance) if isinstance(instance, list | tuple) else [instance]
         ids = [number for number, other in self.instances.items() if other in found]
         if not ids:
             raise SolariError(f"mask: takes an instance or a group of the scene, or its name, not {quoted(instance)}")
         return np.isin(self["instance_id"], ids)
+
+    def _named(self, name: str) -> list[Instance]:
+        """The instances of an object of several parts, or else all of that name."""
+        instances = list(self.instances.values())
+        found = [other for other in instances if other.part_of == name] if name else []
+        found = found or [other for other in instances if other.name == name]
+        if not found and name in self.labels.values():
+            raise SolariError(f"mask: {quoted(name)} is a label, which several objects have: "
+                              f"frame.mask([one for one in scene if one.label == {quoted(name)}])")  # fmt: skip
+        return found or [self._renderer.binder.scene.instances[name]]
 
     @property
     def labels(self) -> dict[int, str]:

@@ -131,6 +131,13 @@ def test_masks_show_instances(renderer):
     assert masks[3].any()
     with pytest.raises(sv.SolariError, match="no instance 'left wall'"):
         frame.mask("left wall")
+    blocks = scene.instances["short block"], scene.instances["tall block"]
+    for block in blocks:
+        block.update(name="block", label="stone")
+    for both in ("block", blocks):
+        np.testing.assert_array_equal(frame.mask(both), masks[2] | masks[3])
+    with pytest.raises(sv.SolariError, match=r"'stone' is a label.*mask\(\[one for one in scene if one.label == 'stone'"):
+        frame.mask("stone")
 
 
 def test_frames_go_with_the_next_and_with_their_renderer(renderer, kind):

@@ -79,7 +79,7 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
                               "--environment")  # fmt: skip
         scene.environment.turn(math.radians(job.environment_rotation))
         scene.environment.intensity *= job.environment_intensity
-    exposure = job.exposure or ("camera" if builtin or in_studio else "auto")
+    exposure = job.exposure or ("camera" if builtin or in_studio or camera.is_exposed else "auto")
     if exposure not in ("auto", "camera"):
         try:
             expose(cameras, float(exposure))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, field
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,6 +143,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
         "aperture_rotation": checks.number(-1e6, 1e6, "radians"),
     }
 
+    _exposed: ClassVar[bool] = False
     _derived = ("position", "rotation", "fov")
     _place = resolved
 
@@ -291,6 +292,15 @@ class Camera(Checked, Placed, Calibrated, Focused):
     @fov.setter
     def fov(self, fov: float) -> None:
         self.update(fov=fov)
+
+    @property
+    def is_exposed(self) -> bool:
+        """Whether the camera is of a file that says its exposure, as `Scene.save` writes it: `open` keeps it."""
+        return self._exposed and not self.auto_exposure
+
+    def note_exposed(self) -> None:
+        """Have `is_exposed` true."""
+        object.__setattr__(self, "_exposed", True)
 
     @property
     def exposure(self) -> float:

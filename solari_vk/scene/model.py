@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -19,7 +20,7 @@ from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.dropping import Dropping
 from solari_vk.scene.framing import default_camera, poses
-from solari_vk.scene.group import Group, Grouping, copies
+from solari_vk.scene.group import Group, Grouping, copies, distinct
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -32,6 +33,8 @@ from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.placement import PARTS
 
+UNNAMED = ("", "Scene")
+"""Names of scenes that say nothing: Blender writes the second."""
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
@@ -155,8 +158,11 @@ class Scene(Grouping, Dropping, Observable):
         An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material,
         by default that of trimesh, is added and returned. Of another scene, or a file by its path, copies of the
         instances and lights are added, which share meshes and materials, and returned as a Group; without its clips,
-        cameras and environment. name is theirs: it precedes the names of several instances. transform, and as parts
-        position, rotation and scale, say where what is made stands. Raises SolariError for anything else.
+        cameras and environment. name is theirs: it precedes the names of several instances. Without one the group has
+        that of the file's scene, or of the file, with a number if it is taken. Each call with a path reads the file, so
+        that its materials can be edited apart: `load` it once and add that scene several times to share them.
+        transform, and as parts position, rotation and scale, say where what is made stands. Raises SolariError for
+        anything else.
         """
         if type(item).__module__.partition(".")[0] == "trimesh":
             item, material = Mesh.from_trimesh(item), material or Material.from_trimesh(item)
@@ -178,13 +184,16 @@ class Scene(Grouping, Dropping, Observable):
         if not isinstance(source, Scene):
             loaded: Scene = import_module("solari_vk.scene.load").load(source)  # which imports this module
             self.warnings.extend(loaded.warnings)
+            if loaded.name in UNNAMED:
+                loaded.name = Path(source).stem
             return self._add_scene(loaded, name, where)
         if len(source.animations):
             warn(f"{source.describe()}: its clips aren't added; open a file to play them")
         shown = [instance for instance in source if instance is not source.backdrop]
         sky = source.environment.lights if source.environment else ()  # with the sun of a Sky
         lights = [light for light in source.lights if not any(light is part for part in sky)]
-        group = Group(copies(shown, lights, name, {one.part_of for one in self}), name=name or source.name)
+        title = name or (source.name and distinct(source.name, {group.name: 1 for group in self._groups}))
+        group = Group(copies(shown, lights, name, {one.part_of for one in self}), name=title)
         group.update(**where)
         for item in group:
             self.add(item)

@@ -69,6 +69,12 @@ def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
     single = scene.add(writer.path, name="leaf", scale=3)
     assert next(iter(single)) is scene.instances["leaf"]
     np.testing.assert_array_equal(scene.instances["leaf"].scale, 3)
+    names = [scene.add(writer.path).name for _ in range(2)]
+    stem = writer.path.stem
+    assert names == [stem, f"{stem} 2"]
+    writer.json["scenes"][0]["name"] = "Scene"  # which Blender calls every scene
+    writer.save(writer.path)
+    assert scene.add(writer.path).name == f"{stem} 3"
     red = sv.Material(base_color=(1, 0, 0))
     made = scene.add(trimesh.creation.box(), red, (1, 2, 3), name="box")
     assert (made.material, made.position.tolist()) == (red, [1, 2, 3])

@@ -50,3 +50,19 @@ def test_an_exposure_that_is_set_stays():
     assert camera.auto_exposure
     camera.ev100 = 9
     assert (camera.ev100, camera.auto_exposure) == (9, False)
+
+
+@pytest.mark.parametrize("ev100", [0, 9.5])
+def test_files_keep_the_exposure_that_they_were_saved_with(writer, ev100):
+    sun_file(writer)
+    writer.save(writer.path)
+    scene = sv.load(writer.path)
+    scene.camera.ev100 = ev100
+    path = writer.path.with_name("saved.glb")
+    scene.save(path)
+    for camera in (sv.open(path).camera, subject.load(RenderOptions(source=str(path), output="x.png")).cameras[0]):
+        assert (camera.ev100, camera.auto_exposure) == (ev100, False)
+    assert not subject.load(RenderOptions(source=str(path), output="x.png")).auto_exposure
+    scene.camera.auto_exposure = True
+    scene.save(path)
+    assert sv.open(path).camera.auto_exposure

@@ -36,7 +36,10 @@ def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera 
         report.add("orthographic cameras without a height are left out", node.entry.place)
         return None
     own = read_own(entry, OWN) | {"name": node.entry.name or entry.name}
-    return Camera(transform=transform, **lens | own)
+    camera = Camera(transform=transform, **lens | own)
+    if "ev100" in own:
+        camera.note_exposed()
+    return camera
 
 
 def read_lens(entry: Entry) -> dict[str, Any] | None:
