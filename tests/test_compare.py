@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.output import compare
 
 
 def test_known_differences():
@@ -50,7 +53,39 @@ def test_frames_and_what_is_refused(device):
             tracer.render(samples=1)
     with pytest.raises(sv.SolariError, match="exposure is a factor above 0"):
         sv.compare(np.ones((2, 2, 3)), np.ones((2, 2, 3)), exposure=0)
-    codes, nan = np.ones((12, 16, 3), np.uint8), np.full((12, 16, 3), np.nan)
-    for wrong in (3, np.ones((4, 4)), codes, np.ones((0, 0, 3)), nan, np.ones((4, 4, 3))):
+    nan = np.full((12, 16, 3), np.nan)
+    with pytest.raises(sv.SolariError, match="one is of 8 bits here"):
+        sv.compare(np.ones((12, 16, 3), np.uint8), np.ones((12, 16, 3)))
+    for wrong in (3, np.ones((4, 4)), np.ones((0, 0, 3)), nan, np.ones((4, 4, 3))):
         with pytest.raises(sv.SolariError, match=r"compare: (takes frames|pictures have one size)"):
             sv.compare(wrong, np.ones((12, 16, 3)))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_files_are_compared(tmp_path, suffix, capsys):
+    flip_evaluator = pytest.importorskip("flip_evaluator")
+    light = np.random.default_rng(1).random((24, 32, 3)).astype(np.float32)
+    paths = [str(tmp_path / f"{name}{suffix}") for name in ("picture", "reference")]
+    for path, factor in zip(paths, (0.5, 1.0), strict=True):
+        sv.save_image(path, factor * light, tonemap="none")
+    found = sv.compare(*paths)
+    np.testing.assert_allclose(found.mean_ratio, 0.5, atol=0.01)
+    if suffix == ".png":
+        assert found.flip == pytest.approx(flip_evaluator.evaluate(*paths[::-1], "LDR")[1], rel=1e-3)
+        codes = [np.asarray(Image.open(path)) for path in paths]
+        assert sv.compare(*codes).flip == pytest.approx(found.flip)
+    heat = tmp_path / "heat.png"
+    assert main(["compare", *paths, "--heatmap", str(heat)]) == 0
+    assert f"FLIP    {found.flip:.4g}" in capsys.readouterr().out
+    assert np.asarray(Image.open(heat)).shape == (24, 32, 3)
+    assert np.ptp(np.asarray(Image.open(heat))) > 50
+
+
+def test_missing_flip_is_told_of(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(compare, "has_flip", lambda: False)
+    with pytest.warns(UserWarning, match="FLIP is left out, as nan: pip install flip-evaluator"):
+        assert np.isnan(sv.compare(np.ones((4, 4, 3)), np.ones((4, 4, 3))).flip)
+    with pytest.raises(sv.SolariError, match="heatmap is made by FLIP: pip install flip-evaluator"):
+        sv.compare(np.ones((4, 4, 3)), np.ones((4, 4, 3)), heatmap=tmp_path / "x.png")
+    assert main(["compare", "no.png", "no.png"]) == 2
+    assert "no.png: there is no such file" in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from solari_vk.cli import bench
+from solari_vk.cli.compare import CompareJob
 from solari_vk.cli.conformance import EXIT_CODES, ConformanceJob
 from solari_vk.cli.fidelity_job import FidelityJob
 from solari_vk.cli.jobs import DatasetJob, RenderOptions, ServeJob, ViewJob
@@ -36,6 +37,10 @@ COMMANDS = (
         "dataset", "render many views of a scene, with transforms.json and further outputs", "dataset:run", DatasetJob,
         "Render many views of a scene into a folder, with transforms.json in the convention of NeRF. All views have "
         "one exposure. The command goes on where it was stopped.",
+    ),
+    Command(
+        "compare", "how far two pictures are apart: relMSE, means, FLIP", "compare:run", CompareJob,
+        "Measure how far a picture is from a reference, and show where.",
     ),
     Command("settings", "list the settings and qualities, with meaning, range and default", "lists:settings",
             NoOptions),

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, quoted, warn
+from solari_vk.output.picture import EIGHT_BIT, check_output, write_codes
 from solari_vk.output.tone_mapping import auto_exposure, unseen
 from solari_vk.scene.camera import Camera, exposure_of
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
+from solari_vk.scene.images.radiance_files import read_colors
+
+INSTALL_FLIP = "pip install flip-evaluator"
 
 
 class Difference(NamedTuple):
@@ -22,26 +29,44 @@ class Difference(NamedTuple):
     mean_ratio: NDArray[np.float64]
     """The mean of the picture over that of the reference, (3,): below 1 it is darker."""
     flip: float
-    """The mean FLIP, from 0 to 1, at five exposures a stop apart; NaN without the package flip-evaluator. Andersson et
+    """The mean FLIP, from 0 to 1, at five exposures a stop apart, of pictures of 8 bits as they are; NaN without the package
+    flip-evaluator. Andersson et
     al., "Visualizing Errors in Rendered High Dynamic Range Images" (2021)."""
 
 
-def compare(picture: Any, reference: Any, *, exposure: float | None = None) -> Difference:
+def compare(
+    picture: Any, reference: Any, *, exposure: float | None = None, heatmap: str | os.PathLike[str] | None = None
+) -> Difference:
     """How far a picture is from a reference.
 
-    picture, reference: arrays (height, width, 3) of radiance, or frames of a renderer. The reference's noise is part of
-    the error. exposure: the factor around which FLIP looks, such as `camera.exposure`. By default it is that of the
-    reference's camera, else of the picture's, as far as something can be seen with it; for arrays `auto_exposure` of
-    the reference. Raises SolariError for arrays of other or different shapes, and for values that aren't finite.
+    picture, reference: arrays (height, width, 3) of radiance, frames of a renderer, or paths of .exr and .hdr files; or
+    two pictures of 8 bits, which are sRGB: uint8 arrays such as `frame.image()`, or paths of .png and .jpg files. The
+    reference's noise is part of the error. exposure: the factor around which FLIP looks at radiance, such as
+    `camera.exposure`. By default it is that of the reference's camera, else of the picture's, as far as something can
+    be seen with it; for arrays `auto_exposure` of the reference. Pictures of 8 bits are looked at as they are. heatmap:
+    a .png or .jpg to write, in which FLIP's errors go from black over red to yellow. Warns where FLIP isn't installed.
+    Raises SolariError for pictures of other or different shapes and kinds, for values that aren't finite, and for a
+    heatmap without FLIP.
     """
     if exposure is not None and not (isinstance(exposure, (int, float)) and 0 < exposure < math.inf):
         raise SolariError(f"compare: exposure is a factor above 0, such as camera.exposure, not {quoted(exposure)}")
-    given, true = _radiance(picture), _radiance(reference)
+    if heatmap is not None:
+        check_output(heatmap, EIGHT_BIT)
+        if not has_flip():
+            raise SolariError(f"{heatmap}: a heatmap is made by FLIP: {INSTALL_FLIP}")
+    (given, codes), (true, true_codes) = _read(picture), _read(reference)
+    if codes != true_codes:
+        raise SolariError("compare: takes two pictures of 8 bits, or two of radiance: one is of 8 bits here")
     if given.shape != true.shape:
         raise SolariError(f"compare: pictures have one size, not {given.shape} and {true.shape}")
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = given.mean(axis=(0, 1)) / true.mean(axis=(0, 1))
-    factor = _shown_with(true, reference, picture) if exposure is None else exposure
+    factor = None if codes else _shown_with(true, reference, picture) if exposure is None else exposure
+    if not has_flip():
+        warn(f"compare: FLIP is left out, as nan: {INSTALL_FLIP}")
+    if heatmap is not None:
+        colors = _evaluate(given, true, factor, applyMagma=True)[0]
+        write_codes(Path(heatmap), np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8))
     return Difference(relative_mse(given, true), ratio, flip(given, true, factor))
 
 
@@ -53,17 +78,22 @@ def _shown_with(radiance: NDArray[np.float64], *pictures: Any) -> float:
     return exposure_of(auto_exposure(radiance))
 
 
-def _radiance(picture: Any) -> NDArray[np.float64]:
-    given = picture if isinstance(picture, np.ndarray) or not hasattr(picture, "keys") else picture["radiance"]
-    try:
-        found = np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        found = np.empty(0)
-    eight_bit = getattr(given, "dtype", None) == np.uint8
-    if found.ndim != 3 or found.shape[2] != 3 or not found.size or eight_bit or not np.isfinite(found).all():
-        raise SolariError("compare: takes frames, or arrays (height, width, 3) of finite radiance (not of 8 bits), not "
-                          f"{quoted(picture if not isinstance(picture, np.ndarray) else picture.shape)}")  # fmt: skip
-    return found
+def _read(picture: Any) -> tuple[NDArray[np.float64], bool]:
+    """The linear colors of a picture, and whether it is one of 8 bits."""
+    if isinstance(picture, str | os.PathLike):
+        colors = read_colors(picture, what="a picture to compare")
+        found, codes = np.asarray(colors, np.float64), Path(picture).suffix.lower() not in (".exr", ".hdr")
+    else:
+        given = picture if isinstance(picture, np.ndarray) or not hasattr(picture, "keys") else picture["radiance"]
+        codes = getattr(given, "dtype", None) == np.uint8
+        try:
+            found = np.asarray(LINEAR_OF_SRGB[given] if codes else given, np.float64)
+        except (TypeError, ValueError):
+            found = np.empty(0)
+    if found.ndim != 3 or found.shape[2] != 3 or not found.size or not np.isfinite(found).all():
+        raise SolariError("compare: takes frames, arrays (height, width, 3) of finite radiance or of 8 bits, or paths, "
+                          f"not {quoted(picture if not isinstance(picture, np.ndarray) else picture.shape)}")  # fmt: skip
+    return found, codes
 
 
 def squared_scale(reference: NDArray[Any]) -> NDArray[Any]:
@@ -86,13 +116,30 @@ def true_relative_mse(image: NDArray[Any], first: NDArray[Any], second: NDArray[
     return float(((image - first) * (image - second) / squared_scale((first + second) / 2)).mean())
 
 
-def flip(image: NDArray[Any] | None, reference: NDArray[Any], exposure: float) -> float:
-    """The mean FLIP at five exposures around the camera's, a stop apart; NaN without its package or an image."""
-    if image is None or importlib.util.find_spec("flip_evaluator") is None:
-        return math.nan
+def has_flip() -> bool:
+    """Whether FLIP's package is installed."""
+    return importlib.util.find_spec("flip_evaluator") is not None
+
+
+def flip(image: NDArray[Any] | None, reference: NDArray[Any], exposure: float | None) -> float:
+    """The mean FLIP at five exposures around the camera's, a stop apart; NaN without its package or an image.
+
+    exposure: None for pictures of 8 bits, by their linear colors, which are looked at as they are.
+    """
+    return math.nan if image is None or not has_flip() else float(_evaluate(image, reference, exposure)[1])
+
+
+def _evaluate(
+    image: NDArray[Any], reference: NDArray[Any], exposure: float | None, applyMagma: bool = False
+) -> tuple[Any, ...]:
+    """FLIP's map of errors, and their mean."""
     import flip_evaluator
 
     given = (np.ascontiguousarray(np.maximum(picture, 0.0), np.float32) for picture in (reference, image))
-    middle = math.log2(exposure)
-    exposures = {"startExposure": middle - 2, "stopExposure": middle + 2, "numExposures": 5}
-    return float(flip_evaluator.evaluate(*given, "HDR", applyMagma=False, parameters=exposures)[1])
+    if exposure is None:
+        found = flip_evaluator.evaluate(*given, "LDR", inputsRGB=False, applyMagma=applyMagma)
+    else:
+        middle = math.log2(exposure)
+        exposures = {"startExposure": middle - 2, "stopExposure": middle + 2, "numExposures": 5}
+        found = flip_evaluator.evaluate(*given, "HDR", applyMagma=applyMagma, parameters=exposures)
+    return tuple(found)

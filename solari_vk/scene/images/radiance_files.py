@@ -34,16 +34,7 @@ def read_radiance(path: str | os.PathLike[str], data: bytes | None = None) -> Fl
     data: the file's content, if that is read already. Warns of a picture that isn't twice as wide as high. Raises
     SolariError for files that are missing, damaged, too large or of another kind.
     """
-    source = Path(path)
-    readers = {".hdr": _read_hdr, ".exr": _read_exr, ".png": _read_8_bits, ".jpg": _read_8_bits, ".jpeg": _read_8_bits}
-    reader = readers.get(source.suffix.lower())
-    if reader is None:
-        raise SolariError(f"{source}: an environment is a file of {', '.join(readers)}, not '{source.suffix}'")
-    try:
-        with load_budget():
-            image = reader(read_regular(source, str(source)) if data is None else data, source)
-    except MemoryError:
-        raise SolariError(f"{source} is too large for this machine's memory: scale it down") from None
+    image, source = read_colors(path, data), Path(path)
     height, width = image.shape[:2]
     if width != 2 * height:
         text = f"{source} has {width} x {height} pixels; a picture of all directions is twice as wide as high"
@@ -52,6 +43,21 @@ def read_radiance(path: str | os.PathLike[str], data: bytes | None = None) -> Fl
     if is_clipped:
         warn(f"{source} holds {LITTLE_NEGATIVE}")
     return image
+
+
+def read_colors(path: str | os.PathLike[str], data: bytes | None = None, what: str = "an environment") -> FloatArray:
+    """Linear colors (height, width, 3) as a file has them. what: the picture, for errors, which are `read_radiance`'s.
+    """
+    source = Path(path)
+    readers = {".hdr": _read_hdr, ".exr": _read_exr, ".png": _read_8_bits, ".jpg": _read_8_bits, ".jpeg": _read_8_bits}
+    reader = readers.get(source.suffix.lower())
+    if reader is None:
+        raise SolariError(f"{source}: {what} is a file of {', '.join(readers)}, not '{source.suffix}'")
+    try:
+        with load_budget():
+            return reader(read_regular(source, str(source)) if data is None else data, source)
+    except MemoryError:
+        raise SolariError(f"{source} is too large for this machine's memory: scale it down") from None
 
 
 def light_of(image: FloatArray, who: str) -> tuple[FloatArray, bool]:

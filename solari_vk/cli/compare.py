@@ -1,0 +1,30 @@
+"""`solari-vk compare`."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+from solari_vk.cli.options import option
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareJob:
+    """Two pictures."""
+
+    picture: str = option("a picture: .png or .jpg, or radiance as .exr or .hdr", "PICTURE", names=("picture",))
+    reference: str = option("what it is compared with, of the same kind and size", "REFERENCE", names=("reference",))
+    heatmap: str | None = option("write a .png or .jpg of FLIP's errors, from black over red to yellow", "FILE")
+
+
+def run(job: CompareJob) -> None:
+    """Print how far two pictures are apart."""
+    from solari_vk.output.compare import INSTALL_FLIP, compare, has_flip
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the last line says it
+        found = compare(job.picture, job.reference, heatmap=job.heatmap)
+    red, green, blue = found.mean_ratio
+    print(f"relMSE  {found.relative_mse:.6g}")
+    print(f"means   {red:.4g} {green:.4g} {blue:.4g} times the reference's red, green and blue")
+    print(f"FLIP    {found.flip:.4g}, from 0 (equal) to 1" if has_flip() else f"FLIP    left out: {INSTALL_FLIP}")
