@@ -123,14 +123,15 @@ def checked_keywords(
     hint: str = "", who: str = ""
 ) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
     """A decorator of methods, and with `who` of functions: an unknown keyword raises the error of `unknown_name`, with
-    a hint at its end, and more values than the parameters that take them one that lists these. who: the function's
-    module, for messages."""
+    a hint at its end; more values than the parameters that take them, and too few, errors that list these. who: the
+    function's module, for messages."""
 
     def decorate(method: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
         parameters = list(inspect.signature(method).parameters.values())[not who :]
         known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
         in_order = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
         takes_any = any(p.kind == p.VAR_POSITIONAL for p in parameters)
+        needed = [p.name for p in parameters if p.default is p.empty and p.name in known]
         of = "" if method.__name__ == "__init__" else f".{method.__name__}"
 
         @functools.wraps(method)
@@ -142,6 +143,9 @@ def checked_keywords(
                     raise SolariError(f"{error}{hint and f'; {hint}'}")
             if not takes_any:
                 check_count(who or type(given[0]).__name__, of, given[not who :], in_order, known)
+            if missing := [name for name in needed if name not in {*in_order[: len(given[not who :])], *options}]:
+                raise SolariError(f"{who or type(given[0]).__name__}{of} needs {', '.join(missing)}: it takes "
+                                  f"({', '.join(known)})")  # fmt: skip
             return method(*given, **options)
 
         return checked

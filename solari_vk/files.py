@@ -157,6 +157,8 @@ def make_temporary_folder() -> Path:
 def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariError:
     """The error that a file or folder can't be "written" or "made", with the remedy."""
     reason = getattr(error, "strerror", None) or error
+    if getattr(error, "errno", None) == errno.ENOENT:  # as of /proc, since the folder exists
+        return SolariError(f"{path}: can't be {done}: its folder takes no files: choose another one")
     if isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS:
         remedy = "choose a folder that can be written"
     elif getattr(error, "errno", None) == errno.ENAMETOOLONG:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.color import LUMINANCE_WEIGHTS
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.frame import checked_device
 from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -31,6 +32,7 @@ class Illuminance(NamedTuple):
     """One standard deviation of the noise in `lux`."""
 
 
+@checked_keywords(who="solari_vk")
 def illuminance(
     device: Device, scene: Scene | SceneBinder, points: ArrayLike, normals: ArrayLike = (0.0, 1.0, 0.0), *,
     cylindrical: bool = False, samples: int = 4096, max_bounces: int = 16, seed: int = 0,
@@ -49,6 +51,7 @@ def illuminance(
     let light pass, such as panes of glass, tint it. Raises SolariError for points and normals that don't fit each other
     or aren't finite, for normals of length 0 and other wrong arguments.
     """
+    checked_device(device, "illuminance")
     check_switch(cylindrical, "illuminance: cylindrical")
     whole_number(samples, "illuminance: samples", LEAST_SAMPLES)
     whole_number(max_bounces, "illuminance: max_bounces", 0)

@@ -29,6 +29,22 @@ _FALL = "scene.drop(...) lets things fall until they rest"
 _LABEL = "it is called label here, and is text"
 _NOT_HERE = "there are no volumes, curves and node graphs: see docs/explained/limits.md"
 _FOCAL = "fov is in degrees: 2 atan(12 mm / focal length), 27 of a lens of 50 mm"
+_LIT = 'renderer="reference" gives a batch radiance, renderer="realtime" raw_radiance and display too'
+_LAMP = "scene.add(PointLight(position, lumens=800)) adds a lamp; so with SpotLight and DirectionalLight"
+_LIGHT_IT = "assign: scene.environment = Environment(path), or Sky()"
+_BACKGROUND = ("scene.environment = Environment((0.9, 0.9, 1)) is a background of one color, and its light; "
+               "scene.backdrop is the floor of studio_lights")  # fmt: skip
+_WHOLE = "Camera.framing(scene.bounds) sees the whole scene"
+_COPY = "copy.deepcopy(scene) is a copy with objects of its own; scene.add(other_scene) shares meshes and materials"
+_COPIED = "copy.copy(instance) shares its mesh and material: scene.add(copy.copy(instance)) adds it"
+_LABELS = "give --annotations coco,yolo,objects,bop, with --labels FILE or labels in the model's file"
+_QUALITY = "Settings.preset('high') has the settings of a quality: low, medium, high, ultra, solari"
+_PRECISE = "exposure takes a factor: exposure=Camera(ev100=12).exposure"
+_CURVES = {
+    **dict.fromkeys(("ev100", "ev"), _PRECISE),
+    **dict.fromkeys(("tonemap", "method", "operator", "kind"), "curve takes the name of a tone curve"),
+    "gamma": "tonemap's colors are linear; encode_picture gives sRGB codes",
+}  # fmt: skip
 _RESULTS = {
     **dict.fromkeys(("segmentation", "instance", "instances", "mask", "id", "ids", "seg"),
                     'frame["instance_id"] numbers what pixels show, frame.mask(name) is where an object is seen'),
@@ -43,6 +59,7 @@ _OPTIONS = {
     **dict.fromkeys(("--spp", "--num-samples"), "give --samples 64"),
     **dict.fromkeys(("--n", "--count", "--num-views", "--frames"), "dataset takes --views 100"),
 }  # fmt: skip
+_COCO = dict.fromkeys(("--coco", "--yolo", "--bop", "--annotation", "--masks", "--boxes"), _LABELS)
 _SURFACE = {"color": "base_color", "albedo": "base_color", "diffuse": "base_color", "diffuse_color": "base_color",
             "metalness": "metallic"}  # fmt: skip
 
@@ -78,6 +95,10 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("dataset", "datasetwriter", "writer"), "Views(folder) reads what `solari-vk dataset` writes"),
         **dict.fromkeys(("physics", "simulate", "simulation"), _FALL),
         **dict.fromkeys(("rmse", "mse", "relmse", "psnr", "error", "diff", "metrics"), "compare(picture, reference)"),
+        **dict.fromkeys(("load_image", "read_image", "imread"),
+                        "compare takes paths of pictures, Environment and textures too; others are read by PIL"),
+        **dict.fromkeys(("rotation", "euler_angles", "quaternion", "rotate"),
+                        "euler(x, y, z) makes a rotation of angles in degrees, for position, rotation and scale"),
         **dict.fromkeys(("load_scene", "load_file", "load_mesh", "read", "load_obj"), _LOAD),
     },
     "shapes": {
@@ -89,7 +110,13 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     "solari_vk.load": dict.fromkeys(("hdri", "environment", "envmap", "lights", "sky"),
                                     "open(path, environment=...) lights a file; load gives it as it is"),
     "Scene": {
-        **dict.fromkeys(("ambient_light", "ambient", "world", "bg_color"), _AMBIENT),
+        **dict.fromkeys(("ambient_light", "ambient", "world"), _AMBIENT),
+        **dict.fromkeys(("background", "bg_color", "background_color"), _BACKGROUND),
+        **dict.fromkeys(("frame", "fit", "frame_all", "center", "zoom", "fit_camera"), _WHOLE),
+        **dict.fromkeys(("copy", "clone", "duplicate"), _COPY),
+        **dict.fromkeys(("add_light", "add_point_light", "point_light", "add_lamp", "light"), _LAMP),
+        **dict.fromkeys(("set_environment", "set_sky", "add_environment", "add_sky"), _LIGHT_IT),
+        **dict.fromkeys(("fog", "volume", "medium", "atmosphere"), _NOT_HERE),
         **dict.fromkeys(("add_node", "add_mesh", "add_object", "add_geometry"), _MAKE),
         **dict.fromkeys(("remove_node", "clear", "delete", "remove_mesh"), "remove(object or name) takes one out"),
         **dict.fromkeys(("get_nodes", "get", "find", "get_object_by_name", "getobjectbyname"),
@@ -101,7 +128,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("simulate", "physics", "fall", "settle", "simulate_physics"), _FALL),
         **dict.fromkeys(("parent", "set_parent", "attach", "link"), _GROUP),
         **dict.fromkeys(("objects", "children", "nodes", "entities"), "instances are its objects, by number or name"),
-        **dict.fromkeys(("background", "envmap", "hdri", "sky"), "environment is its light from all around"),
+        **dict.fromkeys(("envmap", "hdri", "sky"), "environment is its light from all around"),
     },
     "Scene.add": _PARENT,
     "Scene.drop": {"gravity": "things fall as on the earth, along -y"},
@@ -114,6 +141,8 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("opacity", "transparency"), "it is alpha, with alpha_mode='blend'; glass has transmission"),
         **dict.fromkeys(("glass", "refraction"), "transmission=1 is glass, solid=True glass that isn't thin"),
         **dict.fromkeys(("map", "texture", "image"), "base_color_texture takes a path, an array or a Texture"),
+        **dict.fromkeys(("lumens", "watts", "power", "lux", "nits"),
+                        "emissive is in cd/m^2: of a flat panel, lumens / (pi * its area in m^2)"),
         "shininess": "it is called roughness here, and the other way round", "side": "see double_sided",
     },
     "Instance": {
@@ -123,18 +152,23 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("castshadow", "receiveshadow", "cast_shadow", "hide_render", "hide", "hidden"), _SHADOWS),
         **dict.fromkeys(("rotate_y", "rotate_x", "set_position", "set_pose", "move", "lookat", "look_at"), _PARTS),
         **dict.fromkeys(("remove", "delete"), "scene.remove(object) takes one out"),
+        **dict.fromkeys(("copy", "clone", "duplicate"), _COPIED),
         "active_material": "it is called material here",
         **dict.fromkeys(("category_id", "class_id", "category", "semantic", "semantic_id", "set_cp"), _LABEL),
     },
-    "Mesh": dict.fromkeys(("translate", "position", "rotate", "rotation", "scale", "transform"), _MOVED),
+    "Mesh": {
+        **dict.fromkeys(("translate", "position", "rotate", "rotation", "scale", "transform"), _MOVED),
+        **dict.fromkeys(("to_trimesh", "as_trimesh"), "trimesh.Trimesh(mesh.positions, mesh.triangles) is one"),
+        **dict.fromkeys(("load", "open", "from_file", "read"), f"{_LOAD}; scene.meshes are its meshes"),
+    },
     "Camera": {
         **_PARENT,
         **dict.fromkeys(("eye", "origin", "target", "up", "lookat", "location", "to_world"), _EYE),
         **dict.fromkeys(("translate", "moved", "move", "move_to", "set_position"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("yfov", "fovy", "angle", "field_of_view", "perspective"), _LENS),
         **dict.fromkeys(("lens", "focal_length", "focal"), _FOCAL),
-        **dict.fromkeys(("fx", "fy", "cx", "k", "from_intrinsics", "intrinsic_matrix"),
-                        "Camera.from_opencv(K, R, t, size) takes a matrix of OpenCV: fx, fy, cx, cy"),
+        **dict.fromkeys(("fx", "fy", "cx", "k", "from_k", "from_intrinsics", "from_matrix", "intrinsic_matrix"),
+                        "Camera.from_opencv(K, R, t, size), or without a pose (K, size=size), takes OpenCV's matrix"),
         **dict.fromkeys(("panorama", "equirectangular", "spherical"), 'projection="equirectangular" is a panorama'),
         **dict.fromkeys(("orbit", "rotate", "set_pose", "lookat_from"), f"{_MOVE}, or call place"),
         **dict.fromkeys(("width", "height", "resolution", "aspect", "aspect_ratio", "size"),
@@ -154,15 +188,27 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     },
     "DirectionalLight": {
         **_PARENT,
-        **dict.fromkeys(("intensity", "strength", "energy", "irradiance"), "it is illuminance, in lux"),
+        **dict.fromkeys(("intensity", "strength", "energy", "irradiance", "lux", "lumens", "power"),
+                        "it is called illuminance here, and is in lux"),
         **dict.fromkeys(("position", "location", "target"), "direction is the way it shines; a sun has no place"),
     },
     "Sky": dict.fromkeys(("elevation", "sun_elevation", "azimuth", "sun_position", "rotation"),
                          "sun_direction is towards the sun: (0, 1, 0) at the zenith, (1, 0.2, 0) low in the east"),
     "Environment": {
         **dict.fromkeys(("path", "file", "filename", "url"), "image takes the path: Environment(path)"),
+        **dict.fromkeys(("load", "open", "from_file", "read", "from_path"), "Environment(path) reads a file"),
         **dict.fromkeys(("strength", "scale"), "it is called intensity here"),
         **dict.fromkeys(("color", "radiance", "background"), "image takes one color too: Environment((1, 0.9, 0.8))"),
+    },
+    "Batch": {
+        **dict.fromkeys(("radiance", "raw_radiance", "display", "picture", "image", "rgb", "color", "beauty"), _LIT),
+    },
+    "Settings": dict.fromkeys(("quality", "low", "medium", "high", "ultra", "solari", "from_preset"), _QUALITY),
+    "solari_vk.tonemap": _CURVES,
+    "solari_vk.encode_picture": _CURVES,
+    "solari_vk.save_image": {
+        **dict.fromkeys(("ev100", "ev"), _PRECISE),
+        **dict.fromkeys(("image", "picture", "array"), "radiance takes the picture, (height, width, 3) in cd/m^2"),
     },
     "CameraRig": dict.fromkeys(("left", "right"), 'left, right = rig.at(); rig.cameras["left"] is on the body'),
     "RenderedFrame": {
@@ -181,7 +227,7 @@ OTHER_WORDS: dict[str, dict[str, str]] = {
     },
     "--aov": {word: said for word, said in _RESULTS.items() if said != _PICTURE},
     "render": _OPTIONS,
-    "dataset": _OPTIONS,
+    "dataset": {**_OPTIONS, **_COCO},
     "hits": {
         **dict.fromkeys(("distance", "distances", "depth"), "it is called t here, in lengths of the direction"),
         **dict.fromkeys(("point", "points", "location", "hit_position"), "it is called position here"),

@@ -185,6 +185,7 @@ class RenderedFrame(Hints):
             ids = merged_ids(ids, self.objects)
         return {instances[number]: box for number, box in boxes(ids).items()}
 
+    @checked_keywords()
     def pick(self, x: int, y: int) -> Instance | None:
         """The instance that a pixel shows at its center, None for the background.
 

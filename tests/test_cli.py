@@ -431,7 +431,10 @@ PICTURE = ["render", "a.glb", "-o", "b.png"]
     ([*PICTURE, "--samples", "0"], ["at least 1"]),
     ([*PICTURE, "--samples", "9" * 5000], ["999...999"]),
     ([*PICTURE, "--mode", "9" * 5000], ["999...999", "choose from"]),
-    (["9" * 5000], ["999...999", "choose from"]),
+    (["9" * 5000], ["999...999", "there are render, view"]),
+    (["renderr", "a.glb"], ["there is no command 'renderr'; did you mean 'render'?"]),
+    (["bench", "lod"], ["there is no part 'lod'; did you mean 'load'?"]),
+    (["dataset", "a.glb", "-o", "b", "--coco"], ["give --annotations coco"]),
     ([*PICTURE, "--environment-intensity", "-1"], ["not be negative"]),
     ([*PICTURE, "--tonemap", "sepia"], ["sepia", "agx"]),
     (["view", "a.glb", "--view", "smell"], ["smell", "base_color"]),
@@ -453,7 +456,9 @@ def test_what_a_part_of_bench_is_given_is_what_its_function_takes():
 
 
 def test_an_unknown_device_is_exit_code_3(render):
-    assert "no such device" in render(*SAMPLES, "--device", "no such device", code=3)[0]
+    said = render(*SAMPLES, "--device", "no such device", code=3)[0]
+    assert "no such device" in said
+    assert "--device, Device(select=...) and SOLARI_VK_DEVICE take" in said
 
 
 def ended(*words, **options):

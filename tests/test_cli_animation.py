@@ -67,6 +67,7 @@ def test_pictures_of_a_moment(render, moving, tmp_path):
     [
         (["--animate", "file", "--clip", "jump"], ["jump", "slide"]), (["--animate", "file", "--clip", "7"], ["7"]),
         (["--clip", "9" * 5000, "--time", "1"], ["grow", "slide"]), (["--scene", "9" * 5000], ["scene"]),
+        (["--animate", "slide"], ["--animate slide: is a clip", "--animate file --clip 'slide'"]),
         (["--clip", "slide"], ["--clip slide", "--time"]), (["--time", "nan"], ["finite"]),
         (["--animate", "file", "--time", "1"], ["--time 1", "--animate file"]),
     ],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
@@ -53,10 +54,17 @@ class Command:
         return getattr(import_module(f"solari_vk.cli.{module}"), name)(job) or 0
 
 
+_WRONG_COMMAND = re.compile(r"argument (COMMAND|PART): invalid choice: '(.*)' \(choose from (.*)\)")  # argparse's words
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser, also of the commands below, whose errors don't repeat endless words."""
 
     def error(self, message: str) -> NoReturn:
+        if wrong := _WRONG_COMMAND.fullmatch(message):
+            kind, word, known = wrong.groups()
+            names = [name.strip("' ") for name in known.split(",")]
+            message = str(unknown_name(f"there is no {kind.lower()}", word, names))
         super().error(brief(message))
 
 

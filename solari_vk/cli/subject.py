@@ -13,7 +13,7 @@ from pathlib import Path
 
 import solari_vk as sv
 from solari_vk.cli.jobs import MovieJob, SceneOptions
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_json
 from solari_vk.other_words import advice_for
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
@@ -133,6 +133,9 @@ def _path(
     if clip is not None:
         return [camera] * count
     if sweep is None:
+        if movie.animate in scene.animations and not Path(movie.animate).exists():
+            raise SolariError(f"--animate {movie.animate}: is a clip of the file: give --animate file --clip "
+                              f"{quoted(movie.animate)}")  # fmt: skip
         return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
     return orbit(camera, scene.bounds.center, count, *sweep)
 

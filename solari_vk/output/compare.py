@@ -29,9 +29,8 @@ class Difference(NamedTuple):
     mean_ratio: NDArray[np.float64]
     """The mean of the picture over that of the reference, (3,): below 1 it is darker."""
     flip: float
-    """The mean FLIP, from 0 to 1, at five exposures a stop apart, of pictures of 8 bits as they are; NaN without the package
-    flip-evaluator. Andersson et
-    al., "Visualizing Errors in Rendered High Dynamic Range Images" (2021)."""
+    """The mean FLIP, from 0 to 1, at five exposures a stop apart, of pictures of 8 bits as they are; NaN without the
+    package flip-evaluator. Andersson et al., "Visualizing Errors in Rendered High Dynamic Range Images" (2021)."""
 
 
 def compare(
@@ -91,8 +90,9 @@ def _read(picture: Any) -> tuple[NDArray[np.float64], bool]:
         except (TypeError, ValueError):
             found = np.empty(0)
     if found.ndim != 3 or found.shape[2] != 3 or not found.size or not np.isfinite(found).all():
+        shown = picture.shape if isinstance(picture, np.ndarray) else picture
         raise SolariError("compare: takes frames, arrays (height, width, 3) of finite radiance or of 8 bits, or paths, "
-                          f"not {quoted(picture if not isinstance(picture, np.ndarray) else picture.shape)}")  # fmt: skip
+                          f"not {quoted(shown)}")  # fmt: skip
     return found, codes
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.files import check_writable, whole_file, write_whole
 from solari_vk.output.tone_mapping import Colors, encode_picture
 from solari_vk.scene.images import exr
@@ -36,6 +36,7 @@ def _check_suffix(target: Path, suffixes: Sequence[str]) -> None:
         raise SolariError(f"{target}: pictures are written as {', '.join(suffixes)}, not '{target.suffix}'")
 
 
+@checked_keywords(who="solari_vk")
 def save_image(
     path: str | os.PathLike[str],
     radiance: ArrayLike,
@@ -53,6 +54,8 @@ def save_image(
     ("picture.depth.npy"). A file that can't be written whole isn't written. Raises SolariError for wrong shapes and for
     files that can't be written.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise SolariError(f"save_image: the path of a file comes first, then the radiance, not {type(path).__name__}")
     target = Path(path)
     _check_suffix(target, SUFFIXES)
     picture = np.asarray(radiance, np.float32)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.color import LUMINANCE_WEIGHTS
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.gpu.shaders import headers
 
 Colors = NDArray[np.float32]
@@ -95,6 +95,7 @@ def glsl_header() -> str:
 # ---- from radiance to a picture ---------------------------------------------------------------------
 
 
+@checked_keywords(who="solari_vk")
 def tonemap(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -> Colors:
     """Linear colors (..., 3) in [0, 1] of radiance (..., 3) in cd/m^2 times exposure. They aren't sRGB codes yet.
 
@@ -124,6 +125,7 @@ def decode_srgb(encoded: ArrayLike) -> Colors:
     return np.where(x <= SRGB_ENCODED_KNEE, x / SRGB_SLOPE, curved).astype(np.float32)
 
 
+@checked_keywords(who="solari_vk")
 def encode_picture(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -> NDArray[np.uint8]:
     """The picture of radiance (..., 3) in cd/m^2 times exposure: tone-mapped sRGB codes (..., 3) from 0 to 255.
 

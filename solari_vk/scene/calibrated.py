@@ -68,18 +68,21 @@ class Calibrated:
 
     @classmethod
     def from_opencv(
-        cls, K: ArrayLike, R: ArrayLike, t: ArrayLike, size: tuple[int, int], distortion: ArrayLike = (), *,
-        projection: str = "perspective", **fields: Any,
+        cls, K: ArrayLike, R: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)), t: ArrayLike = (0, 0, 0),
+        size: tuple[int, int] | None = None, distortion: ArrayLike = (), *, projection: str = "perspective",
+        **fields: Any,
     ) -> Self:  # fmt: skip
         """A camera as OpenCV's calibration gives it.
 
-        K (3, 3): focal lengths and principal point in pixels of a picture of `size` (width, height), without skew;
-        pictures of other sizes show the same. R (3, 3), or OpenCV's rotation vector rvec (3,), t (3,) in meters: a
-        point is at R @ world + t in the camera's frame, which has x right, y down and z forward. distortion: k1, k2,
-        p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]], or with projection="fisheye" k1 to k4 as of cv2.fisheye; also
-        "stereographic". fields: further arguments of the constructor. Raises SolariError for numbers that aren't
+        K (3, 3): focal lengths and principal point in pixels of a picture of `size` (width, height), without skew; size
+        must be given; pictures of other sizes show the same. R (3, 3), or OpenCV's rotation vector rvec (3,), t (3,) in
+        meters: a point is at R @ world + t in the camera's frame, which has x right, y down and z forward. distortion:
+        k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]], or with projection="fisheye" k1 to k4 as of cv2.fisheye;
+        also "stereographic". fields: further arguments of the constructor. Raises SolariError for numbers that aren't
         finite, skew, an R that isn't a rotation, and a distortion that isn't invertible in the picture.
         """
+        if size is None:
+            raise SolariError("Camera.from_opencv: give size=(width, height), of the picture that K belongs to")
         (fx, skew, cx), (zero, fy, cy), last = _matrix(K, "K", 3, 3).tolist()
         shift = _matrix(np.ravel(t), "t", 3)
         turn = _matrix(np.ravel(R), "R", 3) if np.size(R) == 3 else None

@@ -143,7 +143,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
         "aperture_rotation": checks.number(-1e6, 1e6, "radians"),
     }
 
-    _exposed: ClassVar[bool] = False
+    is_exposed: ClassVar[bool] = False  # whether the camera's file says ev100, as `Scene.save` does: `open` keeps it
     _derived = ("position", "rotation", "fov")
     _place = resolved
 
@@ -153,13 +153,11 @@ class Camera(Checked, Placed, Calibrated, Focused):
             if "vertical_fov" in given:
                 raise SolariError("Camera: fov is vertical_fov in degrees: give one of them")
             try:
-                fov = checks.number(0.01, 360, "degrees")(given.pop("fov"))
-                given["vertical_fov"] = math.radians(fov)
+                given["vertical_fov"] = math.radians(checks.number(0.01, 360, "degrees")(given.pop("fov")))
             except (TypeError, ValueError) as error:
                 raise SolariError(f"Camera: fov {error}") from None
-            if fov < LIKELY_RADIANS:
-                warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: for radians give vertical_fov={fov:g}, "
-                     f"which is {math.degrees(fov):.0f} degrees")  # fmt: skip
+            if (fov := math.degrees(given["vertical_fov"])) < LIKELY_RADIANS:
+                warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: in radians it is vertical_fov={fov:g}")
         return cls._place(given, current) if given.keys() & {"transform", *PARTS} else given
 
     @_Placing
@@ -292,15 +290,6 @@ class Camera(Checked, Placed, Calibrated, Focused):
     @fov.setter
     def fov(self, fov: float) -> None:
         self.update(fov=fov)
-
-    @property
-    def is_exposed(self) -> bool:
-        """Whether the camera is of a file that says its exposure, as `Scene.save` writes it: `open` keeps it."""
-        return self._exposed and not self.auto_exposure
-
-    def note_exposed(self) -> None:
-        """Have `is_exposed` true."""
-        object.__setattr__(self, "_exposed", True)
 
     @property
     def exposure(self) -> float:

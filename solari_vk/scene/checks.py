@@ -54,7 +54,7 @@ def array(
             array = np.array(given, dtype=dtype, order="C")
         fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
         if not fits:
-            wanted = ", ".join("N" if n is None else str(n) for n in shape)
+            wanted = ", ".join("N" if n is None else str(n) for n in shape) + "," * (len(shape) == 1)
             raise ValueError(f"must have the shape ({wanted}), not {array.shape}")
         refuse_not_finite(array)
         if max_abs < math.inf and array.size and np.abs(array).max() > max_abs:

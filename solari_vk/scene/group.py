@@ -22,6 +22,7 @@ from solari_vk.scene.placement import PARTS, Scaled, parts, placed
 
 KINDS = (Instance, PunctualLight, DirectionalLight, Portal, Camera)
 NAMES = ("label", "part_of")  # of instances
+SHOWN = 4  # objects that the repr of a group names
 
 
 class Group(Scaled, Hints):
@@ -146,7 +147,10 @@ class Group(Scaled, Hints):
         return f"Group '{self.name}'" if self.name else "Group"
 
     def __repr__(self) -> str:
-        return f"{self.describe()}[{', '.join(item.describe() for item in self._items)}]"
+        shown = [item.describe() for item in self._items[:SHOWN]]
+        more = f" and {len(self._items) - SHOWN} more" if len(self._items) > SHOWN else ""
+        x, y, z = self._transform[:3, 3]
+        return f"<{self.describe()} at ({x:.4g}, {y:.4g}, {z:.4g}): {', '.join(shown) or 'empty'}{more}>"
 
 
 class Grouping:

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.errors import SolariError, checked_keywords, quoted
 from solari_vk.files import read_json
 from solari_vk.scene import checks
 from solari_vk.scene.model import Instance, Scene
@@ -23,6 +23,7 @@ class Class(NamedTuple):
     part_of: str | None = None
 
 
+@checked_keywords(who="solari_vk")
 def label_instances(scene: Scene, classes: Classes) -> None:
     """Assign `label` of the instances whose names, or objects' names (`Instance.part_of`), fit a pattern; others stay
     as they are.

@@ -33,8 +33,6 @@ from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.placement import PARTS
 
-UNNAMED = ("", "Scene")
-"""Names of scenes that say nothing: Blender writes the second."""
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
@@ -85,14 +83,17 @@ class Scene(Grouping, Dropping, Observable):
 
     @property
     def environment(self) -> EnvironmentLight | None:
-        """The Environment or Sky among `lights`, if there is one. Assign another, or None, to replace it."""
+        """The Environment or Sky among `lights`, if there is one. Assign another, the path of a picture as
+        Environment takes it, or None, to replace it."""
         return next((light for light in self._lights if isinstance(light, EnvironmentLight)), None)
 
     @environment.setter
-    def environment(self, environment: EnvironmentLight | None) -> None:
+    def environment(self, environment: EnvironmentLight | str | os.PathLike[str] | None) -> None:
+        if isinstance(environment, str | os.PathLike):
+            environment = Environment(environment)
         if environment is not None and not isinstance(environment, EnvironmentLight):
             kind = type(environment).__name__
-            raise SolariError(f"{self.describe()}: environment must be an Environment, a Sky or None, not {kind}")
+            raise SolariError(f"{self.describe()}: environment must be an Environment, Sky, path or None, not {kind}")
         before = self.environment
         for light in before.lights if before else ():
             if light in self._lights:
@@ -184,16 +185,15 @@ class Scene(Grouping, Dropping, Observable):
         if not isinstance(source, Scene):
             loaded: Scene = import_module("solari_vk.scene.load").load(source)  # which imports this module
             self.warnings.extend(loaded.warnings)
-            if loaded.name in UNNAMED:
-                loaded.name = Path(source).stem
+            loaded.name = Path(source).stem if loaded.name in ("", "Scene") else loaded.name  # Blender writes "Scene"
             return self._add_scene(loaded, name, where)
         if len(source.animations):
             warn(f"{source.describe()}: its clips aren't added; open a file to play them")
         shown = [instance for instance in source if instance is not source.backdrop]
         sky = source.environment.lights if source.environment else ()  # with the sun of a Sky
         lights = [light for light in source.lights if not any(light is part for part in sky)]
-        title = name or (source.name and distinct(source.name, {group.name: 1 for group in self._groups}))
-        group = Group(copies(shown, lights, name, {one.part_of for one in self}), name=title)
+        group = Group(copies(shown, lights, name, {one.part_of for one in self}), name=name)
+        group.name = name or (source.name and distinct(source.name, {other.name: 1 for other in self._groups}))
         group.update(**where)
         for item in group:
             self.add(item)

@@ -26,6 +26,16 @@ from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Scaled, resolved
 
 
+def _positions(value: Any) -> FloatArray:
+    if hasattr(value, "vertices") and hasattr(value, "faces"):
+        raise TypeError(f"must be an array (N, 3), not {type(value).__name__}: Mesh.from_trimesh(mesh) takes a mesh of "
+                        "trimesh, and so does scene.add(mesh)")  # fmt: skip
+    found: FloatArray = checks.array(None, 3, max_abs=checks.LARGEST_COORDINATE)(value)
+    if not len(found):
+        raise ValueError("must be at least three points, but there are no positions")
+    return found
+
+
 @checked
 class Mesh(Checked):
     """Triangles in object space, whose front faces are counter-clockwise.
@@ -53,7 +63,7 @@ class Mesh(Checked):
     _aliases = {"vertices": "positions", "faces": "triangles", "indices": "triangles"}
     _converters = {
         "name": checks.text,
-        "positions": checks.array(None, 3, max_abs=checks.LARGEST_COORDINATE),
+        "positions": _positions,
         "triangles": checks.array(None, 3, dtype=np.uint32, optional=True),
         "normals": checks.array(None, 3, optional=True),
         "uvs": checks.array(None, 2, optional=True),
@@ -119,7 +129,7 @@ class Mesh(Checked):
         count = len(self.positions)
         by_default = self.triangles is None or self.triangles is self._default_triangles
         if by_default:
-            if count == 0 or count % 3:
+            if count % 3:
                 raise SolariError(
                     f"{self.describe()}: without triangles, the number of positions must be a positive multiple of 3, "
                     f"not {count}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import operator
 import weakref
 from collections.abc import Callable, Mapping
@@ -171,12 +172,31 @@ def checked(kind: Kind) -> Kind:
         check_count(type(self).__name__, "", values, in_order, self._names)
         init(self, *values, **type(self)._by_field(fields))
 
+    with_aliases.__signature__ = _with_defaults(init, kind._defaults)  # type: ignore[attr-defined]
     setattr(kind, "__init__", with_aliases)  # noqa: B010
     for alias, name in kind._aliases.items():
         setattr(kind, alias, property(operator.attrgetter(name), doc=f"Another name of `{name}`."))
     for old, name in kind._renamed.items():
         setattr(kind, old, property(functools.partial(_by_old_name, old=old, name=name), doc=f"Now `{name}`."))
     return kind
+
+
+class _Default:
+    """A default of a constructor as `help` shows it, in place of "<factory>"."""
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    def __repr__(self) -> str:
+        return _shown(self._value)
+
+
+def _with_defaults(init: Callable[..., None], defaults: Mapping[str, Any]) -> inspect.Signature:
+    """A constructor's signature with the values that the factories of its fields make."""
+    signature = inspect.signature(init)
+    shown = [one.replace(default=_Default(defaults[one.name])) if repr(one.default) == "<factory>" else one
+             for one in signature.parameters.values()]  # fmt: skip
+    return signature.replace(parameters=shown)
 
 
 def _by_old_name(item: Checked, *, old: str, name: str) -> Any:

@@ -18,8 +18,8 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     keeps the file's own light, and gives a file without any a studio with a floor, or a lamp if it is a closed room;
     "studio", "sky", "none", or the path of a picture of all directions (.hdr, .exr, .png, .jpg). A file without a
     camera gets one that shows all of it. In a studio pictures have EV100 0; in other light the first picture chooses
-    the exposure (`Camera.auto_exposure`), but for files that `Scene.save` has written, which say theirs. "builtin:NAME" is a built-in scene. Raises SolariError as `load`,
-    `Environment` and `builtin` do.
+    the exposure (`Camera.auto_exposure`), but for cameras that `Scene.save` has written, which keep theirs.
+    "builtin:NAME" is a built-in scene. Raises SolariError as `load`, `Environment` and `builtin` do.
     """
     name = str(path)
     is_builtin = name.startswith("builtin:")

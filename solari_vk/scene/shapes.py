@@ -12,6 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_attribute
 from solari_vk.scene.model import Mesh
 
+__all__ = [
+    "box", "capsule", "cone", "cylinder", "facing_quad", "plane", "polygons", "quad", "sphere", "torus",
+]  # fmt: skip
+
 
 def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
     """Flat convex polygons, each (N, 3) with corners counter-clockwise seen from the front, as one mesh.
@@ -225,5 +229,8 @@ def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) 
 if not TYPE_CHECKING:  # or checkers would take any name
 
     def __getattr__(name: str) -> NoReturn:
-        shapes = [known for known, value in globals().items() if getattr(value, "__module__", "") == __name__]
-        raise unknown_attribute("shapes has no", name, lambda: shapes)
+        raise unknown_attribute("shapes has no", name, lambda: __all__)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

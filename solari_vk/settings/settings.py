@@ -7,7 +7,7 @@ import functools
 from functools import partial
 from typing import Any
 
-from solari_vk.errors import SolariError, quoted, unknown_name, warn_of_old_name
+from solari_vk.errors import Hints, SolariError, quoted, unknown_name, warn_of_old_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
@@ -19,7 +19,7 @@ _frame, _taa, _paths, _denoise, _restir, _reuse, _cache = (
 
 
 @dataclasses.dataclass
-class Settings(SeparatePasses):
+class Settings(SeparatePasses, Hints):
     """The constants of the realtime passes. Assigning one checks it and takes effect with the next frame.
 
     Defaults are those of Solari in Bevy 0.19 unless the meaning names Solari's value; `preset("solari")` takes Solari's
@@ -249,6 +249,9 @@ _init = Settings.__init__
 
 @functools.wraps(_init)
 def _init_by_current_names(self: Settings, *values: Any, **fields: Any) -> None:
+    if values and isinstance(values[0], str):
+        raise SolariError(f"Settings: takes name=value, not {quoted(values[0])}: Settings.preset({quoted(values[0])}) "
+                          f"has the settings of a quality, {', '.join(QUALITIES)}")  # fmt: skip
     _init(self, *values, **{_current(name): value for name, value in fields.items()})
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.assets import asset
 
@@ -58,11 +59,15 @@ def test_a_script_runs(any_device, tmp_path, monkeypatch, path):
     ("sv.Renderer(t.device, t.binder.scene, 320, 180)", r"not 180; .* size as one pair, \(width, height\)"),
     ("t.save('a.png')", r"tracer.render\(samples=256\).save\(path\)"),
     ("t.render(samples=1)['segmentation']", r"frame.mask\(name\) is where an object is seen"),
+    ("sv.illuminance(t.binder.scene, (0, 1, 0), (0, 1, 0))", "^illuminance: the device is .* give a solari_vk.Device"),
+    ("sv.illuminance(t.device, t.binder.scene)", "illuminance needs points: it takes .device, scene, points, normals"),
+    ("t.render(samples=1).pick((1, 2))", r"pick needs y: it takes \(x, y\)"),
+    ("sv.Batch(t.device, t.binder.scene, (4, 4), 1)['radiance']", 'renderer="reference" gives a batch radiance'),
 ])  # fmt: skip
 def test_errors_of_renderers_lead_to_the_answer(device, line, message):
     with sv.PathTracer(device, sv.builtin("cornell_box"), (16, 9)) as t:
         with pytest.raises((sv.SolariError, AttributeError), match=message):
-            eval(line, {"sv": sv, "t": t})
+            eval(line, {"sv": sv, "np": np, "t": t})
         t.size = (8, 6)
         assert t.render(samples=1)["radiance"].shape == (6, 8, 3)
 
@@ -71,7 +76,6 @@ def test_errors_of_renderers_lead_to_the_answer(device, line, message):
     ("sv.EnvironmentMap", r"scene.environment = Environment\(path\)"),
     ("sv.Studio", r"studio_lights\(scene\) adds soft boxes"),
     ("sv.rt.trace", r"solari_vk.RayTracer\(device, scene\) traces arrays of rays"),
-    ("sv.Scene().add_light(0)", "did you mean 'add'"),
     ("sv.Scene().animate('Run', time=0.3)", r"no option 'time': write scene.animate\(seconds, clip\)"),
     ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), vertical_fov=60)", r"6.28319 radians \(fov takes degrees\), not 60"),
     ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), orthographic=2)", "orthographic_height is in meters"),
@@ -106,11 +110,28 @@ def test_errors_of_renderers_lead_to_the_answer(device, line, message):
     ("sv.Environment(color=(1, 1, 1))", r"image takes one color too: Environment\("),
     ("sv.Camera().position.set(0, 1, 3)", r"no 'set': assign them, as in camera.position = \(x, y, z\)"),
     ("setattr(sv.Camera().position, 'y', 2)", r"no 'y': assign them, as in camera.position = \(x, y, z\)"),
+    ("sv.Settings('high')", r"Settings.preset\('high'\) has the settings of a quality"),
+    ("sv.Settings.quality('high')", r"Settings.preset\('high'\)"),
+    ("sv.Mesh(__import__('trimesh').Trimesh())", r"Mesh.from_trimesh\(mesh\) takes a mesh of trimesh"),
+    ("sv.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))", "there are no positions"),
+    ("sv.Camera.from_K(np.eye(3))", r"or without a pose \(K, size=size\)"),
+    ("sv.Camera.from_opencv(np.eye(3))", r"give size=\(width, height\)"),
+    ("sv.Environment.load('a.hdr')", r"Environment\(path\) reads a file"),
+    ("setattr(sv.Scene(), 'environment', 'none.hdr')", "none.hdr: there is no such file"),
+    ("setattr(sv.Scene(), 'background', (1, 1, 1))", r"Environment\(\(0.9, 0.9, 1\)\) .*backdrop is the floor"),
+    ("sv.Scene().frame()", r"Camera.framing\(scene.bounds\)"),
+    ("sv.Scene().add_light('point')", r"scene.add\(PointLight\(position, lumens=800\)\)"),
+    ("sv.Scene().copy()", r"copy.deepcopy\(scene\)"),
+    ("sv.Instance(sv.shapes.box()).copy()", r"copy.copy\(instance\)"),
+    ("sv.Scene().fog", "see docs/explained/limits.md"),
+    ("sv.DirectionalLight((0, -1, 0), lux=1)", "it is called illuminance here, and is in lux"),
+    ("sv.Material(lumens=800)", "emissive is in cd/m"),
+    ("sv.tonemap(np.ones((1, 1, 3)), ev100=3)", r"exposure=Camera\(ev100=12\).exposure"),
+    ("sv.save_image(np.ones((1, 1, 3)), 'a.png')", "the path of a file comes first"),
+    ("sv.label_instances(sv.Scene())", r"needs classes: it takes \(scene, classes\)"),
     ("sv.Material(base_color=np.zeros((4, 4, 3)))", "an image belongs in a field for textures, such as base_color_tex"),
 ])  # fmt: skip
 def test_errors_lead_to_the_answer(line, message):
-    import numpy as np
-
     with pytest.raises((sv.SolariError, AttributeError), match=message):
         eval(line, {"sv": sv, "np": np})
 

@@ -147,5 +147,5 @@ def test_fov_is_vertical_fov_in_degrees():
 
 
 def test_fields_of_view_in_radians_are_noticed():
-    with pytest.warns(UserWarning, match=r"fov is in degrees, .* vertical_fov=0.7, which is 40 degrees"):
+    with pytest.warns(UserWarning, match=r"fov is in degrees, .* in radians it is vertical_fov=0.7"):
         assert sv.Camera(fov=0.7).fov == pytest.approx(0.7)

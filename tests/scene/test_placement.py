@@ -50,8 +50,9 @@ def test_shear_and_mirrors_stay():
 
 @pytest.mark.parametrize(("fields", "message"), [
     ({"scale": 0}, "Instance: scale must be one factor or three, .* not 0"), ({"scale": (1, -1, 1)}, "above 0"),
-    ({"rotation": (0, 45, 0)}, r"must be a quaternion .* solari_vk.euler\(0, 90, 0\)"), ({"rotation": np.diag([1, 1, 2])}, "rotation must be"),
-    ({"position": (1, 2)}, r"position must have the shape \(3\)"), ({"position": (1, 2, np.nan)}, "must be finite"),
+    ({"rotation": (0, 45, 0)}, r"must be a quaternion .* solari_vk.euler\(0, 90, 0\)"),
+    ({"rotation": np.diag([1, 1, 2])}, "rotation must be"),
+    ({"position": (1, 2)}, r"position must have the shape \(3,\)"), ({"position": (1, 2, np.nan)}, "must be finite"),
     ({"postion": (1, 2, 3)}, "did you mean 'position'"),
 ])  # fmt: skip
 def test_refused_parts(fields, message):

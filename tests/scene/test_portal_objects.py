@@ -26,7 +26,7 @@ def corners(portal):
     (((0, 0, 0), (1, 0, 0), (2, 0, 0)), "Portal: half_u and half_v must not have the same direction"),
     (((0, 0, 0), (1, 0, 0), (0, 0, 0)), "half_u and half_v must be from 1e-05 to 1e"),
     (((0, 0, 0), (1, 0, 0), (0, np.inf, 0)), "half_v must be finite"),
-    (((0, 0), (1, 0, 0), (0, 1, 0)), r"center must have the shape \(3\)"),
+    (((0, 0), (1, 0, 0), (0, 1, 0)), r"center must have the shape \(3,\)"),
 ])  # fmt: skip
 def test_refused_portals(fields, message):
     with pytest.raises(SolariError, match=message):

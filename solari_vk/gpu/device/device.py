@@ -134,6 +134,10 @@ class Device(WorkQueue):
         self._destroy()
         self.check_messages()
 
+    def __repr__(self) -> str:
+        state = self.closed_how if self.closed else f"rays by {self.rays}"
+        return f"<Device '{self.name}', {self.properties.kind}, {state}>"
+
     def __enter__(self) -> Device:
         return self
 

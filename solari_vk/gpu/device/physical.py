@@ -265,7 +265,8 @@ def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = 
     if rays != AUTO:
         wanted += f" with rays={quoted(rays)}"
     raise DeviceError(
-        f"{wanted} (SOLARI_VK_DEVICE or select= takes a name, index or UUID):\n" + _describe(devices, rays)
+        f"{wanted} (--device, Device(select=...) and SOLARI_VK_DEVICE take a name, index or UUID, gpu or cpu):\n"
+        + _describe(devices, rays)
     )
 
 

@@ -190,7 +190,10 @@ class WorkQueue(GatheringDevice):
         self.callbacks.call()
 
     def await_value(self, value: int) -> None:
-        """Wait until the timeline reaches a value, without calling callbacks: for waits inside other operations."""
+        """Wait until the timeline reaches a value, without calling callbacks: for waits inside other operations.
+
+        Raises DeviceError on a closed device, which frames need before they write to mapped memory.
+        """
         self.check_open()
         if value > self.submitted:
             raise DeviceError(f"wait for submission {value}, but there were only {self.submitted} submissions")

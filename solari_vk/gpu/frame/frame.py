@@ -294,8 +294,7 @@ class Frame:
     # ---- lifetime -----------------------------------------------------------------------------------
 
     def check_open(self) -> None:
-        """Raise SolariError after `close`, DeviceError after the device's."""
-        self.device.check_open()
+        """Raise SolariError after `close`."""
         if self._closed:
             raise SolariError("nothing can be rendered: the renderer, or the frame, was closed; make a new one")
 

@@ -37,8 +37,7 @@ def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera 
         return None
     own = read_own(entry, OWN) | {"name": node.entry.name or entry.name}
     camera = Camera(transform=transform, **lens | own)
-    if "ev100" in own:
-        camera.note_exposed()
+    object.__setattr__(camera, "is_exposed", "ev100" in own and not camera.auto_exposure)
     return camera
 
 

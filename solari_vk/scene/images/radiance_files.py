@@ -46,8 +46,7 @@ def read_radiance(path: str | os.PathLike[str], data: bytes | None = None) -> Fl
 
 
 def read_colors(path: str | os.PathLike[str], data: bytes | None = None, what: str = "an environment") -> FloatArray:
-    """Linear colors (height, width, 3) as a file has them. what: the picture, for errors, which are `read_radiance`'s.
-    """
+    """Linear colors (height, width, 3) as a file has them. what: the picture, for errors: those of `read_radiance`."""
     source = Path(path)
     readers = {".hdr": _read_hdr, ".exr": _read_exr, ".png": _read_8_bits, ".jpg": _read_8_bits, ".jpeg": _read_8_bits}
     reader = readers.get(source.suffix.lower())
