@@ -90,8 +90,8 @@ __all__ = [
     "TimeOfFlightCamera", "ValidationError", "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin",
     "check_output", "cluster", "compare", "encode_picture", "euler", "illuminance", "instance_table", "kelvin",
     "keypoints", "label_instances", "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open",
-    "optical_flow", "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity", "save_kitti_flow", "save_shards",
-    "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
+    "optical_flow", "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity", "save_kitti_flow",
+    "save_shards", "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import operator
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
@@ -88,6 +88,14 @@ class Checked(Observable):
     def __post_init__(self) -> None:
         self._validate()
         object.__setattr__(self, "_ready", True)
+
+    if not TYPE_CHECKING:  # or checkers would take any name
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in self._renamed:
+                return super().__getattr__(name)
+            warn_of_old_name(type(self).__name__, name, self._renamed[name])
+            return getattr(self, self._renamed[name])
 
     def __setattr__(self, name: str, value: Any) -> None:
         self.update(**{name: value})
@@ -176,8 +184,6 @@ def checked(kind: Kind) -> Kind:
     setattr(kind, "__init__", with_aliases)  # noqa: B010
     for alias, name in kind._aliases.items():
         setattr(kind, alias, property(operator.attrgetter(name), doc=f"Another name of `{name}`."))
-    for old, name in kind._renamed.items():
-        setattr(kind, old, property(functools.partial(_by_old_name, old=old, name=name), doc=f"Now `{name}`."))
     return kind
 
 
@@ -197,8 +203,3 @@ def _with_defaults(init: Callable[..., None], defaults: Mapping[str, Any]) -> in
     shown = [one.replace(default=_Default(defaults[one.name])) if repr(one.default) == "<factory>" else one
              for one in signature.parameters.values()]  # fmt: skip
     return signature.replace(parameters=shown)
-
-
-def _by_old_name(item: Checked, *, old: str, name: str) -> Any:
-    warn_of_old_name(type(item).__name__, old, name)
-    return getattr(item, name)

@@ -108,11 +108,11 @@ class Part(np.ndarray[Any, np.dtype[np.float64]]):
     def _in_place(self, function: Any, other: Any) -> Any:
         return function(self, other, out=self if self.flags.writeable else None)
 
-    __iadd__ = partialmethod(_in_place, np.add)  # type: ignore[assignment]
-    __isub__ = partialmethod(_in_place, np.subtract)  # type: ignore[assignment]
-    __imul__ = partialmethod(_in_place, np.multiply)  # type: ignore[assignment]
-    __itruediv__ = partialmethod(_in_place, np.divide)  # type: ignore[assignment]
-    __imatmul__ = partialmethod(_in_place, np.matmul)  # type: ignore[assignment]
+    __iadd__ = partialmethod(_in_place, np.add)
+    __isub__ = partialmethod(_in_place, np.subtract)
+    __imul__ = partialmethod(_in_place, np.multiply)
+    __itruediv__ = partialmethod(_in_place, np.divide)
+    __imatmul__ = partialmethod(_in_place, np.matmul)
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "

@@ -113,10 +113,10 @@ class ObjectPanel:
         if field == "color":
             return color("color", value)
         if isinstance(value, bool):
-            edited = _pair(imgui.checkbox(label, value))
+            flag = _pair(imgui.checkbox(label, value))
             if field == "blocks_light":
                 hint("The lamp's own sphere stops light. What the lamp lights casts shadows either way.")
-            return edited
+            return flag
         if field in OPTIONAL:
             on = value is not None
             switched, on = imgui.checkbox(f"##{label}", on)
