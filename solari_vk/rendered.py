@@ -148,7 +148,7 @@ class RenderedFrame(Hints):
         elif isinstance(instance, Group):
             found = instance.items
         else:
-            found = [instance] if isinstance(instance, Instance) else list(instance)
+            found = list(instance) if isinstance(instance, Sequence) else [instance]
         ids = [number for number, other in self.instances.items() if other in found]
         if not ids:
             raise SolariError(f"mask: takes an instance or a group of the scene, or its name, not {quoted(instance)}")
