@@ -30,8 +30,8 @@ INTRO = (
     f"pictures cancels out. Ways take turns; medians of {RUNS} runs with different seeds; in brackets the samples or "
     "frames of a pixel, which double until the error is reached. First: seconds until the first sample or frame of the "
     "first run, which load the scene and compile what the driver's cache doesn't have. OIDN runs on the processor. "
-    f"Means of frames leave out the first {WARM_UP}. `solari-vk render` without --mode goes by this page: the denoised "
-    "path tracer where OIDN is installed, else realtime frames.",
+    f"Means of frames leave out the first {WARM_UP}. `solari-vk render` without --mode goes by such pages: on graphics "
+    "cards realtime frames, on the processor the denoised path tracer.",
 )
 
 
