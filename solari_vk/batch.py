@@ -25,7 +25,7 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.bound.given_poses import GivenPoses
+from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
@@ -97,7 +97,9 @@ class Batch(BatchResults):
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
             self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
-            self._given: list[GivenPoses] = [self._worlds.given_poses] if isinstance(self._worlds, Worlds) else []
+            self._given: list[GivenNumbers] = [self.binder.assets.geometry.given]
+            if isinstance(self._worlds, Worlds):
+                self._given.append(self._worlds.given_poses)
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             if renderer == "realtime":

@@ -50,6 +50,10 @@ class Taken:
         self._lease, self._begin = lease, begin
 
     @property
+    def device(self) -> WorkQueue:
+        return self._lease.buffer.device
+
+    @property
     def address(self) -> int:
         return self._lease.buffer.address + self._begin
 
