@@ -42,8 +42,8 @@ def take(device: Device, value: Any) -> Taken | None:
 
 
 class GivenNumbers:
-    """Writes numbers of tensors on the device. where: how messages begin. of: what an index counts. rule: that right numbers
-    follow."""
+    """Writes numbers of tensors on the device. where: how messages begin. of: what an index counts. rule: that right
+    numbers follow."""
 
     def __init__(self, device: Device, where: str, of: str, rule: str) -> None:
         self._device, self._where, self._of, self._rule = device, where, of, rule

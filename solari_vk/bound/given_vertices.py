@@ -138,7 +138,7 @@ class GivenVertices(GivenNumbers):
         if len(given.blases) == given.side:
             given.blases.append(Blas(self._device, [geometry], allow_compaction=False, name=mesh.name or "mesh",
                                      update_mode=UpdateMode.PREFER_UPDATE))  # fmt: skip
-        blas, update = given.blases[given.side], 0 < len(given.blases) - 1 and given.refits < MAX_REFITS
+        blas, update = given.blases[given.side], len(given.blases) == 2 and given.refits < MAX_REFITS
         blas.set_geometries([geometry])
         source = given.blases[1 - given.side] if update else None
         submit_batch(self._device, [BlasBuild(blas, update, source)], clock.tick())

@@ -45,6 +45,10 @@ class CudaLibrary(Library):
             time.sleep(0.03)
             self._work.get()()
 
+    def stall(self, event):
+        """Have the stream wait for an event, for 20 seconds at most."""
+        self._work.put(lambda: event.wait(20) or event.set())
+
     def _cuDeviceGetCount(self, count):
         count[0] = 1
         return 0

@@ -192,6 +192,105 @@ def test_given_tensors_stay_on_the_device(device, cuda):
             np.testing.assert_array_equal(found[name], values, name)
 
 
+@pytest.mark.parametrize("kind", ["batch", "reference", "realtime"])
+def test_given_vertices_stay_on_the_device(device, cuda, kind):
+    """A mesh shows what arrays show; no host waits for a late stream, and no later change of the tensor is seen."""
+    camera, taken, frames = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)), [], 12
+    for on_card in (False, True):
+        scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3, 64)
+        scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2), name="ball"))
+        rest = mesh.positions, mesh.normals
+        with cuda.cuda.stream(cuda.cuda.Stream()), _shown(kind, device, scene, camera) as show:
+            show()
+            for frame in range(1, frames + 1):
+                given = rest[0] + np.float32((0.02, 0.01, 0)) * frame, rest[1] * np.float32((1, 1, 1 + 0.05 * frame))
+                if on_card:
+                    given = [cuda.from_numpy(array).cuda() for array in given]
+                    if frame == frames:
+                        cuda.cuda._sleep(400_000_000)  # clocks
+                start = time.perf_counter()
+                mesh.positions, mesh.normals = given
+                found = show(read=frame != frames)
+                seconds = time.perf_counter() - start
+                if on_card:
+                    assert "positions" not in vars(mesh)
+                    given[0].zero_(), given[1].zero_()
+                taken.append(found or show.read())
+            assert not on_card or (seconds < 0.1 and time.perf_counter() - start > 0.1)
+        np.testing.assert_array_equal(mesh.positions, rest[0] + np.float32((0.02, 0.01, 0)) * frames)
+    for expected, found in zip(taken[:frames], taken[frames:], strict=True):
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, name)
+        assert np.abs(found.get("motion_vectors", 1)).max() > 1e-3
+
+
+class _shown:
+    """A renderer of a kind: calls render a frame, and read it unless told not to."""
+
+    def __init__(self, kind, device, scene, camera):
+        self._kind, self._camera = kind, camera
+        if kind == "batch":
+            self._renderer = sv.Batch(device, scene, SIZE, 1, outputs=("depth", "shading_normal", "motion_vectors"))
+        else:
+            self._renderer = (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._renderer.close()
+
+    def __call__(self, read=True):
+        if self._kind == "batch":
+            self._renderer.render([self._camera])
+            self._frame = self._renderer
+        elif self._kind == "reference":
+            self._frame = self._renderer.render(self._camera, samples=1)
+        else:
+            self._frame = self._renderer.render(self._camera)
+        return self.read() if read else None
+
+    def read(self):
+        names = self._frame if self._kind == "batch" else ("radiance", "depth")
+        return {name: self._frame[name] for name in names}
+
+
+def test_wrong_vertices_are_said_later(device, cuda):
+    scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3)
+    scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2)))
+    camera = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1))
+    with sv.Batch(device, scene, SIZE, 1, outputs=["depth"]) as batch:
+        before = batch.render([camera])["depth"]
+        wrong = cuda.from_numpy(np.array(mesh.positions)).cuda()
+        wrong[7, 1] = float("nan")
+        mesh.positions = wrong
+        batch.render([camera])
+        with pytest.raises(sv.SolariError, match="Mesh 'sphere': positions of vertex 7 must be finite"):
+            batch["depth"]
+        np.testing.assert_array_equal(batch["depth"], before)
+
+
+def test_a_thousand_edits_by_tensors_keep_no_memory(device, cuda):
+    scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3, 128)
+    scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2)))
+    camera, used = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)), []
+    given = cuda.from_numpy(np.array(mesh.positions)).cuda()
+    with sv.Batch(device, scene, SIZE, 1, outputs=["motion_vectors"]) as batch:
+        for _ in range(5):
+            start = time.perf_counter()
+            for _ in range(200):
+                given.mul_(0.999)
+                mesh.positions = given
+                batch.render([camera])
+            print(f"{(time.perf_counter() - start) / 200 * 1e3:.3f} ms an edit and frame")
+            batch["motion_vectors"]
+            cuda.cuda.synchronize()
+            device.wait_idle()
+            used.append((cuda.cuda.mem_get_info()[0], device.objects_in_use))
+    assert max(free for free, _ in used[1:]) - min(free for free, _ in used[1:]) < 8 << 20
+    assert len({objects for _, objects in used[1:]}) == 1
+
+
 def test_tensors_outlive_their_device(cuda):
     with sv.Device() as own, sv.Batch(own, sv.builtin("cornell_box"), (16, 16), 3, outputs=("depth",)) as batch:
         batch.render(np.stack([sv.Camera.look_at((1, 1, -2.5 - i), (1, 1, 1)).transform for i in range(3)]))
