@@ -154,8 +154,7 @@ def test_later_frames_leave_tensors_alone(device, cuda):
                 tensor.mul(2.0)  # then it is given back while the stream may still read it
         for tensor, expected in taken:
             assert np.array_equal(tensor.cpu().numpy(), expected)
-        tensors = device.cuda
-        assert len([place for places in tensors._free.values() for place in places]) <= 4
+        assert len(device.cuda._places) <= 4
 
 
 def test_given_tensors_stay_on_the_device(device, cuda):

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar
 
 from cffi import FFI
@@ -74,6 +74,7 @@ int cuEventDestroy_v2(CUevent);
 int cuMemcpyDtoH_v2(void *, CUdeviceptr, size_t);
 int cuMemcpyDtoDAsync_v2(CUdeviceptr, CUdeviceptr, size_t, CUstream);
 int cuStreamSynchronize(CUstream);
+int cuStreamQuery(CUstream);
 """
 _HIP = {
     "cuInit": "hipInit", "cuGetErrorString": "hipDrvGetErrorString", "cuDeviceGet": "hipDeviceGet",
@@ -95,6 +96,7 @@ for _line in _HEADER.split("\n"):
     if (_name := _line.partition("(")[0].removeprefix("int ")) in _HIP:
         _ffi.cdef(_line.replace(_name, _HIP[_name]))
 _NO_TIMING = 2
+_NOT_READY = 600
 _NON_BLOCKING = 1  # a stream that doesn't wait for the default one
 CData = Any
 
@@ -148,7 +150,8 @@ class Cuda:
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver by its name in CUDA. Raises DeviceError with its name and the reason."""
-        if result := self._function(name)(*arguments):
+        result = self._function(name)(*arguments)
+        if result and not (name == "cuStreamQuery" and result == _NOT_READY):
             text = _ffi.new("const char **")
             self._function("cuGetErrorString")(result, text)
             reason = _ffi.string(text[0]).decode() if text[0] != _ffi.NULL else f"error {result}"
@@ -163,9 +166,20 @@ class Cuda:
         finally:
             self.call("cuCtxPopCurrent_v2", _ffi.new("CUcontext *"))
 
+    def free(self, name: str, *arguments: Any) -> None:
+        """Call a function that frees something. A context that has failed frees nothing until the process ends."""
+        with suppress(DeviceError), self.current():
+            self.call(name, *arguments)
+
+    def check(self) -> None:
+        """Raise DeviceError if the context has failed, as after a kernel that writes out of bounds."""
+        with self.current():
+            self.call("cuStreamQuery", _ffi.cast("CUstream", self.default_stream))
+
     def close(self) -> None:
         """Give the context back."""
-        self.call("cuDevicePrimaryCtxRelease_v2", self._handle(self.ordinal))
+        with suppress(DeviceError):
+            self.call("cuDevicePrimaryCtxRelease_v2", self._handle(self.ordinal))
 
     def import_timeline(self, fd: int) -> CData:
         """A timeline semaphore, whose file descriptor then belongs to CUDA."""
@@ -177,8 +191,7 @@ class Cuda:
         return semaphore[0]
 
     def destroy_semaphore(self, semaphore: CData) -> None:
-        with self.current():
-            self.call("cuDestroyExternalSemaphore", semaphore)
+        self.free("cuDestroyExternalSemaphore", semaphore)
 
     def wait(self, semaphore: CData, value: int, stream: int) -> None:
         """Have the work that a stream gets from now on wait until a timeline semaphore has a value."""
@@ -286,9 +299,8 @@ class CudaMemory:
         self.address = int(pointer[0])
 
     def close(self) -> None:
-        with self._cuda.current():
-            self._cuda.call("cuMemFree_v2", _ffi.cast("CUdeviceptr", self.address))
-            self._cuda.call("cuDestroyExternalMemory", self._memory)
+        self._cuda.free("cuMemFree_v2", _ffi.cast("CUdeviceptr", self.address))
+        self._cuda.free("cuDestroyExternalMemory", self._memory)
 
 
 class CudaEvent:
@@ -312,5 +324,4 @@ class CudaEvent:
             self._cuda.call("cuEventSynchronize", self._event)
 
     def close(self) -> None:
-        with self._cuda.current():
-            self._cuda.call("cuEventDestroy_v2", self._event)
+        self._cuda.free("cuEventDestroy_v2", self._event)

@@ -121,6 +121,8 @@ class Device(WorkQueue):
             return
         try:
             if not self.lost:
+                if "cuda_inputs" in vars(self):
+                    self.cuda_inputs.keep_on_host()
                 self._hand_over()
         finally:
             self.collect()
