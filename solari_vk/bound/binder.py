@@ -142,8 +142,8 @@ class SceneBinder(SceneRows):
             self.version += 1
         self.version += self.assets.upload(self._tables)
         self._geometry.posed.submit()
-        self.traced.rebuild(self._geometry.kept)
-        self._geometry.kept = True
+        self.traced.rebuild(self._geometry.structures.kept)
+        self._geometry.structures.kept = True
 
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""

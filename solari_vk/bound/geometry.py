@@ -11,22 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.constants import (
-    MESH_HAS_COLORS,
-    MESH_HAS_NORMALS,
-    MESH_HAS_SECOND_UVS,
-    MESH_HAS_TANGENTS,
-    MESH_HAS_UVS,
-)
 from solari_vk.bound.content import content_of
 from solari_vk.bound.features import Features
 from solari_vk.bound.given_vertices import GivenVertices
+from solari_vk.bound.mesh_parts import mesh_parts, pack_attributes
+from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.poses.posed_mesh import PosedMesh
 from solari_vk.bound.poses.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.bound.table import Rows, Table
 from solari_vk.gpu.acceleration.blas import Blas
-from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
@@ -35,8 +29,6 @@ from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.model import Instance, Mesh
 
 Shape = Mesh | PosedMesh
-Build = tuple[Hashable, bool]
-"""The content of a mesh, and whether a ray asks the shader about each of its triangles only once."""
 ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")  # in a mesh's record, into its buffer
 ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
@@ -52,15 +44,13 @@ class Geometry:
         self._shapes: dict[tuple[Mesh, Instance], PosedMesh] = {}
         self._attributes = layout["vertex_attributes"]
         self.given = GivenVertices(device, self.table, self.rows, self._attributes)
+        self.structures = MeshStructures(device, self.given)
         self._device = device
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         self._contents: Rows[Hashable] = Rows()  # whose users share a buffer
         self._content_of: dict[Mesh, Hashable] = {}
-        self._built: dict[Build, Blas] = {}
-        self._builds: Rows[Build] = Rows()  # whose users share an acceleration structure
-        self._build_of: dict[Mesh, Build] = {}
         self._uploaded: dict[Mesh, dict[str, Any]] = {}  # the arrays as they were given, if nothing failed
         self.centers: dict[Shape, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded shape's bounds, in object space."""
@@ -72,8 +62,6 @@ class Geometry:
         """The acceleration structure of each traced shape, as of the latest `update`."""
         self._met_once: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
         self._to_upload: dict[Mesh, None] = {}
-        self.kept = True
-        """Whether no acceleration structure was destroyed since this was last set."""
 
     def shape(self, mesh: Mesh, instance: Instance) -> Shape:
         """An instance's mesh in its pose, or the mesh if it has none. Takes note of the pose."""
@@ -104,7 +92,7 @@ class Geometry:
         if isinstance(shape, PosedMesh):
             if self.rows.release(shape, user):
                 self.posed.remove(shape)
-                self.kept = self.blases.pop(shape, None) is None and self.kept
+                self.structures.kept &= self.blases.pop(shape, None) is None
                 for known in (self.centers, self.half_sizes, self.orders):
                     known.pop(shape, None)
                 self._shapes.pop((shape.mesh, shape.instance), None)
@@ -113,8 +101,7 @@ class Geometry:
         mesh = shape
         if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
             del self.blases[mesh]
-            self._drop_build(mesh)
-            self.kept = not self.given.drop_structures(mesh) and self.kept
+            self.structures.drop(mesh)
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
@@ -125,7 +112,7 @@ class Geometry:
                     buffer.destroy()
                 self.posed.forget(mesh)
                 self._uploaded.pop(mesh, None)
-                self._forget_given(mesh)
+                self.structures.forget_given(mesh)
                 del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
@@ -134,7 +121,7 @@ class Geometry:
             return []
         self._to_upload[mesh] = None
         if self.posed.renew(mesh):
-            self.kept = False
+            self.structures.kept = False
         return self.rows.users(mesh)
 
     def meet_once(self, mesh: Mesh) -> bool:
@@ -153,7 +140,7 @@ class Geometry:
         """
         self.table.reserve(self.rows.limit)
         users = self._update_meshes(revision) if self._to_upload else []
-        for shape in self.posed.update(revision, self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
+        for shape in self.posed.update(revision, self.rows.__getitem__, self._packed):
             record = self.table.records[self.rows[shape]]
             low, high = record["bounds_min"], record["bounds_max"]
             self.centers[shape], self.half_sizes[shape] = (low + high) / 2, (high - low) / 2
@@ -184,38 +171,15 @@ class Geometry:
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
                 self._features.note(mesh)
-                before = self._buffers.get(mesh)
+                before = self._uploaded.get(mesh, {}).get("positions")
                 geometries[mesh] = self._upload(mesh, uploads, revision)
-                if self._buffers[mesh] is not before:
+                if self._uploaded[mesh]["positions"] is not before:
                     moved.add(mesh)
-        traced = [mesh for mesh in geometries if mesh in self._ray_users]
-        given = [mesh for mesh in traced if mesh in self.given]
+        traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
         builds = {mesh: (self._content_of[mesh], mesh in self._met_once) for mesh in traced if mesh not in self.given}
-        new = {build: mesh for mesh, build in builds.items() if build not in self._built}
-        with self._device.undone_on_error():
-            made = {build: Blas(self._device, [geometries[mesh]], name=mesh.name or "mesh")
-                    for build, mesh in new.items()}  # fmt: skip
-            build_blases(self._device, list(made.values()))
-        self._built |= made
-        for mesh, build in builds.items():
-            self._builds.acquire(build, mesh)
-            self._drop_build(mesh)
-            self._build_of[mesh], self.blases[mesh] = build, self._built[build]
-        for mesh in given:
-            self._drop_build(mesh)
-            self.blases[mesh] = self.given.structure(mesh, geometries[mesh], mesh in moved)
+        self.blases |= self.structures.build(traced, builds, moved)
         self._to_upload.clear()
         return [user for mesh in traced for user in self._ray_users.users(mesh)]
-
-    def _drop_build(self, mesh: Mesh) -> None:
-        """Free the acceleration structure that was built for a mesh, if there is one and no other mesh's."""
-        build = self._build_of.pop(mesh, None)
-        if build is not None and self._builds.release(build, mesh):
-            self._built.pop(build).destroy()
-            self.kept = False
-
-    def _forget_given(self, mesh: Mesh) -> None:
-        self.kept = not self.given.forget(mesh) and self.kept
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
@@ -243,7 +207,7 @@ class Geometry:
             self._share(mesh, content, equal[0])
         else:
             self._upload_new(mesh, content, uploads, revision)
-        self._forget_given(mesh)
+        self.structures.forget_given(mesh)
 
     def _receive(self, mesh: Mesh, given: dict[str, Taken], revision: int) -> None:
         """Have a mesh in memory of its own, which is a copy of the earlier one but for what tensors gave."""
@@ -270,26 +234,13 @@ class Geometry:
 
     def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
-        triangles = mesh.triangles
-        corners = mesh.positions[triangles]
+        corners = mesh.positions[mesh.triangles]
         order = self.orders[mesh] = spatial_order(corners.min(axis=1), corners.max(axis=1))
-        triangles = triangles[order]
         low, high = self._note_bounds(mesh, corners)
-        flags, attributes = self._pack_attributes(mesh)
-        parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
-        if attributes is not None:
-            parts["attributes"] = attributes
-        if mesh.second_uvs is not None:
-            parts["second_uvs"] = mesh.second_uvs
-            flags |= MESH_HAS_SECOND_UVS
-        if mesh.colors is not None:
-            parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)
-            parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
-            flags |= MESH_HAS_COLORS
+        flags, parts = mesh_parts(mesh, mesh.triangles[order], self._attributes)
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
         self._take_place(mesh, content, buffer, revision, self._moves(mesh))
-        addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
-        offset = 0
+        addresses, offset = dict.fromkeys(ADDRESSES, 0), 0
         for name, part in parts.items():
             addresses[name] = buffer.address + offset
             uploads.buffer(buffer, part, offset)
@@ -298,7 +249,7 @@ class Geometry:
         for name, address in addresses.items():
             record[name] = address
         record["previous_positions"] = record["positions"]
-        record["triangle_count"] = len(triangles)
+        record["triangle_count"] = len(order)
         record["flags"] = flags
         record["bounds_min"], record["bounds_max"] = low, high
 
@@ -306,6 +257,9 @@ class Geometry:
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
         return low, high
+
+    def _packed(self, mesh: Mesh) -> NDArray[Any] | None:
+        return pack_attributes(mesh, self._attributes)[1]
 
     def _moves(self, mesh: Mesh) -> bool:
         """Whether the vertices of an edited mesh move, as far as is known and somebody has seen them."""
@@ -337,25 +291,11 @@ class Geometry:
         if owned:
             before.destroy()
 
-    def _pack_attributes(self, mesh: Mesh) -> tuple[int, NDArray[Any] | None]:
-        """The flags of the attributes that a mesh has, and the attributes if there are any."""
-        flags, attributes = 0, np.zeros(len(mesh.positions), self._attributes)
-        for flag, name, values in (
-            (MESH_HAS_NORMALS, "normal", mesh.normals),
-            (MESH_HAS_UVS, "uv", mesh.uvs),
-            (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
-        ):
-            if values is not None:
-                attributes[name] = values
-                flags |= flag
-        return flags, attributes if flags else None
-
     def destroy(self) -> None:
         """Free everything."""
         self.posed.destroy()
         self.given.destroy()
-        for blas in self._built.values():
-            blas.destroy()
+        self.structures.destroy()
         for buffer in set(self._buffers.values()):
             buffer.destroy()
         self.table.destroy()

@@ -26,7 +26,11 @@ def is_takable(device: Device, value: Any) -> bool:
     """Whether `take` asks the device's CUDA for a value."""
     if isinstance(value, np.ndarray) or not hasattr(value, "__dlpack_device__"):
         return False
-    return int(value.__dlpack_device__()[0]) in (dlpack.CUDA, dlpack.ROCM) and "shaderFloat64" in device.features
+    try:
+        kind = int(value.__dlpack_device__()[0])
+    except (ValueError, RuntimeError, BufferError):  # such as PyTorch's of the device "meta"
+        return False
+    return kind in (dlpack.CUDA, dlpack.ROCM) and "shaderFloat64" in device.features
 
 
 def take(device: Device, value: Any) -> Taken | None:

@@ -283,7 +283,7 @@ def test_work_does_not_wait_for_a_context_that_failed():
         gpu.wait_idle()
         gpu.library.fail()
         gpu.cuda_inputs.take(GpuTensor(gpu, np.ones((3, 4, 4), np.float32)))
-        with pytest.raises(sv.DeviceError, match="CUDA failed, so that tensors given to .* are lost: cuStreamQuery"):
+        with pytest.raises(sv.DeviceError, match=r"CUDA failed, so that tensors .* are lost: cuStreamQuery"):
             gpu.wait_idle()
         gpu.wait_idle()  # what doesn't need the tensor goes on
 

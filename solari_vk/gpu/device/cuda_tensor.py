@@ -122,7 +122,8 @@ class CudaTensor:
     """
 
     def __init__(
-        self, lease: Lease[Place], await_written: Callable[[int | None], None], shape: tuple[int, ...], dtype: np.dtype[Any]
+        self, lease: Lease[Place], await_written: Callable[[int | None], None], shape: tuple[int, ...],
+        dtype: np.dtype[Any],
     ) -> None:  # fmt: skip
         self.shape, self.dtype = shape, dtype
         self._lease, self._await_written = lease, await_written
