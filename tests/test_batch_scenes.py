@@ -152,6 +152,7 @@ def test_equal_meshes_textures_and_environments_are_on_the_device_once(device):
     ("", {}, "the list of scenes is empty"), ("a3", {}, "the scene of world 1 is '3': give a solari_vk.Scene"),
     ("aba", {}, "4 views are no multiple of 3 worlds"), ("ab", {"worlds": 4}, "worlds=4 goes with one scene"),
     (None, {"worlds": ["a", "b"]}, "give a list of scenes in its place"),
+    ("ab", {"worlds": np.arange(2)}, "give a list of scenes in its place"),
 ])  # fmt: skip
 def test_wrong_lists_are_named(device, scenes, options, said):
     known = {"a": sv.builtin("cornell_box"), "b": sv.Scene()}

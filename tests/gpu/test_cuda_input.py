@@ -224,8 +224,21 @@ def test_wrong_tensors_are_said_later_and_not_shown(gpu):
                 batch.transforms["tall block"] = GpuTensor(gpu, np.zeros(shape))
 
 
+def test_many_frames_say_what_was_wrong(gpu):
+    given = np.stack([poses(0), poses(1)])
+    given[1, 2, 0, 0] = np.nan
+    with sv.Batch(gpu, sv.builtin("cornell_box"), SIZE, WORLDS, outputs=["depth"]) as batch:
+        many = batch.render_many(GpuTensor(gpu, given), frames=2, fov=50)
+        with pytest.raises(sv.SolariError, match="the pose of view 2 must be finite"):
+            many["depth"]
+
+
 def test_lamps_of_tensors_move_on_the_host(gpu):
     places, powers = moved(0)[:, 0], []
+    with sv.Batch(gpu, sv.builtin("cornell_box"), SIZE, WORLDS, worlds=WORLDS, outputs=["depth"]) as batch:
+        batch.transforms["lamp"] = GpuTensor(gpu, np.where(np.arange(WORLDS)[:, None, None] == 1, np.nan, places))
+        with pytest.raises(sv.SolariError, match=r"Batch.transforms: Instance 'lamp' of world 1 must be finite"):
+            batch.render(poses(0), fov=50)
     for wrap in (np.asarray, partial(GpuTensor, gpu)):
         with sv.Batch(gpu, sv.builtin("cornell_box"), SIZE, WORLDS, worlds=WORLDS, outputs=["depth"]) as batch:
             batch.transforms["lamp"] = wrap(places)

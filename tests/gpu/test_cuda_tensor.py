@@ -128,6 +128,34 @@ def test_what_is_given_may_be_tensors(device):
             assert len(tracer.trace(wrap(np.ones((3, 3))), wrap(np.eye(3))).t) == 3
 
 
+class MetaTensor(ElsewhereTensor):
+    """A tensor of PyTorch's device "meta", which has no numbers."""
+
+    def __dlpack_device__(self):
+        raise ValueError("Unknown device type meta for Dlpack")
+
+    def __dlpack__(self, **_):
+        raise BufferError("meta")
+
+    def cpu(self):
+        raise NotImplementedError("Cannot copy out of meta tensor; no data!")
+
+
+def test_tensors_without_numbers_are_named(device):
+    scene, none = sv.builtin("cornell_box"), MetaTensor(np.zeros((2, 4, 4)))
+    mesh, lacking = scene.instances[0].mesh, "must have numbers, unlike a tensor of the device 'meta'"
+    with sv.Batch(device, scene, (8, 8), 2, worlds=2) as batch:
+        batch.render([scene.camera] * 2)
+        for where, give in {
+            "Mesh .*: positions": lambda: setattr(mesh, "positions", none),
+            "Instance .*: transform": lambda: setattr(scene.instances[0], "transform", none),
+            "Batch.render: cameras": lambda: batch.render(none),
+            "Batch.transforms: of": lambda: batch.transforms.__setitem__("tall block", none),
+        }.items():
+            with pytest.raises(sv.SolariError, match=f"{where}.* {lacking}"):
+                give()
+
+
 def test_tensors_are_what_is_read(device, cuda):
     with sv.Renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
         frame = renderer.render()
