@@ -172,12 +172,27 @@ def test_what_is_for_worlds_of_one_scene_is_named(device):
             batch.render_many(CAMERAS[:2], frames=3, fov=50, transforms={"lamp": np.ones((3, 2, 4, 4))})
 
 
-def test_portals_in_lists_are_refused(device):
-    scene = sv.builtin("cornell_box")
-    scene.add(sv.Portal((0, 1, 0), (0.5, 0, 0), (0, 0, 0.5)))
-    sv.Batch(device, [scene], SIZE, 2).close()
-    with pytest.raises(sv.SolariError, match="has a portal, which lists of scenes can't have"):
-        sv.Batch(device, [sv.builtin("cornell_box"), scene], SIZE, 2)
+@pytest.mark.parametrize("renderer", ["reference", pytest.param("realtime", marks=pytest.mark.slow)])
+def test_worlds_have_portals_of_their_own(device, renderer):
+    """Of one and two portals and none below the same sky, which take their share of its samples."""
+    scenes, options = [], {"renderer": renderer, **OPTIONS[renderer], "outputs": []}
+    for index, portals in enumerate((1, 0, 2)):
+        scenes.append(scene := sv.builtin("cornell_box"))
+        scene.add(sv.Environment(np.random.default_rng(index).random((8, 16, 3)) * 3))
+        for number in range(portals):
+            scene.add(sv.Portal((0.5 + number, 1, -0.1), (0.4, 0, 0), (0, 0.3 + 0.1 * index, 0)))
+    seeds = numbered_seeds(3, 6)
+    with sv.Batch(device, scenes, SIZE, 6, **options) as batch:
+        together = batch.render(np.tile(CAMERAS, (3, 1, 1)), fov=50, seeds=seeds)["radiance"]
+        scenes[0].lights[-1].half_u = 0.2, 0, 0
+        edited = batch.render(np.tile(CAMERAS, (3, 1, 1)), fov=50, seeds=seeds, reset=True)["radiance"]
+    for world, scene in enumerate(scenes):
+        views = slice(2 * world, 2 * world + 2)
+        with sv.Batch(device, scene, SIZE, 2, **options) as batch:
+            alone = batch.render(CAMERAS, fov=50, seeds=seeds[views])["radiance"]
+        np.testing.assert_array_equal(edited[views] if world == 0 else together[views], alone, f"world {world}")
+    assert (edited[:2] != together[:2]).any()
+    np.testing.assert_array_equal(edited[2:], together[2:])
 
 
 def test_an_update_that_failed_is_done_again(device, monkeypatch):
