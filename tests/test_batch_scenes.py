@@ -175,24 +175,32 @@ def test_what_is_for_worlds_of_one_scene_is_named(device):
 @pytest.mark.parametrize("renderer", ["reference", pytest.param("realtime", marks=pytest.mark.slow)])
 def test_worlds_have_portals_of_their_own(device, renderer):
     """Of one and two portals and none below the same sky, which take their share of its samples."""
-    scenes, options = [], {"renderer": renderer, **OPTIONS[renderer], "outputs": []}
-    for index, portals in enumerate((1, 0, 2)):
-        scenes.append(scene := sv.builtin("cornell_box"))
+    options, seeds = {"renderer": renderer, **OPTIONS[renderer], "outputs": []}, numbered_seeds(3, 6)
+
+    def world(index):
+        scene = sv.builtin("cornell_box")
         scene.add(sv.Environment(np.random.default_rng(index).random((8, 16, 3)) * 3))
-        for number in range(portals):
+        for number in range((1, 0, 2)[index]):
             scene.add(sv.Portal((0.5 + number, 1, -0.1), (0.4, 0, 0), (0, 0.3 + 0.1 * index, 0)))
-    seeds = numbered_seeds(3, 6)
-    with sv.Batch(device, scenes, SIZE, 6, **options) as batch:
-        together = batch.render(np.tile(CAMERAS, (3, 1, 1)), fov=50, seeds=seeds)["radiance"]
-        scenes[0].lights[-1].half_u = 0.2, 0, 0
-        edited = batch.render(np.tile(CAMERAS, (3, 1, 1)), fov=50, seeds=seeds, reset=True)["radiance"]
-    for world, scene in enumerate(scenes):
-        views = slice(2 * world, 2 * world + 2)
-        with sv.Batch(device, scene, SIZE, 2, **options) as batch:
-            alone = batch.render(CAMERAS, fov=50, seeds=seeds[views])["radiance"]
-        np.testing.assert_array_equal(edited[views] if world == 0 else together[views], alone, f"world {world}")
-    assert (edited[:2] != together[:2]).any()
-    np.testing.assert_array_equal(edited[2:], together[2:])
+        return scene
+
+    def shown(scenes, seeds):
+        """Two frames, before and after an edit of the first world's portal."""
+        with sv.Batch(device, scenes, SIZE, len(seeds), **options) as batch:
+            poses, frames = np.tile(CAMERAS, (len(scenes), 1, 1)), []
+            for width in (0.4, 0.2):
+                for portal in scenes[0].lights[1:2]:
+                    portal.half_u = width, 0, 0
+                frames.append(batch.render(poses, fov=50, seeds=seeds, reset=True)["radiance"])
+            return np.stack(frames)
+
+    together = shown([world(index) for index in range(3)], seeds)
+    assert (together[0, :2] != together[1, :2]).any()
+    for index in range(3):
+        views = slice(2 * index, 2 * index + 2)
+        alone = shown([world(index)], seeds[views])
+        frames = slice(None) if index == 0 else slice(1)  # the others aren't edited together
+        np.testing.assert_array_equal(together[frames, views], alone[frames], f"world {index}")
 
 
 def test_an_update_that_failed_is_done_again(device, monkeypatch):

@@ -62,6 +62,7 @@ class Geometry:
         """The acceleration structure of each traced shape, as of the latest `update`."""
         self._met_once: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
         self._to_upload: dict[Mesh, None] = {}
+        self._moved: set[Mesh] = set()  # of these, those that have other positions
 
     def shape(self, mesh: Mesh, instance: Instance) -> Shape:
         """An instance's mesh in its pose, or the mesh if it has none. Takes note of the pose."""
@@ -167,18 +168,18 @@ class Geometry:
         return self.centers[shape], self.half_sizes[shape]
 
     def _update_meshes(self, revision: int) -> list[Any]:
-        geometries, moved = {}, set[Mesh]()
+        geometries = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
                 self._features.note(mesh)
                 before = self._uploaded.get(mesh, {}).get("positions")
                 geometries[mesh] = self._upload(mesh, uploads, revision)
                 if self._uploaded[mesh]["positions"] is not before:
-                    moved.add(mesh)
+                    self._moved.add(mesh)
         traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
         builds = {mesh: (self._content_of[mesh], mesh in self._met_once) for mesh in traced if mesh not in self.given}
-        self.blases |= self.structures.build(traced, builds, moved)
-        self._to_upload.clear()
+        self.blases |= self.structures.build(traced, builds, self._moved)
+        self._to_upload, self._moved = {}, set()
         return [user for mesh in traced for user in self._ray_users.users(mesh)]
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
@@ -129,21 +129,25 @@ class GivenVertices(GivenNumbers):
 
         self._device.start_with_next(record, "bounds of given meshes")
 
-    def structure(self, mesh: Mesh, geometry: TriangleGeometry, changed: bool) -> Blas:
-        """The structure of a mesh. changed: it has other positions than at the latest call."""
+    def structures(self, geometries: Mapping[Mesh, TriangleGeometry], moved: Container[Mesh]) -> dict[Mesh, Blas]:
+        """The structures of meshes. moved: those that have other positions than at the latest call."""
+        builds = [self._build(mesh, geometry) for mesh, geometry in geometries.items()
+                  if mesh in moved or not self._meshes[mesh].blases]  # fmt: skip
+        if builds:
+            submit_batch(self._device, builds, clock.tick())
+        return {mesh: self._meshes[mesh].blases[self._meshes[mesh].side] for mesh in geometries}
+
+    def _build(self, mesh: Mesh, geometry: TriangleGeometry) -> BlasBuild:
         given = self._meshes[mesh]
-        if given.blases and not changed:
-            return given.blases[given.side]
         given.side = 1 - given.side if given.blases else 0
         if len(given.blases) == given.side:
             given.blases.append(Blas(self._device, [geometry], allow_compaction=False, name=mesh.name or "mesh",
                                      update_mode=UpdateMode.PREFER_UPDATE))  # fmt: skip
-        blas, update = given.blases[given.side], len(given.blases) == 2 and given.refits < MAX_REFITS
+        blas, other = given.blases[given.side], given.blases[given.side - 1]
+        update = other is not blas and other.built and given.refits < MAX_REFITS
         blas.set_geometries([geometry])
-        source = given.blases[1 - given.side] if update else None
-        submit_batch(self._device, [BlasBuild(blas, update, source)], clock.tick())
         given.refits = given.refits + 1 if update else 0
-        return blas
+        return BlasBuild(blas, update, other if update else None)
 
     def drop_structures(self, mesh: Mesh) -> bool:
         """Rays don't meet a mesh any more; returns whether structures were freed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Container, Hashable, Mapping
 from typing import Any
 
 from solari_vk.bound.given_vertices import GivenVertices
@@ -29,7 +29,7 @@ class MeshStructures:
         """Whether no structure was destroyed since this was last set."""
 
     def build(
-        self, traced: Mapping[Mesh, TriangleGeometry], builds: Mapping[Mesh, Build], moved: Iterable[Mesh]
+        self, traced: Mapping[Mesh, TriangleGeometry], builds: Mapping[Mesh, Build], moved: Container[Mesh]
     ) -> dict[Any, Blas]:
         """The structures of meshes. builds: of those without vertices of tensors. moved: have other positions."""
         new = {build: mesh for mesh, build in builds.items() if build not in self._built}
@@ -41,8 +41,7 @@ class MeshStructures:
             self._builds.acquire(build, mesh)
             self._drop_build(mesh)
             self._build_of[mesh] = build
-        given = {mesh: self._given.structure(mesh, geometry, mesh in moved)
-                 for mesh, geometry in traced.items() if mesh not in builds}  # fmt: skip
+        given = self._given.structures({mesh: traced[mesh] for mesh in traced if mesh not in builds}, moved)
         for mesh in given:
             self._drop_build(mesh)
         return {mesh: self._built[build] for mesh, build in builds.items()} | given
