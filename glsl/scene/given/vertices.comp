@@ -16,9 +16,8 @@ layout(push_constant, scalar) uniform Work {
     float largest;  // absolute value
 } work;
 
-bool is_usable(float x) {
-    return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u && abs(x) <= work.largest;  // whatever drivers think of NaN
-}
+// Whatever drivers think of NaN.
+bool is_usable(float x) { return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u && abs(x) <= work.largest; }
 
 void main() {
     uint vertex = gl_GlobalInvocationID.x;
