@@ -25,7 +25,7 @@ for _line in HEADER.split("\n"):
     if (_name := _line.partition("(")[0].removeprefix("int ")) in _HIP:
         _ffi.cdef(_line.replace(_name, _HIP[_name]))
 _NO_TIMING = 2
-_NOT_READY = 600
+_STILL_WELL = {600, *range(900, 909)}  # of cuStreamQuery: work isn't done, or a graph is being captured
 _NON_BLOCKING = 1  # a stream that doesn't wait for the default one
 CData = Any
 
@@ -80,7 +80,7 @@ class Cuda:
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver by its name in CUDA. Raises DeviceError with its name and the reason."""
         result = self._function(name)(*arguments)
-        if result and not (name == "cuStreamQuery" and result == _NOT_READY):
+        if result and not (name == "cuStreamQuery" and result in _STILL_WELL):
             text = _ffi.new("const char **")
             self._function("cuGetErrorString")(result, text)
             reason = _ffi.string(text[0]).decode() if text[0] != _ffi.NULL else f"error {result}"

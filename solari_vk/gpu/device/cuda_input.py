@@ -84,8 +84,11 @@ class Taken:
         return values.astype(np.float64)
 
     def keep_on_host(self) -> None:
-        """Have the numbers in the host's memory alone."""
-        self._on_host, self._lease = self.copy(), None
+        """Have the numbers in the host's memory alone, or nowhere if the device is lost."""
+        try:
+            self._on_host = self.copy()
+        finally:
+            self._lease = None
 
 
 class CudaInputs:

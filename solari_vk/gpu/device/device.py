@@ -120,9 +120,9 @@ class Device(WorkQueue):
         if self.closed:
             return
         try:
+            if "cuda_inputs" in vars(self):
+                self.cuda_inputs.keep_on_host()
             if not self.lost:
-                if "cuda_inputs" in vars(self):
-                    self.cuda_inputs.keep_on_host()
                 self._hand_over()
         finally:
             self.collect()
