@@ -61,7 +61,10 @@ class Shown:
         return self.realtime(device, scene, "raster")
 
 
-@pytest.mark.parametrize("kind", ["batch", "worlds", "reference", "realtime", "raster"])
+@pytest.mark.parametrize(("gpu", "kind"), [
+    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "reference"), ("cuda", "raster"),
+    pytest.param("cuda", "realtime", marks=pytest.mark.slow),
+], indirect=["gpu"])  # fmt: skip
 def test_tensors_show_what_arrays_show(gpu, kind, monkeypatch):  # noqa: F811
     """Bit by bit, with arrays and tensors one after the other, and more of them than a structure is refitted for."""
     read, shown = Taken.copy, []
