@@ -134,15 +134,21 @@ def test_what_the_host_reads(gpu):  # noqa: F811
         low = scene.bounds.max
         assert low[1] > 2
         tracer.render(CAMERA, samples=1)
-        given = tracer.binder.assets.geometry.given
+        geometry = tracer.binder.assets.geometry
+        given, corners = geometry.given, (positions + 1).astype(np.float32)[mesh.triangles].reshape(-1, 3)
         assert mesh in given
+        for _ in range(2):  # when it has moved, and when it rests again
+            record = geometry.table.buffer.read(geometry.table.records.dtype)[geometry.rows[mesh]]
+            np.testing.assert_array_equal(record["bounds_min"], corners.min(axis=0))
+            np.testing.assert_array_equal(record["bounds_max"], corners.max(axis=0))
+            tracer.render(CAMERA, samples=1)
         ball.material.emissive = (5, 5, 5)  # of a lamp the host needs the triangles
         tracer.render(CAMERA, samples=1)
-        center, _ = tracer.binder.assets.geometry.box(mesh)
+        center, _ = geometry.box(mesh)
         mesh.positions = FromHost(positions + 2)
         tracer.render(CAMERA, samples=1)
         assert mesh not in given
-        np.testing.assert_allclose(tracer.binder.assets.geometry.centers[mesh] - center, 1, atol=1e-5)
+        np.testing.assert_allclose(geometry.centers[mesh] - center, 1, atol=1e-5)
 
 
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
