@@ -121,6 +121,8 @@ class Device(WorkQueue):
         if self.closed:
             return
         try:
+            if "cuda_inputs" in vars(self):
+                self.cuda_inputs.keep_on_host()
             if not self.lost:
                 self._hand_over()
         finally:
