@@ -31,7 +31,7 @@ def ball(**fields):
     return sv.PointLight((0, 1, 0), radius=RADIUS, **{"intensity": 0, "casts_shadow": True, **fields})
 
 
-def check_outline(device):
+def test_the_shadow_has_the_spheres_outline(device):
     """The shadow under a sun ends where the sphere does, within 1 % of its radius."""
     scene = sv.Scene(ball(), sv.DirectionalLight((0, -1, 0), illuminance=SUN, angular_diameter=1e-4))
     inner = [(0.985 * RADIUS * math.cos(angle), 0.985 * RADIUS * math.sin(angle)) for angle in np.linspace(0, 6, 20)]
@@ -40,14 +40,10 @@ def check_outline(device):
     assert lit(device, scene, *outer) == pytest.approx(np.full(len(outer), SUN), rel=1e-3)
 
 
-def test_the_shadow_has_the_spheres_outline(device):
-    check_outline(device)
-
-
 def test_the_outline_notices_small_balls(device, monkeypatch):
     monkeypatch.setattr(bodies, "SHARE", 0.95)
     with pytest.raises(AssertionError):
-        check_outline(device)
+        test_the_shadow_has_the_spheres_outline(device)
 
 
 @pytest.mark.parametrize("casts_shadow", [False, True])
