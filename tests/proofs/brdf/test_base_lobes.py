@@ -172,7 +172,8 @@ def random_materials(rng, count):
     return records
 
 
-def check_numbers(shaders, count=200_000):
+@pytest.mark.parametrize("count", [200_000, pytest.param(500_000, marks=pytest.mark.slow)])
+def test_numbers(shaders, count):
     """Values are finite, not negative and 0 below the surface; weights of samples are below 30."""
     rng = np.random.default_rng(5)
     records = random_materials(rng, count)
@@ -199,11 +200,6 @@ def test_reciprocity(shaders):
         back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, lobe] / wo[:, 2:]
         assert (np.abs(there - back) / (np.abs(back) + 1e-3)).max() < bar
         records["metallic"], records["reflectance"] = 0, 0
-
-
-@pytest.mark.parametrize("count", [200_000, pytest.param(500_000, marks=pytest.mark.slow)])
-def test_numbers(shaders, count):
-    check_numbers(shaders, count)
 
 
 # ---- single values ----------------------------------------------------------------------------------
@@ -239,7 +235,7 @@ def test_table_holds_the_albedo(shaders):
 # ---- each check can fail ----------------------------------------------------------------------------
 
 BRDF, MICROFACET, SPECULAR = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/lobes/specular.glsl"
-METAL, NUMBERS = with_shaders(test_draws, "metal"), with_shaders(check_numbers)
+METAL, NUMBERS = with_shaders(test_draws, "metal"), with_shaders(test_numbers, 200_000)
 test_a_seeded_bug_is_noticed = bug_tests({
     "furnace of dielectrics": (with_shaders(test_white_furnace, 0.0), Bug(
         SPECULAR, "dielectric_albedo", "return vec3(0.0);")),

@@ -33,7 +33,11 @@ def relative_error(picture, truth):
     return np.mean((picture - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2))
 
 
-def check_disk(device, kind="perspective", focus=2.0):
+@pytest.mark.parametrize(("kind", "focus"), [
+    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0),
+    pytest.param("fisheye", 2.0, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_the_disk_of_confusion(device, kind, focus):
     """The mean of frames of a small lamp is the disk of confusion that optics gives, with the same light."""
     found = []
     for aperture in (0.0, APERTURE):
@@ -54,14 +58,6 @@ def check_disk(device, kind="perspective", focus=2.0):
     radius = APERTURE / 2 * abs(1 - DISTANCE / focus)
     pixel = 2 * DISTANCE * math.tan(FOV / 2) / SIZE[1]
     np.testing.assert_allclose(wide - narrow, (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
-
-
-@pytest.mark.parametrize(("kind", "focus"), [
-    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0),
-    pytest.param("fisheye", 2.0, marks=pytest.mark.slow),
-])  # fmt: skip
-def test_the_disk_of_confusion(device, kind, focus):
-    check_disk(device, kind, focus)
 
 
 def test_points_are_where_the_lens_shows_them(device):
@@ -170,7 +166,7 @@ def test_what_realtime_refuses(device):
 
 LENS = ("scene/camera.glsl", "view_line")
 test_a_seeded_bug_is_noticed = bug_tests({
-    "a lens twice as wide": (check_disk, Bug(
+    "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
         *LENS, "ViewLine line = correct(position, from); line.start.xy += from.lens_offset;\n"
         "    line.along.xy -= from.lens_offset / from.focus_distance; return line;")),
     "wide lenses whose aperture faces the view axis": (lambda device: test_wide_lenses(device, "fisheye"), Bug(
