@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from support.bound_scenes import bound
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
 from solari_vk.bound.spatial_order import spatial_order
@@ -55,14 +55,9 @@ def make_world():
 
 def draw(shaders, world):
     """The samples, by power and by the tree (2, N), and the lights' powers."""
-    binder = SceneBinder(shaders.device, world)
-    try:
-        binder.update()
+    with bound(shaders.device, world) as binder:
         drawn = shaders.run("test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT})["drawn"]
         return drawn.reshape(2, COUNT), binder.lights.powers
-    finally:
-        shaders.device.wait_idle()
-        binder.destroy()
 
 
 def part_shares(world):

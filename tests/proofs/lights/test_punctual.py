@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from support import mitsuba_scene
+from support.bound_scenes import bound
 from support.frames import TILES, WHOLE, left_of, settle
 from support.measured import hold
 from support.pictures import take_picture
@@ -23,7 +24,6 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
@@ -157,11 +157,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
 @pytest.fixture
 def binder(device):
     """A binder of the box with its point light and its spotlight."""
-    bound = SceneBinder(device, box_with_lamps("point", "spot"))
-    bound.update()
-    yield bound
-    device.wait_idle()
-    bound.destroy()
+    with bound(device, box_with_lamps("point", "spot")) as made:
+        yield made
 
 
 def test_a_lamp_changes_its_kind_with_its_radius(binder):

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from support.bound_scenes import bound
 from support.frames import TILES, WHOLE
 from support.measured import hold
 from support.realtime import Effort, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights import bodies
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
@@ -80,9 +80,7 @@ def test_a_binder_moves_the_ball_with_one_update(device):
     """Its row stays, and nothing is left for the next update."""
     scene = sv.Scene(ball(name="bulb"))
     scene.add(shapes.box(), matte(0.5), name="box")
-    binder = SceneBinder(device, scene)
-    try:
-        binder.update()
+    with bound(device, scene) as binder:
         (row,) = (row for row, instance in binder.instances.items() if instance.name == "bulb")
         assert {instance.name for instance in scene.instances} == {"box"}, "the scene has no ball"
         scene.lights["bulb"].position = (3, 1, 0)
@@ -94,9 +92,6 @@ def test_a_binder_moves_the_ball_with_one_update(device):
         scene.remove("bulb")
         binder.update()
         assert row not in binder.instances
-    finally:
-        device.wait_idle()
-        binder.destroy()
 
 
 def before_a_wall():
