@@ -11,7 +11,6 @@ from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.bound.projection import lens_point
-from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 
@@ -155,13 +154,6 @@ def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
         assert abs(off) < 0.02
     assert errors[0.25] <= 2 * errors[0.0]
     assert worst[0.25] < worst[0.0] + 0.04
-
-
-def test_what_realtime_refuses(device):
-    with sv.Renderer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
-        renderer.settings.gbuffer = "raster"
-        with pytest.raises(SolariError, match="raster draws no lenses"):
-            renderer.render(sv.Camera(aperture=0.1))
 
 
 LENS = ("scene/camera.glsl", "view_line")

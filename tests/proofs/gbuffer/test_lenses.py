@@ -118,8 +118,9 @@ def test_a_fisheye_shows_what_a_panorama_shows(device):
 
 def test_raster_draws_no_lenses(device):
     with make_renderer(device, room(), SIZE, passes=GBUFFER, gbuffer="raster") as renderer:
-        with pytest.raises(SolariError, match="raster draws no lenses: leave the setting gbuffer at auto"):
-            renderer.render()
+        for camera in (None, sv.Camera(aperture=0.1)):
+            with pytest.raises(SolariError, match="raster draws no lenses: leave the setting gbuffer at auto"):
+                renderer.render(camera)
         assert renderer.render(LENSES["offset"]())["gbuffer_depth"].any()
 
 
