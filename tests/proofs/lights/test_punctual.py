@@ -8,18 +8,10 @@ import numpy as np
 import pytest
 from support import mitsuba_scene
 from support.bound_scenes import bound
-from support.frames import TILES, WHOLE, left_of, settle
+from support.frames import left_of, measure_frames, settle
 from support.measured import hold
 from support.pictures import take_picture
-from support.realtime import (
-    SPLIT,
-    Effort,
-    make_renderer,
-    measure_mean,
-    measure_picture_tiles,
-    run_pictures,
-    trace,
-)
+from support.realtime import SPLIT, Effort, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
@@ -55,14 +47,10 @@ def box_with_lamps(*names):
 )], ids=["raw", "denoised", "reuse", "split"])  # fmt: skip
 def test_frames_have_the_path_tracers_light(device, lighting):
     """With three lamps, one of which the camera sees."""
-    scene, size, effort = box_with_lamps(), (32, 32), Effort(4, 24, 16)
-    expected = trace(device, scene, 512, size, max_bounces=64)
-    with make_renderer(device, scene, size, **lighting) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
-    split = lighting == SPLIT
-    hold([measure_mean(WHOLE, found, expected, 0.07 if split else 0.03, effort)])
-    if not lighting.get("denoise"):  # which blurs the edges of tiles
-        hold([measure_picture_tiles(TILES, found, expected, 0.25 if split else 0.15, effort)])
+    bar, tile_bar = (0.07, 0.25) if lighting == SPLIT else (0.03, 0.15)
+    if lighting.get("denoise"):  # which blurs the edges of tiles
+        tile_bar = None
+    hold(measure_frames(device, box_with_lamps(), Effort(4, 24, 16), 512, bar, tile_bar, **lighting))
 
 
 @pytest.mark.parametrize("lighting", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
