@@ -157,9 +157,6 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
     assert 0.9 < picture.mean() / expected.mean() < 1.05
 
 
-# ---- each rule can fail -----------------------------------------------------------------------------
-
-
 def composing(change):
     """A bug in the last pass of paths, for each pixel at `at`."""
     return Bug("passes/display/compose.comp", "main", "correct(); uvec2 at = gl_GlobalInvocationID.xy; "

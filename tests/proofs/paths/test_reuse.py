@@ -133,8 +133,6 @@ def observe(device, scene, effort, restir):
         return run_pictures(renderer, scene.camera, effort, add_up)
 
 
-# ---- each rule holds, and can fail ------------------------------------------------------------------
-
 # Reservoirs keep samples for long and take them from afar, so that bugs add up.
 STRESS = {"restir_confidence_cap": 30.0, "spatial_radius_halving": False, "restir_radius": 12.0}
 
