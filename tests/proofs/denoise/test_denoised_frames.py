@@ -94,8 +94,8 @@ def test_the_estimated_error_is_calibrated(device, name, samples):
 
 
 def means_of_lobes(device, scene, size):
-    """The means of 32 denoised frames after 48, of each lobe, and those of raw frames: two arrays (2, h, w, 3). Light that
-    few paths find comes back as the history grows."""
+    """The means of 32 denoised frames after 48, of each lobe, and those of raw frames: two arrays (2, h, w, 3). Light
+    that few paths find comes back as the history grows."""
     means = []
     with make(device, scene, size) as renderer:
         for renderer.settings.denoise in (True, False):
