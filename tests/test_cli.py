@@ -321,11 +321,18 @@ def job_of(*words):
 ])  # fmt: skip
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_mode_follows_from_options_and_oidn(oidn_that, words, mode, denoises, installed):
-    """Without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
+    """On the processor, without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
     oidn_that(installed)
     job = job_of(*words)
     assert job.mode == (mode or ("reference" if installed else "realtime"))
     assert job.denoise == (denoises and installed)
+
+
+def test_graphics_cards_render_in_realtime(oidn_that, monkeypatch):
+    oidn_that(True)
+    monkeypatch.setattr("solari_vk.cli.render.kind_of_device", lambda select, rays: f"{select} gpu, {rays}")
+    assert job_of("--device", "1", "--rays", "pipeline").mode == "realtime"
+    assert job_of("--samples", "2").mode == "reference"
 
 
 def test_oidn_that_does_not_load_is_done_without(oidn_that, capsys):
@@ -424,17 +431,14 @@ PICTURE = ["render", "a.glb", "-o", "b.png"]
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    ([], ["COMMAND"]),
-    (["render", "a.glb"], ["--output"]),
+    ([], ["COMMAND"]), (["render", "a.glb"], ["--output"]), (["renderr", "a.glb"], ["did you mean 'render'?"]),
     ([*PICTURE, "--size", "0x5"], ["1x1"]),
     ([*PICTURE, "--size", "big"], ["big"]),
     ([*PICTURE, "--samples", "0"], ["at least 1"]),
     ([*PICTURE, "--samples", "9" * 5000], ["999...999"]),
     ([*PICTURE, "--mode", "9" * 5000], ["999...999", "choose from"]),
     (["9" * 5000], ["999...999", "there are render, view"]),
-    (["renderr", "a.glb"], ["there is no command 'renderr'; did you mean 'render'?"]),
-    (["bench", "lod"], ["there is no part 'lod'; did you mean 'load'?"]),
-    (["dataset", "a.glb", "-o", "b", "--coco"], ["give --annotations coco"]),
+    (["bench", "lod"], ["did you mean 'load'?"]), (["dataset", "a.glb", "-o", "b", "--coco"], ["--annotations coco"]),
     ([*PICTURE, "--environment-intensity", "-1"], ["not be negative"]),
     ([*PICTURE, "--tonemap", "sepia"], ["sepia", "agx"]),
     (["view", "a.glb", "--view", "smell"], ["smell", "base_color"]),
@@ -456,9 +460,7 @@ def test_what_a_part_of_bench_is_given_is_what_its_function_takes():
 
 
 def test_an_unknown_device_is_exit_code_3(render):
-    said = render(*SAMPLES, "--device", "no such device", code=3)[0]
-    assert "no such device" in said
-    assert "--device, Device(select=...) and SOLARI_VK_DEVICE take" in said
+    assert "'no such device' (--device, Device(" in render(*SAMPLES, "--device", "no such device", code=3)[0]
 
 
 def ended(*words, **options):

@@ -1,6 +1,5 @@
 // Multiplies the light of both lobes, denoised or not, by the surfaces' colors again, and adds visible emission.
 #version 460
-#include "common/pixel.glsl"
 #include "passes/denoise/api.glsl"
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -29,7 +28,7 @@ void main() {
         albedo.specular *= light.psr_albedo;
         diffuse = light.diffuse * albedo.diffuse;
         specular = light.specular * albedo.specular;
-        error.at[index] = standard_error(light, albedo.diffuse, albedo.specular);
+        error.at[index] = standard_error(light, history_length(index), albedo.diffuse, albedo.specular);
     }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
