@@ -143,12 +143,13 @@ class RenderedFrame(Hints):
         """Whether pixels show an instance at their center, (height, width). instance: the object, a group or a list of
         them, a name, of which all count that have it, or that of an object of several parts. Raises SolariError for
         what isn't in the scene."""
-        if isinstance(instance, str):
-            found = self._named(instance)
-        elif isinstance(instance, Group):
-            found = instance.items
+        given: Any = instance
+        if isinstance(given, str):
+            found = self._named(given)
+        elif isinstance(given, Group):
+            found = given.items
         else:
-            found = list(instance) if isinstance(instance, Sequence) else [instance]
+            found = list(given) if isinstance(given, Sequence) else [given]
         ids = [number for number, other in self.instances.items() if other in found]
         if not ids:
             raise SolariError(f"mask: takes an instance or a group of the scene, or its name, not {quoted(instance)}")
