@@ -188,7 +188,7 @@ def test_wrong_fields_are_refused(fields, text):
 
 def test_scenes_take_environments_only():
     scene = sv.Scene()
-    with pytest.raises(SolariError, match="must be an Environment, a Sky or None, not float"):
+    with pytest.raises(SolariError, match="must be an Environment, Sky, path or None, not float"):
         scene.environment = 1.0
     scene.environment = sv.Environment(0.0)
     assert not scene.environment.emits
