@@ -78,7 +78,7 @@ def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[s
     realtime, reference = (not options.given.isdisjoint(groups[mode]) for mode in MODES)
     realtime |= (options.animate is not None and not reference) or not aovs.issubset(PathTracer.OUTPUTS)
     reference |= (options.is_spread and options.animate is None) or not aovs.issubset(Renderer.OUTPUTS)
-    if not (realtime or reference):
+    if not (realtime or reference or options.is_movie):
         realtime = kind_of_device(options.device, options.rays) != "cpu"
     works = not realtime and "denoise" not in options.given and _oidn_works()
     if realtime or not (reference or works):

@@ -280,7 +280,7 @@ class _shown:
     def read(self):
         names = {
             "batch": self._frame, "reference": ("radiance", "depth"),
-            "realtime": ("depth", "shading_normal", "guides_motion"),  # radiance isn't the same in two renderers
+            "realtime": ("radiance", "depth", "shading_normal", "guides_motion"),
         }  # fmt: skip
         return {name: self._frame[name] for name in names[self._kind]}
 
