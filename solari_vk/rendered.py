@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 import warnings
@@ -20,8 +21,9 @@ from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
-from solari_vk.output.tone_mapping import encode_picture, unseen
+from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes import pathtracer
+from solari_vk.scene.camera import exposure_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.objects import objects_of
@@ -198,29 +200,51 @@ class RenderedFrame(Hints):
         """
         if self._renderer.view != "picture":
             return np.asarray(self["display"][..., :3])
-        radiance = self["radiance"]
-        return encode_picture(
-            radiance, exposure=self._factor(radiance, exposure), curve=tonemap or self._renderer.tonemap
-        )
+        radiance, curve = self["radiance"], tonemap or self._renderer.tonemap
+        return encode_picture(radiance, exposure=self._factor(radiance, exposure, curve), curve=curve)
 
-    def _factor(self, radiance: NDArray[Any], exposure: float | str | None) -> float:
-        """The factor that an exposure means for a picture. Warns of one in which nothing can be seen."""
+    def _factor(self, radiance: NDArray[Any], exposure: float | str | None, curve: str) -> float:
+        """The factor that an exposure means for a picture. Warns of one in which nothing can be seen, and of another
+        exposure than the camera's."""
         if isinstance(exposure, str):
             if exposure != "auto":
                 raise SolariError(f"exposure is a factor or 'auto', not {quoted(exposure)}")
-            return Camera(ev100=self._renderer.auto_exposure(radiance)).exposure
-        factor = self.camera.exposure if exposure is None else exposure
+            return exposure_of(self._renderer.auto_exposure(radiance))
+        camera = self.camera
+        ev100 = getattr(camera, "_metered", camera.ev100) if exposure is None and not camera.has_exposure else None
+        factor = exposure if exposure is not None else camera.exposure if ev100 is None else exposure_of(ev100)
         if (wrong := unseen(radiance * factor)) == "black":
             warn("the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
                  "with an emissive material, scene.environment, and studio_lights(scene)")  # fmt: skip
         elif wrong and exposure is not None:
             warn(f'the picture is far too {wrong}: give another exposure, or "auto"')
-        elif wrong:
-            ev100 = self._renderer.auto_exposure(radiance)
-            warn(f"the picture would be far too {wrong} with the camera's EV100, {self.camera.ev100:.4g}, and is shown "
-                 f"with {ev100:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
-            return Camera(ev100=ev100).exposure
+        elif wrong or (ev100 is not None and (wrong := self._misexposed(radiance, factor, curve))):
+            far, unset = "far " if unseen(radiance * factor) else "", "" if ev100 is None else ", which nobody set"
+            shown = self._renderer.auto_exposure(radiance)
+            if ev100 is not None:
+                object.__setattr__(camera, "_metered", shown)  # the next pictures of a movie don't flicker
+            warn(f"the picture would be {far}too {wrong} with the camera's EV100, {camera.ev100:.4g}{unset}, and is "
+                 f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
+            return exposure_of(shown)
         return factor
+
+    def _misexposed(self, radiance: NDArray[Any], factor: float, curve: str) -> str:
+        """Whether surfaces that aren't lamps are too "bright" or too "dark" in the picture; "" if neither."""
+        codes = encode_picture(radiance, exposure=factor, curve=curve)
+        if not misexposed(codes):
+            return ""
+        surfaces = np.isfinite(self["depth"])
+        counts = surfaces & ~self["emissive"].any(axis=-1) if surfaces.mean() >= 0.01 else np.ones_like(surfaces)
+        return misexposed(codes[counts])
+
+    def settle_exposure(self) -> None:
+        """Give the camera the EV100 with which `image` shows the picture, if nobody has set one."""
+        if not self.camera.has_exposure:
+            radiance = self["radiance"]
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                factor = self._factor(radiance, None, self._renderer.tonemap)
+            self.camera.ev100 = -math.log2(1.2 * factor)
 
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""
@@ -255,7 +279,7 @@ class RenderedFrame(Hints):
             return
         radiance = self["radiance"]
         if is_picture or isinstance(exposure, str):
-            factor = self._factor(radiance, exposure)
+            factor = self._factor(radiance, exposure, tonemap or renderer.tonemap)
         else:
             factor = self.camera.exposure if exposure is None else exposure
         save_image(

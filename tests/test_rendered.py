@@ -196,7 +196,7 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
         with pytest.warns(UserWarning, match=r"black: .*Lights are those of scene.lights"):
             tracer.render(samples=1).save(tmp_path / "black.png")
         scene.add(sv.DirectionalLight((-1, -1, -1)))
-        with pytest.warns(UserWarning, match=r"far too bright with the camera's EV100, 0, and is shown with 1\d"):
+        with pytest.warns(UserWarning, match=r"far too bright with the camera's EV100, 0, which nobody set, and is shown with 1\d"):
             tracer.render(samples=1).save(tmp_path / "rescued.png")
         assert 50 < np.median(np.asarray(Image.open(tmp_path / "rescued.png"))) < 200
         with pytest.warns(UserWarning, match=r'far too bright: give another exposure, or "auto"'):
@@ -204,6 +204,34 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             tracer.render(samples=1).save(tmp_path / "right.png", exposure="auto")
+
+
+def test_an_exposure_that_nobody_set_is_metered_where_it_is_clearly_wrong(device):
+    """A closed room with a lamp of 2,500 lm, which EV100 0 shows as white, and of 0.5 lm, which it shows as black."""
+    scene = sv.Scene()
+    scene.add(sv.shapes.box((-2, 0, -2), (2, 2.5, 2)), sv.Material(base_color=0.7, roughness=1, double_sided=True))
+    lamp = scene.add(sv.PointLight((0, 2.2, 0)))
+    pose = (1.8, 1.6, 1.8), (0, 0.6, 0)
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        for lumens, wrong in ((2500, "bright"), (0.5, "dark")):
+            lamp.lumens = lumens
+            camera = sv.Camera.look_at(*pose, fov=70)
+            frame = tracer.render(camera, samples=4)
+            with pytest.warns(UserWarning, match=rf"too {wrong} with the camera's EV100, 0, which nobody set, and is "):
+                assert 60 < np.median(frame.image()) < 220
+            assert camera.ev100 == 0
+            assert not camera.has_exposure
+            metered = frame.image()
+            frame.settle_exposure()
+            assert camera.has_exposure
+            np.testing.assert_array_equal(frame.image(), metered)
+            camera.ev100 = 0.0
+            assert (np.median(frame.image()) > 230) == (wrong == "bright")  # it was set: the picture is what it makes
+        lamp.lumens = 150
+        frame = tracer.render(sv.Camera.look_at(*pose, fov=70), samples=4)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            np.testing.assert_array_equal(frame.image(), frame.image(exposure=sv.Camera().exposure))
 
 
 def test_the_first_picture_chooses_the_exposure(renderer):

@@ -69,9 +69,9 @@ class Screens:
         self.owned = ExitStack()
         self.scale_control()  # raises an error in the scale at once
         self.binder = SceneBinder(device, scene)
-        if camera.auto_exposure:  # by a small picture
+        if camera.auto_exposure or not camera.has_exposure:  # by a small picture
             with PathTracer(device, self.binder, METERING_SIZE) as tracer:
-                tracer.render(camera, samples=16)
+                tracer.render(camera, samples=16).settle_exposure()
 
     @property
     def lost(self) -> bool:

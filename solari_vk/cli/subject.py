@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import solari_vk as sv
-from solari_vk.cli.jobs import MovieJob, SceneOptions
+from solari_vk.cli.jobs import DatasetJob, MovieJob, SceneOptions
 from solari_vk.errors import SolariError
 from solari_vk.files import read_json
 from solari_vk.other_words import advice_for
@@ -64,7 +64,8 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     if played is not None and time is not None:
         played.apply(scene, time, loop=False)
         still, played = played, None
-    sweep = None if movie is None else _sweep(movie)
+    around = isinstance(job, DatasetJob) and job.cameras == "orbit"
+    sweep = (None,) if around else None if movie is None else _sweep(movie)
     turns = (0.0,) if sweep is None else orbit_turns(ORBIT_PICTURES, *sweep).tolist()
     front = scene.camera_for(job.size[0] / job.size[1], played, turns=turns)
     camera = front if job.camera is None else _find_camera(scene, job.camera)
@@ -80,7 +81,10 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
         scene.environment.turn(math.radians(job.environment_rotation))
         scene.environment.intensity *= job.environment_intensity
     exposure = job.exposure or ("camera" if builtin or in_studio else "auto")
-    if exposure not in ("auto", "camera"):
+    if exposure == "camera":
+        for shown in cameras:
+            shown.ev100 = float(shown.ev100)  # it was chosen for the light
+    elif exposure != "auto":
         try:
             expose(cameras, float(exposure))
         except ValueError:

@@ -66,6 +66,15 @@ def _blades(value: Any) -> int:
     return int(value)
 
 
+class _Unset(float):
+    """A number that nobody chose. Copies of a camera keep it; any assignment replaces it."""
+
+
+def _ev100(value: Any) -> float:
+    checked_number: Any = checks.number(-100, 100)(value)
+    return value if isinstance(value, _Unset) else float(checked_number)
+
+
 class _Placing:
     """A class method that is `place` where it is called on an object."""
 
@@ -85,7 +94,8 @@ class Camera(Checked, Placed, Calibrated, Focused):
     which the constructor takes too. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
     angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
     than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
-    2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
+    2^ev100). While nobody sets it, it is 0, and pictures that would be clearly too bright or too dark are shown and
+    saved with another one, of which a warning tells. jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
     focused at focus_distance, in meters along the view axis, of wide lenses along the ray; with 0 all is sharp. It is a
     disk, or with aperture_blades from 3 on a regular polygon with its corners on that circle, turned by
     aperture_rotation in radians. `focus_on` sets both as photographers do. auto_exposure: the first picture that a
@@ -108,7 +118,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
     near: float = 0.01
     aperture: float = 0.0
     focus_distance: float = 1.0
-    ev100: float = 0.0
+    ev100: float = _Unset(0.0)
     auto_exposure: bool = False
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
     projection: str = "perspective"
@@ -129,7 +139,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
-        "ev100": checks.number(-100, 100),
+        "ev100": _ev100,
         "auto_exposure": checks.flag,
         "jitter": checks.array(2),
         "projection": _projection,
@@ -286,6 +296,11 @@ class Camera(Checked, Placed, Calibrated, Focused):
     @fov.setter
     def fov(self, fov: float) -> None:
         self.update(fov=fov)
+
+    @property
+    def has_exposure(self) -> bool:
+        """Whether ev100 was set: by the constructor, an assignment, a file, or a picture with auto_exposure."""
+        return not isinstance(self.ev100, _Unset)
 
     @property
     def exposure(self) -> float:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Hashable
 from typing import Any
 
+from solari_vk.gpu.frame.frame import Interrupted
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.held import Held
 from solari_vk.viewer.presenter import Part, pixels_of
@@ -48,7 +49,13 @@ class Rendering:
         pictures.sample_limit = refining.samples if refining.rests else 0
         pictures.keeps_realtime = pictures.mode == "split" and refining.steps >= FRAMES
         began = time.perf_counter()
-        self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
+        software = session.device.properties.kind == "cpu"
+        pictures.interrupted = session.window.has_input if software and refining.rests else None
+        try:
+            self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
+        except Interrupted:
+            refining.restart()
+            return
         if refining.rests:
             session.device.wait_idle()  # so that steps take as long as they seem to
         refining.note(time.perf_counter() - began, self._count(), pictures.mode != "realtime")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -39,6 +39,10 @@ __all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass",
            "Within"]  # fmt: skip
 
 SIDES = 2  # of a history, which slots take in turn
+
+
+class Interrupted(Exception):
+    """A frame was given up because `Frame.between` said so."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ class Frame:
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
         self.frame_count = self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
+        self._between: Callable[[], bool] | None = None
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
         self.stages: list[Stage] = list(stages)
         self._external: dict[str, Any] = dict(external or {})
@@ -86,7 +91,7 @@ class Frame:
         with device.undone_on_error(), ExitStack() as undo:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
-            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
+            self._slots = [Slot(device, index, self._pool) for index in range(SIDES)]
             self._latest, self._gathered_slots = self._slots[0], SIDES
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
@@ -134,7 +139,7 @@ class Frame:
         """Have slots for so many frames that none of them waits for the frames of the previous time."""
         assert self._program is not None
         for index in range(len(self._slots), SIDES * frames):
-            slot = Slot(self.device, index, *self._pool.allocate(1))
+            slot = Slot(self.device, index, self._pool)
             slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
             self._slots.append(slot)
         self._gathered_slots = SIDES * frames
@@ -174,14 +179,35 @@ class Frame:
             structure.check_usable()
         slot.uniform_target[:] = slot.uniform_source
         try:
-            if before:
-                self.device.submit([self._order.commands, *before, slot.commands])
+            if slot.in_parts:
+                self._submit_in_parts([self._order.commands, *before], slot.submission.commands)
+            elif before:
+                self.device.submit([self._order.commands, *before, *slot.submission.commands])
             else:
                 self.device.submit_prepared(slot.submission)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count, self._latest = self.frame_count + 1, slot
         return slot.value
+
+    @property
+    def between(self) -> Callable[[], bool] | None:
+        """If set, `submit` waits for each step and calls this after it; True gives the frame up, which `submit` says
+        by `Interrupted`: the frame then is to be submitted again, and what its steps keep for the next one is void."""
+        return self._between
+
+    @between.setter
+    def between(self, between: Callable[[], bool] | None) -> None:
+        self._between = between
+        for slot in self._slots:
+            slot.in_parts = between is not None
+
+    def _submit_in_parts(self, before: Sequence[raw.CData], parts: Sequence[raw.CData]) -> None:
+        self.device.submit(before)
+        for number, part in enumerate(parts, 1):
+            self.device.await_value(self.device.submit([part]))
+            if self._between is not None and number < len(parts) and self._between():
+                raise Interrupted
 
     def _note_structures(self) -> None:
         """Note the top-level structures that the shaders use; each frame checks them."""
