@@ -20,7 +20,7 @@ from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.annotations import boxes, merged_ids
-from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
+from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes import pathtracer
 from solari_vk.scene.camera import exposure_of
@@ -47,6 +47,7 @@ class Source(Protocol):
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor: ...
     def resource(self, name: str) -> Any: ...
     def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float: ...
+    def cut_out(self, radiance: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
     def check_latest(self, frame: RenderedFrame, name: str) -> None: ...
 
 
@@ -264,15 +265,22 @@ class RenderedFrame(Hints):
         *,
         exposure: float | str | None = None,
         tonemap: str | None = None,
+        transparent: bool = False,
     ) -> None:
         """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr, .npz or .npy.
 
         layers: the name of a further result, or several, which become channels of an .exr or arrays of an .npz,
         otherwise .npy files beside the picture.
-        exposure and tonemap are those of `image`, for the .png or .jpg. Raises SolariError for an unknown name or
-        suffix, and for a file that can't be written.
+        exposure and tonemap are those of `image`, for the .png or .jpg. transparent: show surfaces alone, in a .png
+        with straight alpha, in an .exr with premultiplied alpha. Their share of a pixel is the alpha; the scene's light
+        stays as it is. A studio's floor is a surface: `scene.backdrop.visible = False` hides it. Raises SolariError for
+        an unknown name or suffix, and for a file that can't be written.
         """
         renderer, layers = self._renderer, (layers,) if isinstance(layers, str) else layers
+        if transparent:
+            check_alpha(Path(path))
+            if renderer.view != "picture":
+                raise SolariError(f"{path}: a debug view has no transparent background: set view to 'picture'")
         is_picture = Path(path).suffix.lower() in EIGHT_BIT
         if is_picture and renderer.view != "picture":
             write_codes(Path(path), self["display"][..., :3])
@@ -282,9 +290,14 @@ class RenderedFrame(Hints):
             factor = self._factor(radiance, exposure, tonemap or renderer.tonemap)
         else:
             factor = self.camera.exposure if exposure is None else exposure
+        alpha = None
+        if transparent:
+            renderer.check_latest(self, "transparent")
+            radiance, alpha = renderer.cut_out(radiance)
         save_image(
             path,
             radiance,
+            alpha=alpha,
             exposure=factor,
             tonemap=tonemap or renderer.tonemap,
             layers={name: self[name] for name in layers if name != "radiance"},

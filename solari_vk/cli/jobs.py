@@ -146,6 +146,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
     """The fields that the command line names."""
     output: Path = option("the picture: .png, .jpg, .exr, .npz or .npy; an animation: .gif, .mp4, or numbered pictures",
                           names=("-o", "--output"), type=Path, required=True)
+    transparent: bool = flag("leave out the background, and a studio's floor: .png and .exr with alpha")
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
         "show what was written in the terminal, of a .gif its first picture, if the output goes to one; needs "

@@ -95,12 +95,12 @@ class Camera(Checked, Placed, Calibrated, Focused):
     angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
     than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). While nobody sets it, it is 0, and pictures that would be clearly too bright or too dark are shown and
-    saved with another one, of which a warning tells. jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
-    focused at focus_distance, in meters along the view axis, of wide lenses along the ray; with 0 all is sharp. It is a
-    disk, or with aperture_blades from 3 on a regular polygon with its corners on that circle, turned by
-    aperture_rotation in radians. `focus_on` sets both as photographers do. auto_exposure: the first picture that a
-    renderer makes with the camera chooses ev100, for which `render` waits (realtime: the first four frames); then it
-    stays, as a number that is assigned does.
+    saved with another one, of which a warning tells. jitter (2,) shifts the picture, in pixels. aperture is the
+    diameter of a thin lens in meters, which is focused at focus_distance, in meters along the view axis, of wide lenses
+    along the ray; with 0 all is sharp. It is a disk, or with aperture_blades from 3 on a regular polygon with its
+    corners on that circle, turned by aperture_rotation in radians. `focus_on` sets both as photographers do.
+    auto_exposure: the first picture that a renderer makes with the camera chooses ev100, for which `render` waits
+    (realtime: the first four frames); then it stays, as a number that is assigned does.
 
     projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic"; "equirectangular", a
     panorama of 360 x 180 degrees; or "cube", the six faces of `CameraRig.cube` in a row, for pictures six times as wide

@@ -185,6 +185,9 @@ class Frame:
                 self.device.submit([self._order.commands, *before, *slot.submission.commands])
             else:
                 self.device.submit_prepared(slot.submission)
+        except Interrupted:
+            slot.stale = True  # its timestamps are of no frame
+            raise
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count, self._latest = self.frame_count + 1, slot

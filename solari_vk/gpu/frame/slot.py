@@ -24,8 +24,7 @@ from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
 
-
-PART_GROUPS = 1024  # workgroups of a command buffer of a slot that is in parts: a tenth of a second on a software device
+PART_GROUPS = 1024  # of a command buffer of a slot that is in parts: a tenth of a second on a software device
 
 
 class Slot:
