@@ -18,7 +18,7 @@ from solari_vk.passes import gbuffer, pathtracer
 AVERAGED = 16  # rays of a pixel in a mean
 COVERING_BITS = 6
 COVERING = 1 << COVERING_BITS
-"""Rays of a pixel's alpha, by Hammersley's points: an error of 1/16 would leave much of a bright background in edges."""
+"""Rays of a pixel's alpha, by Hammersley's points: with 16 much of a bright background stays in edges."""
 
 
 class FirstHits:
