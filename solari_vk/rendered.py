@@ -290,6 +290,10 @@ class RenderedFrame(Hints):
             factor = self._factor(radiance, exposure, tonemap or renderer.tonemap)
         else:
             factor = self.camera.exposure if exposure is None else exposure
+        if is_picture and Path(path).stem in layers:
+            name = Path(path).stem
+            warn(f"{path} is the picture in color; {name} is in {name}.{name}.npy beside it. Pictures of numbers "
+                 "are debug views of the realtime renderer: set its view")  # fmt: skip
         alpha = None
         if transparent:
             renderer.check_latest(self, "transparent")
