@@ -25,7 +25,7 @@ from solari_vk.batch_results import BatchResults
 from solari_vk.bound import view_table
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.bound.given_poses import GivenPoses
+from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
@@ -43,7 +43,7 @@ from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.view_renderers import ViewRenderer, ViewTracer
+from solari_vk.view_renderers import ViewRenderer, ViewTracer, show_worlds
 
 SHADER = "passes/batch/labels.comp"
 
@@ -97,7 +97,9 @@ class Batch(BatchResults):
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
             self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
-            self._given: list[GivenPoses] = [self._worlds.given_poses] if isinstance(self._worlds, Worlds) else []
+            self._given: list[GivenNumbers] = [self.binder.assets.geometry.given]
+            if isinstance(self._worlds, Worlds):
+                self._given.append(self._worlds.given_poses)
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             if renderer == "realtime":
@@ -118,15 +120,15 @@ class Batch(BatchResults):
                 self._owned.callback(self._orders.destroy)
                 self._orders.update()
                 external = {"views": self._table.buffer, **self._orders.buffers, **self._worlds.resources}
-                frame = SceneFrame(device, self.binder, self._stages(), external=external)
+                frame = SceneFrame(device, self.binder, self._stages(self._capacity), external=external)
                 self._labels = self._owned.enter_context(frame)
             self._seeds = numbered_seeds(options.get("seed", 0), self.views)
         except BaseException:
             self._owned.close()
             raise
 
-    def _stages(self) -> list[Stage]:
-        return [passes.labels_stage(self._strip, self._rows, self._labels_names, self._worlds.count * self._capacity)]
+    def _stages(self, capacity: int) -> list[Stage]:
+        return [passes.labels_stage(self._strip, self._rows, self._labels_names, self._worlds.count * capacity)]
 
     @property
     def transforms(self) -> WorldTransforms:
@@ -252,7 +254,7 @@ class Batch(BatchResults):
                 results = {name: self._result(name) for name in names}
                 if index == 0 and (self._many is None or not self._many.holds(results, frames)):
                     self._close_many()
-                    self._many = ManyFrames(self.device, results, frames)
+                    self._many = ManyFrames(self.device, results, frames, self._given)
                 assert self._many is not None
                 self._many.take(index, results)
         assert self._many is not None
@@ -269,18 +271,15 @@ class Batch(BatchResults):
         table.upload()
 
     def _find_labels(self, frame: SceneFrame) -> None:
-        frame.apply_edits()
-        if self._bound != (version := self._worlds.update()):
-            frame.bind(self._worlds.resources)
-            self._bound = version
+        self._bound = show_worlds(frame, self._worlds, self._bound)
         if self._orders.update():
             frame.bind(self._orders.buffers)
-        if self._worlds.rows != self._capacity:
-            self._capacity = self._worlds.rows
+        if (capacity := self._worlds.rows) != self._capacity:
             if "motion_vectors" in self._names:
                 previous = frame.resource("previous_instances").read()
-                frame.rebuild(self._stages())
+                frame.rebuild(self._stages(capacity))
                 upload_rows(frame.resource("previous_instances"), previous, self._worlds.count)
+            self._capacity = capacity
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
             frame.uniforms["path_sampling.first_row"] = row

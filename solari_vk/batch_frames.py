@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound import view_table
+from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.given_poses import taken
 from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.worlds import Worlds
@@ -62,8 +63,10 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     _tensors = 0  # that somebody has
     _closed = False
 
-    def __init__(self, device: Device, results: Mapping[str, Result], frames: int) -> None:
-        self._device, self._results, self._frames = device, dict(results), frames
+    def __init__(
+        self, device: Device, results: Mapping[str, Result], frames: int, given: Sequence[GivenNumbers]
+    ) -> None:
+        self._device, self._results, self._frames, self._given = device, dict(results), frames, given
         self._buffers: dict[str, Buffer] = {}
         with device.undone_on_error():
             for name, result in results.items():
@@ -96,6 +99,8 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     def __getitem__(self, name: str) -> NDArray[Any]:
         result, buffer = self._of(name)
         values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
+        for given in self._given:
+            given.check()
         return np.stack([result.shaped(one) for one in values])
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:

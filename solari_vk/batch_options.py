@@ -72,7 +72,7 @@ def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -
 
 def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
     """The scenes of worlds, None for one scene; raises SolariError for wrong ones."""
-    if isinstance(worlds, (list, tuple)):
+    if isinstance(worlds, (list, tuple)) or np.ndim(worlds):
         raise SolariError("Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
                           "Batch(device, [scene_a, scene_b], size, views)")  # fmt: skip
     if not isinstance(scene, (list, tuple)):

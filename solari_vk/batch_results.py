@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solari_vk.batch_frames import ManyFrames, Result
 from solari_vk.batch_options import LIGHT
-from solari_vk.bound.given_poses import GivenPoses
+from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.errors import SolariError, unknown_name
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.device.buffer import Buffer
@@ -30,7 +30,7 @@ class BatchResults(SceneUser):
     _names: tuple[str, ...] = ()
     _rendered = _closed = False
     _tensors = 0  # that somebody has
-    _given: Sequence[GivenPoses] = ()
+    _given: Sequence[GivenNumbers] = ()
     _many: ManyFrames | None = None
     _labels: SceneFrame | None = None
     _paths: ViewTracer | None = None

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 def host_array(value: Any) -> NDArray[Any]:
     """`np.asarray`, also of tensors that need a gradient (PyTorch) or are in the memory of another device, whose values
-    are copied once the work that makes them is done."""
+    are copied once the work that makes them is done. Raises TypeError for a tensor without numbers."""
     if hasattr(value, "detach") and hasattr(value, "cpu"):  # PyTorch
-        value = value.detach().cpu()
+        try:
+            value = value.detach().cpu()
+        except NotImplementedError as error:
+            raise TypeError(f"must have numbers, unlike a tensor of the device 'meta': {error}") from None
     elif hasattr(value, "__cuda_array_interface__") and hasattr(value, "get"):  # CuPy
         value = value.get()
     return np.asarray(value)

@@ -21,6 +21,7 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.passes import pathtracer, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
+from solari_vk.picture_renderer import PictureRenderer
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Scene
@@ -28,8 +29,37 @@ from solari_vk.scene.model import Scene
 Size = tuple[int, int]
 
 
-class ViewTracer(PathTracer):
-    """The path tracer over a strip of views."""
+def show_worlds(frame: SceneFrame, worlds: WorldTables, bound: int) -> int:
+    """Have a frame, which has the worlds' resources of a version, show what the scene and the worlds are now; returns
+    the version that it has then."""
+    frame.apply_edits()
+    version = worlds.update()
+    if bound != version:
+        frame.bind(worlds.resources)
+    return version
+
+
+class _WorldsRenderer(PictureRenderer):
+    """The base of renderers of the views of worlds. `_bound` is the version of the worlds that the frame has."""
+
+    _worlds: WorldTables
+    _bound: int
+
+    @property
+    def frame(self) -> SceneFrame:
+        """What has the results."""
+        return self._frame
+
+    @property
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
+
+    def _show_worlds(self) -> None:
+        self._bound = show_worlds(self._frame, self._worlds, self._bound)
+
+
+class ViewTracer(_WorldsRenderer, PathTracer):
+    """The path tracer over a strip of views, whose result is `radiance_mean`."""
 
     def __init__(
         self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: WorldTables,
@@ -37,15 +67,6 @@ class ViewTracer(PathTracer):
     ) -> None:  # fmt: skip
         self._views, self._worlds, self._bound = views, worlds, worlds.version
         super().__init__(device, binder, strip, **options)
-
-    @property
-    def frame(self) -> SceneFrame:
-        """What has the result, `radiance_mean`."""
-        return self._frame
-
-    @property
-    def _dark_scenes(self) -> list[Scene]:
-        return [] if self._worlds.lit else super()._dark_scenes
 
     def _stages(self, size: Size) -> list[Stage]:
         return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
@@ -57,17 +78,14 @@ class ViewTracer(PathTracer):
         """Trace new pictures with this many samples per pixel."""
         self._begin_picture()
         self._warn_of_darkness()
-        self._frame.apply_edits()
-        if self._bound != (version := self._worlds.update()):
-            self._frame.bind(self._worlds.resources)
-            self._bound = version
+        self._show_worlds()
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:
             self._add_samples(min(self._batch, samples - self.samples))
             self._adapt()
 
 
-class ViewRenderer(Renderer):
+class ViewRenderer(_WorldsRenderer, Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
 
     def __init__(
@@ -93,11 +111,6 @@ class ViewRenderer(Renderer):
             self._owned.callback(one.destroy)
 
     @property
-    def frame(self) -> SceneFrame:
-        """What has the results."""
-        return self._frame
-
-    @property
     def gbuffer(self) -> str:
         """How the surface of a pixel is found: raster draws one view at a time."""
         return "traced"
@@ -105,10 +118,6 @@ class ViewRenderer(Renderer):
     def _checked_size(self, size: Size) -> Size:
         super()._checked_size(tiled(size, self._grid))
         return size
-
-    @property
-    def _dark_scenes(self) -> list[Scene]:
-        return [] if self._worlds.lit else super()._dark_scenes
 
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings
@@ -138,10 +147,7 @@ class ViewRenderer(Renderer):
         """Render the next frame. current (N,): records of the cameras, as view_table.write made them, which are
         changed. cut (N,): views without a history. keeps_cache: whether the world cache is that of earlier frames."""
         self._has_lens = bool(written.lenses)
-        self._frame.apply_edits()
-        if self._bound != (version := self._worlds.update()):
-            self._frame.bind(self._worlds.resources)
-            self._bound = version
+        self._show_worlds()
         self._prepare()
         known = self._worlds.known_lights or [Known.of(self.binder.lights)]
         self._changes.update(known, self.settings.world_cache_cell_size)

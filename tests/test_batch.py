@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -198,6 +199,22 @@ def test_motion_is_that_of_cameras_and_instances(device, many_dispatches):
         check_first_hits(device, batch, mixed)
         assert check_motion(batch.render(mixed), mixed, mixed) == 0
         assert check_motion(batch.render(first, reset=True), first, first) == 0
+
+
+def test_a_rebuild_that_failed_is_done_again(device, monkeypatch):
+    scene, camera = sv.builtin("cornell_box"), sv.Camera.look_at((1, 1, -2.5), (1, 1, 0))
+    block = scene.instances["tall block"]
+    with sv.Batch(device, scene, SIZE, 1, outputs=["motion_vectors"]) as batch:
+        batch.render([camera])
+        for index in range(batch.binder.instance_capacity):
+            scene.add(sv.Instance(block.mesh, block.material, transform=(9 + index, 0, 0)))
+        with monkeypatch.context() as patched:
+            patched.setattr(batch._labels, "rebuild", Mock(side_effect=MemoryError))
+            with pytest.raises(MemoryError):
+                batch.render([camera])
+        batch.render([camera])
+        rows = batch._labels.binding("previous_instances").element.itemsize * batch.binder.instance_capacity
+        assert batch._labels.resource("previous_instances").size >= rows
 
 
 @pytest.mark.parametrize("proxy", [False, True])

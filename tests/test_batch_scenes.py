@@ -152,6 +152,7 @@ def test_equal_meshes_textures_and_environments_are_on_the_device_once(device):
     ("", {}, "the list of scenes is empty"), ("a3", {}, "the scene of world 1 is '3': give a solari_vk.Scene"),
     ("aba", {}, "4 views are no multiple of 3 worlds"), ("ab", {"worlds": 4}, "worlds=4 goes with one scene"),
     (None, {"worlds": ["a", "b"]}, "give a list of scenes in its place"),
+    ("ab", {"worlds": np.arange(2)}, "give a list of scenes in its place"),
 ])  # fmt: skip
 def test_wrong_lists_are_named(device, scenes, options, said):
     known = {"a": sv.builtin("cornell_box"), "b": sv.Scene()}
@@ -171,12 +172,35 @@ def test_what_is_for_worlds_of_one_scene_is_named(device):
             batch.render_many(CAMERAS[:2], frames=3, fov=50, transforms={"lamp": np.ones((3, 2, 4, 4))})
 
 
-def test_portals_in_lists_are_refused(device):
-    scene = sv.builtin("cornell_box")
-    scene.add(sv.Portal((0, 1, 0), (0.5, 0, 0), (0, 0, 0.5)))
-    sv.Batch(device, [scene], SIZE, 2).close()
-    with pytest.raises(sv.SolariError, match="has a portal, which lists of scenes can't have"):
-        sv.Batch(device, [sv.builtin("cornell_box"), scene], SIZE, 2)
+@pytest.mark.parametrize("renderer", ["reference", pytest.param("realtime", marks=pytest.mark.slow)])
+def test_worlds_have_portals_of_their_own(device, renderer):
+    """Of one and two portals and none below the same sky, which take their share of its samples."""
+    options, seeds = {"renderer": renderer, **OPTIONS[renderer], "outputs": []}, numbered_seeds(3, 6)
+
+    def world(index):
+        scene = sv.builtin("cornell_box")
+        scene.add(sv.Environment(np.random.default_rng(index).random((8, 16, 3)) * 3))
+        for number in range((1, 0, 2)[index]):
+            scene.add(sv.Portal((0.5 + number, 1, -0.1), (0.4, 0, 0), (0, 0.3 + 0.1 * index, 0)))
+        return scene
+
+    def shown(scenes, seeds):
+        """Two frames, before and after an edit of the first world's portal."""
+        with sv.Batch(device, scenes, SIZE, len(seeds), **options) as batch:
+            poses, frames = np.tile(CAMERAS, (len(scenes), 1, 1)), []
+            for width in (0.4, 0.2):
+                for portal in scenes[0].lights[1:2]:
+                    portal.half_u = width, 0, 0
+                frames.append(batch.render(poses, fov=50, seeds=seeds, reset=True)["radiance"])
+            return np.stack(frames)
+
+    together = shown([world(index) for index in range(3)], seeds)
+    assert (together[0, :2] != together[1, :2]).any()
+    for index in range(3):
+        views = slice(2 * index, 2 * index + 2)
+        alone = shown([world(index)], seeds[views])
+        frames = slice(None) if index == 0 else slice(1)  # the others aren't edited together
+        np.testing.assert_array_equal(together[frames, views], alone[frames], f"world {index}")
 
 
 def test_an_update_that_failed_is_done_again(device, monkeypatch):

@@ -321,11 +321,18 @@ def job_of(*words):
 ])  # fmt: skip
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_mode_follows_from_options_and_oidn(oidn_that, words, mode, denoises, installed):
-    """Without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
+    """On the processor, without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
     oidn_that(installed)
     job = job_of(*words)
     assert job.mode == (mode or ("reference" if installed else "realtime"))
     assert job.denoise == (denoises and installed)
+
+
+def test_graphics_cards_render_in_realtime(oidn_that, monkeypatch):
+    oidn_that(True)
+    monkeypatch.setattr("solari_vk.cli.render.kind_of_device", lambda select, rays: f"{select} gpu, {rays}")
+    assert job_of("--device", "1", "--rays", "pipeline").mode == "realtime"
+    assert job_of("--samples", "2").mode == "reference"
 
 
 def test_oidn_that_does_not_load_is_done_without(oidn_that, capsys):

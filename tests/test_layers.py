@@ -168,7 +168,8 @@ def reached(path: Path) -> set[Path]:
 TRACE = GLSL / "scene" / "trace.glsl"
 ENTRY_POINTS = [path for path in SHADERS if path.suffix in STAGES]
 SUITE = GLSL / "passes" / "conformance"
-KERNELS = {"scene/deform.comp", *(f"scene/given/{name}.comp" for name in ("transforms", "cameras", "camera_ball"))}
+GIVEN = ("transforms", "cameras", "camera_ball", "vertices", "bounds")
+KERNELS = {"scene/deform.comp", *(f"scene/given/{name}.comp" for name in GIVEN)}
 """Run outside of frames, and write by address: gpu/frame/kernel.py."""
 
 

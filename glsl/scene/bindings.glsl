@@ -127,6 +127,7 @@ struct SceneInfo {
     uint first_light_at_infinity;
     uint light_end;                // one more than the last light
     uint first_environment;        // where the light of the first record in `environments` is
+    uint first_portal_record;      // into `portals`
     float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
     uint without;                  // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
 };

@@ -188,7 +188,7 @@ vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (lambertian_surfaces || !(wo.z > 0.0)) { return vec3(0.0); }
     vec3 value = evaluate_specular(brdf.specular, wo, wi);
-    if (SCENE_GLASS && brdf.glass.weight > 0.0 && !brdf.specular.mirror) {
+    if (SCENE_GLASS && brdf.glass.weight > 0.0 && !is_mirror(brdf.specular)) {
         value += brdf.glass.weight * evaluate_glass(brdf.glass, wo, wi);
     }
     if (!SCENE_LAYERS) { return value; }
@@ -215,7 +215,7 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     pdf *= max(1.0 - chosen.coat - chosen.sheen - chosen.glass, 0.0);
     if (above && chosen.coat > 0.0) { pdf += chosen.coat * coat_pdf(brdf.coat, wi); }
     if (above) { pdf += chosen.sheen * sheen_pdf(); }
-    if (chosen.glass > 0.0 && !brdf.specular.mirror) { pdf += chosen.glass * glass_pdf(brdf.glass, wo, wi); }
+    if (chosen.glass > 0.0 && !is_mirror(brdf.specular)) { pdf += chosen.glass * glass_pdf(brdf.glass, wo, wi); }
     return pdf;
 }
 
@@ -257,7 +257,7 @@ BrdfSample propose_by_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
     vec3 smooth_weight;
     vec3 wi = sample_glass(brdf.glass, wo, choice, u, smooth_weight);
     if (wi.z == 0.0) { return invalid_sample(); }
-    if (!brdf.specular.mirror) { return propose(wi, false); }
+    if (!is_mirror(brdf.specular)) { return propose(wi, false); }
     smooth_weight = below_layers(brdf, smooth_weight * (brdf.glass.weight / chosen.glass), wo, wi);
     return delta_sample(wi, smooth_weight);
 }
@@ -272,7 +272,7 @@ BrdfSample propose_sample(Brdf brdf, vec3 wo, float choice, vec2 u) {
         choice = min((choice - others) / base_probability, 0.99999994);
     }
     bool diffuse = choice >= brdf.specular_probability;
-    if (brdf.specular.mirror && !diffuse) {
+    if (is_mirror(brdf.specular) && !diffuse) {
         vec3 wi = vec3(-wo.xy, wo.z);
         vec3 weight = specular_fresnel(brdf.specular, wo.z) / brdf.specular_probability;
         if (SCENE_LOBES) { weight = below_layers(brdf, weight / base_probability, wo, wi); }

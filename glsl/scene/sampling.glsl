@@ -95,7 +95,7 @@ ResolvedLightSample for_shadow_ray(ResolvedLightSample light_sample, vec3 wi) {
 
 // How often a receiver chooses a portal, over how often it is chosen by power.
 float portal_choice_ratio(uint index, Receiver receiver) {
-    LightSource light = light_sources.at[scene_info.first_portal + index];
+    LightSource light = light_sources.at[portal_light(index)];
     return leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
 }
 
@@ -116,7 +116,7 @@ vec3 mis_weighted_environment(
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
     float map_pdf = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
     float pdf_sum = map_pdf, through_portals = 0.0;
-    for (uint i = 0u; i < portal_count(); i++) {
+    for (uint i = scene_info.first_portal_record; i < portal_end(); i++) {
         float portal_pdf = density_of_opening(i, receiver.position, direction);
         if (!(portal_pdf > 0.0)) { continue; }
         pdf_sum += portal_pdf;
@@ -133,7 +133,7 @@ vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver r
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_end; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
-        if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {
+        if (has_portals() && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {
             radiance += mis_weighted_environment(light, light_hit, direction, mis_pdf, receiver);
         } else {
             radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);

@@ -66,11 +66,19 @@ class Assets:
             scene.write(users)
         return replaced
 
+    def show(self, user: Any) -> None:
+        """Have the previous positions be those that a user has seen last, where no scene changed."""
+        if self.geometry.posed.show(user):
+            upload(self._device, [self.geometry.table])
+            self.geometry.given.write_bounds()
+
     def upload(self, tables: Iterable[Table]) -> int:
         """Upload what has changed in tables; returns how many have other buffers now."""
         changed = [table for table in tables if table.marked]
         replaced = sum(table.replace() for table in changed)
         upload(self._device, changed)
+        if self.geometry.table in changed:
+            self.geometry.given.write_bounds()
         return replaced
 
     def destroy(self) -> None:

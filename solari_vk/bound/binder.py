@@ -8,6 +8,7 @@ to the change, not to the scene, but for lights: bound/lights/light_list.py says
 from __future__ import annotations
 
 import weakref
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.scene_rows import SceneRows
-from solari_vk.bound.table import Table, upload
+from solari_vk.bound.table import Table
 from solari_vk.bound.traced_instances import TracedInstances
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.scene.model import Mesh, Scene
@@ -88,11 +90,10 @@ class SceneBinder(SceneRows):
         latest frame. `previous_tlas` is from before the latest change until a user that has used the changed scene is
         about to do so again.
         """
+        self._geometry.given.check()
         self.version += self.traced.keep_previous(bool(self._previous_users))
-        posed = self._geometry.posed
         if not self._changed and not self._first:
-            if posed.show(user):
-                upload(self._device, [self._geometry.table])
+            self.assets.show(user)
             if (self if user is None else user) in self._up_to_date:
                 self.traced.rebuild()
             self._note_use(user)
@@ -117,6 +118,10 @@ class SceneBinder(SceneRows):
         self._up_to_date.add(self if user is None else user)
         self._geometry.posed.note_seen(user, self.revision)
 
+    def take_vertices(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """What tensors give a mesh, as of `Geometry.take`; None for a lamp's, which the host needs."""
+        return None if self.lamps.emissions.use(mesh) else self._geometry.take(mesh, fields)
+
     def note_feature(self, item: Observable) -> None:
         """Take note of what another world has in place of an object of the scene."""
         before = self.features
@@ -137,8 +142,8 @@ class SceneBinder(SceneRows):
             self.version += 1
         self.version += self.assets.upload(self._tables)
         self._geometry.posed.submit()
-        self.traced.rebuild(self._geometry.kept)
-        self._geometry.kept = True
+        self.traced.rebuild(self._geometry.structures.kept)
+        self._geometry.structures.kept = True
 
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""

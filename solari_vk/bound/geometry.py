@@ -5,36 +5,31 @@ A `Shape` is a mesh, or a mesh in the pose of an instance, whose vertices are ma
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.constants import (
-    MESH_HAS_COLORS,
-    MESH_HAS_NORMALS,
-    MESH_HAS_SECOND_UVS,
-    MESH_HAS_TANGENTS,
-    MESH_HAS_UVS,
-)
 from solari_vk.bound.content import content_of
 from solari_vk.bound.features import Features
+from solari_vk.bound.given_vertices import GivenVertices
+from solari_vk.bound.mesh_parts import mesh_parts, pack_attributes
+from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.poses.posed_mesh import PosedMesh
 from solari_vk.bound.poses.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.bound.table import Rows, Table
 from solari_vk.gpu.acceleration.blas import Blas
-from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.model import Instance, Mesh
 
 Shape = Mesh | PosedMesh
-Build = tuple[Hashable, bool]
-"""The content of a mesh, and whether a ray asks the shader about each of its triangles only once."""
+ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")  # in a mesh's record, into its buffer
 ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
 
@@ -48,16 +43,15 @@ class Geometry:
         self._ray_users: Rows[Shape] = Rows()
         self._shapes: dict[tuple[Mesh, Instance], PosedMesh] = {}
         self._attributes = layout["vertex_attributes"]
+        self.given = GivenVertices(device, self.table, self.rows, self._attributes)
+        self.structures = MeshStructures(device, self.given)
         self._device = device
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         self._contents: Rows[Hashable] = Rows()  # whose users share a buffer
         self._content_of: dict[Mesh, Hashable] = {}
-        self._built: dict[Build, Blas] = {}
-        self._builds: Rows[Build] = Rows()  # whose users share an acceleration structure
-        self._build_of: dict[Mesh, Build] = {}
-        self._uploaded: dict[Mesh, tuple[NDArray[Any], NDArray[Any]]] = {}  # positions and triangles, if nothing failed
+        self._uploaded: dict[Mesh, dict[str, Any]] = {}  # the arrays as they were given, if nothing failed
         self.centers: dict[Shape, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded shape's bounds, in object space."""
         self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
@@ -68,8 +62,7 @@ class Geometry:
         """The acceleration structure of each traced shape, as of the latest `update`."""
         self._met_once: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
         self._to_upload: dict[Mesh, None] = {}
-        self.kept = True
-        """Whether no acceleration structure was destroyed since this was last set."""
+        self._moved: set[Mesh] = set()  # of these, those that have other positions
 
     def shape(self, mesh: Mesh, instance: Instance) -> Shape:
         """An instance's mesh in its pose, or the mesh if it has none. Takes note of the pose."""
@@ -100,7 +93,7 @@ class Geometry:
         if isinstance(shape, PosedMesh):
             if self.rows.release(shape, user):
                 self.posed.remove(shape)
-                self.kept = self.blases.pop(shape, None) is None and self.kept
+                self.structures.kept &= self.blases.pop(shape, None) is None
                 for known in (self.centers, self.half_sizes, self.orders):
                     known.pop(shape, None)
                 self._shapes.pop((shape.mesh, shape.instance), None)
@@ -109,7 +102,7 @@ class Geometry:
         mesh = shape
         if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
             del self.blases[mesh]
-            self._drop_build(self._build_of.pop(mesh), mesh)
+            self.structures.drop(mesh)
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
@@ -120,6 +113,7 @@ class Geometry:
                     buffer.destroy()
                 self.posed.forget(mesh)
                 self._uploaded.pop(mesh, None)
+                self.structures.forget_given(mesh)
                 del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
@@ -128,7 +122,7 @@ class Geometry:
             return []
         self._to_upload[mesh] = None
         if self.posed.renew(mesh):
-            self.kept = False
+            self.structures.kept = False
         return self.rows.users(mesh)
 
     def meet_once(self, mesh: Mesh) -> bool:
@@ -147,7 +141,7 @@ class Geometry:
         """
         self.table.reserve(self.rows.limit)
         users = self._update_meshes(revision) if self._to_upload else []
-        for shape in self.posed.update(revision, self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
+        for shape in self.posed.update(revision, self.rows.__getitem__, self._packed):
             record = self.table.records[self.rows[shape]]
             low, high = record["bounds_min"], record["bounds_max"]
             self.centers[shape], self.half_sizes[shape] = (low + high) / 2, (high - low) / 2
@@ -157,36 +151,56 @@ class Geometry:
                 users.append(shape.instance)
         return users
 
+    def take(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """What tensors give a mesh, in the device's memory; None for what the host must read: of meshes that are new,
+        that deform, or that have no normals."""
+        if mesh not in self._uploaded or mesh.deformation is not None:
+            return None
+        if "normals" in fields and mesh.held("normals") is None:
+            return None
+        return self.given.take(mesh, fields)
+
+    def box(self, shape: Shape) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The center and half the size of a shape's bounds, which of vertices of tensors are read by the host."""
+        if shape in self.given:
+            assert isinstance(shape, Mesh)
+            self._note_bounds(shape, shape.positions[shape.triangles])
+        return self.centers[shape], self.half_sizes[shape]
+
     def _update_meshes(self, revision: int) -> list[Any]:
         geometries = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
                 self._features.note(mesh)
+                before = self._uploaded.get(mesh, {}).get("positions")
                 geometries[mesh] = self._upload(mesh, uploads, revision)
-        builds = {mesh: (self._content_of[mesh], mesh in self._met_once)
-                  for mesh in geometries if mesh in self._ray_users}  # fmt: skip
-        new = {build: mesh for mesh, build in builds.items() if build not in self._built}
-        with self._device.undone_on_error():
-            made = {build: Blas(self._device, [geometries[mesh]], name=mesh.name or "mesh")
-                    for build, mesh in new.items()}  # fmt: skip
-            build_blases(self._device, list(made.values()))
-        self._built |= made
-        for mesh, build in builds.items():
-            self._builds.acquire(build, mesh)
-            if mesh in self._build_of:
-                self._drop_build(self._build_of[mesh], mesh)
-            self._build_of[mesh], self.blases[mesh] = build, self._built[build]
-        self._to_upload.clear()
-        return [user for mesh in builds for user in self._ray_users.users(mesh)]
-
-    def _drop_build(self, build: Build, mesh: Mesh) -> None:
-        """Free an acceleration structure unless it is another mesh's too."""
-        if self._builds.release(build, mesh):
-            self._built.pop(build).destroy()
-            self.kept = False
+                if self._uploaded[mesh]["positions"] is not before:
+                    self._moved.add(mesh)
+        traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
+        builds = {mesh: (self._content_of[mesh], mesh in self._met_once) for mesh in traced if mesh not in self.given}
+        self.blases |= self.structures.build(traced, builds, self._moved)
+        self._to_upload, self._moved = {}, set()
+        return [user for mesh in traced for user in self._ray_users.users(mesh)]
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
+        now = {name: mesh.held(name) for name in ARRAYS}
+        before = self._uploaded.get(mesh)
+        if before is None or not self.given.fits(before, now):
+            self._upload_from_host(mesh, uploads, revision)
+        elif new := {name: value for name, value in now.items() if value is not before[name]}:
+            self._receive(mesh, new, revision)
+        self._uploaded[mesh] = now
+        self.table.mark([self.rows[mesh]])
+        record, is_given = self.table.records[self.rows[mesh]], mesh in self.given
+        return TriangleGeometry(
+            positions=int(record["positions"]), position_count=mesh.held("positions").shape[0],
+            indices=int(record["triangles"]), triangle_count=int(record["triangle_count"]),
+            # Structures that are refitted allow it, and may be a blended mesh's later.
+            no_duplicate_any_hit=is_given or mesh in self._met_once,
+        )  # fmt: skip
+
+    def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:
         # What was edited is not compared, so that edits take no time for that.
         known = mesh in self._buffers
         content: Hashable = object() if known else content_of(*(getattr(mesh, name) for name in ARRAYS))
@@ -194,13 +208,18 @@ class Geometry:
             self._share(mesh, content, equal[0])
         else:
             self._upload_new(mesh, content, uploads, revision)
-        self._uploaded[mesh] = mesh.positions, mesh.triangles
-        self.table.mark([self.rows[mesh]])
+        self.structures.forget_given(mesh)
+
+    def _receive(self, mesh: Mesh, given: dict[str, Taken], revision: int) -> None:
+        """Have a mesh in memory of its own, which is a copy of the earlier one but for what tensors gave."""
+        source = self._buffers[mesh]
+        target = self._device.buffer(source.size, mesh.name or "mesh")
         record = self.table.records[self.rows[mesh]]
-        return TriangleGeometry(
-            positions=int(record["positions"]), position_count=len(mesh.positions), indices=int(record["triangles"]),
-            triangle_count=int(record["triangle_count"]), no_duplicate_any_hit=mesh in self._met_once,
-        )  # fmt: skip
+        for name in ADDRESSES:
+            record[name] = int(record[name]) and int(record[name]) - source.address + target.address
+        record["previous_positions"] = record["positions"]
+        self.given.write(mesh, source, target, given)
+        self._take_place(mesh, object(), target, revision, self.posed.is_seen and "positions" in given)
 
     def _hold(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
         self._contents.acquire(content, mesh)
@@ -216,35 +235,13 @@ class Geometry:
 
     def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
-        triangles = mesh.triangles
-        corners = mesh.positions[triangles]
+        corners = mesh.positions[mesh.triangles]
         order = self.orders[mesh] = spatial_order(corners.min(axis=1), corners.max(axis=1))
-        triangles = triangles[order]
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
-        flags, attributes = self._pack_attributes(mesh)
-        parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
-        if attributes is not None:
-            parts["attributes"] = attributes
-        if mesh.second_uvs is not None:
-            parts["second_uvs"] = mesh.second_uvs
-            flags |= MESH_HAS_SECOND_UVS
-        if mesh.colors is not None:
-            parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)
-            parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
-            flags |= MESH_HAS_COLORS
+        low, high = self._note_bounds(mesh, corners)
+        flags, parts = mesh_parts(mesh, mesh.triangles[order], self._attributes)
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
-        before, uploaded = self._buffers.get(mesh), self._uploaded.pop(mesh, None)
-        owned = before is not None and self._contents.release(self._content_of[mesh], mesh)
-        self._hold(mesh, content, buffer)
-        if before is not None:
-            if not owned:  # it is an equal mesh's too
-                positions = mesh.positions if uploaded is None else uploaded[0]
-                before = self._device.buffer(positions.nbytes, "earlier positions")
-                before.upload(positions)
-            self._replace(mesh, before, uploaded, revision)
-        addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
-        offset = 0
+        self._take_place(mesh, content, buffer, revision, self._moves(mesh))
+        addresses, offset = dict.fromkeys(ADDRESSES, 0), 0
         for name, part in parts.items():
             addresses[name] = buffer.address + offset
             uploads.buffer(buffer, part, offset)
@@ -253,42 +250,53 @@ class Geometry:
         for name, address in addresses.items():
             record[name] = address
         record["previous_positions"] = record["positions"]
-        record["triangle_count"] = len(triangles)
+        record["triangle_count"] = len(order)
         record["flags"] = flags
         record["bounds_min"], record["bounds_max"] = low, high
 
-    def _replace(
-        self, mesh: Mesh, before: Buffer, uploaded: tuple[NDArray[Any], NDArray[Any]] | None, revision: int
-    ) -> None:
-        """Keep the buffer of a mesh before an edit for motion vectors, or free it. uploaded: what it has."""
-        if uploaded is not None and self.posed.is_seen:
-            positions, triangles = uploaded
-            moves = len(positions) == len(mesh.positions) and not np.array_equal(positions, mesh.positions)
-            if moves and np.array_equal(triangles, mesh.triangles):
-                self.posed.edit(mesh, self.rows[mesh], before, self._buffers[mesh].address, revision)
-                self._features.add("SCENE_POSES")
-                return
-        self.posed.forget(mesh)
-        before.destroy()
+    def _note_bounds(self, mesh: Mesh, corners: NDArray[np.float32]) -> tuple[Any, Any]:
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
+        return low, high
 
-    def _pack_attributes(self, mesh: Mesh) -> tuple[int, NDArray[Any] | None]:
-        """The flags of the attributes that a mesh has, and the attributes if there are any."""
-        flags, attributes = 0, np.zeros(len(mesh.positions), self._attributes)
-        for flag, name, values in (
-            (MESH_HAS_NORMALS, "normal", mesh.normals),
-            (MESH_HAS_UVS, "uv", mesh.uvs),
-            (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
-        ):
-            if values is not None:
-                attributes[name] = values
-                flags |= flag
-        return flags, attributes if flags else None
+    def _packed(self, mesh: Mesh) -> NDArray[Any] | None:
+        return pack_attributes(mesh, self._attributes)[1]
+
+    def _moves(self, mesh: Mesh) -> bool:
+        """Whether the vertices of an edited mesh move, as far as is known and somebody has seen them."""
+        before = self._uploaded.get(mesh)
+        if not self.posed.is_seen or before is None or not np.array_equal(before["triangles"], mesh.triangles):
+            return False
+        positions = before["positions"]
+        if isinstance(positions, Taken):
+            return positions.shape == mesh.positions.shape
+        return len(positions) == len(mesh.positions) and not np.array_equal(positions, mesh.positions)
+
+    def _take_place(self, mesh: Mesh, content: Hashable, buffer: Buffer, revision: int, moves: bool) -> None:
+        """Have a mesh in a new buffer, which begins with the positions. Keep the earlier one for motion vectors, or
+        free it. moves: it has other positions of the same triangles."""
+        before, uploaded = self._buffers.get(mesh), self._uploaded.pop(mesh, None)
+        owned = before is not None and self._contents.release(self._content_of[mesh], mesh)
+        self._hold(mesh, content, buffer)
+        if before is None:
+            return
+        if moves:
+            if not owned:  # it is an equal mesh's too
+                assert uploaded is not None
+                before = self._device.buffer(uploaded["positions"].nbytes, "earlier positions")
+                before.upload(uploaded["positions"])
+            self.posed.edit(mesh, self.rows[mesh], before, buffer.address, revision)
+            self._features.add("SCENE_POSES")
+            return
+        self.posed.forget(mesh)
+        if owned:
+            before.destroy()
 
     def destroy(self) -> None:
         """Free everything."""
         self.posed.destroy()
-        for blas in self._built.values():
-            blas.destroy()
+        self.given.destroy()
+        self.structures.destroy()
         for buffer in set(self._buffers.values()):
             buffer.destroy()
         self.table.destroy()

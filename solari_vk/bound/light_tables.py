@@ -117,6 +117,7 @@ class LightTables:
         for name in ("first_portal", "first_pass_through_light", "first_light_at_infinity", "light_end"):
             info[name] += first["light_sources"]
         info["first_environment"] += first["light_sources"] - first["environments"]
+        info["first_portal_record"] = first["portals"]
         info["first_leaf"], info["light_root"] = first["light_leaves"], first["light_tree"]
         put("scene_infos", info)
         for lamp, of_lamp in self.lamp_rows.items():

@@ -16,6 +16,7 @@ from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.table import MakeTable, Rows
 from solari_vk.bound.traced_instances import TracedRecords
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
@@ -105,7 +106,7 @@ class SceneRows:
     # ---- from changed objects to rows ---------------------------------------------------------------
 
     def _take_up(self, item: Observable) -> None:
-        self.light_revision += not isinstance(item, (Instance, Material, Camera))
+        self.light_revision += self._may_change_lights(item)
         if isinstance(item, Instance):
             used = self._uses.get(item)
             self._take_up_instance(item)
@@ -136,6 +137,11 @@ class SceneRows:
             self._textures.change(item)
             users = [*self.lamps.emissions.change(item), *self.materials.users_of_image(item)]
             self._write_rows |= {user: None for user in users if user in self._uses}
+
+    def _may_change_lights(self, item: Observable) -> bool:
+        if isinstance(item, Mesh) and isinstance(item.held("positions"), Taken):
+            return self.lamps.emissions.use(item)  # the host knows no new bounds of others
+        return not isinstance(item, (Instance, Material, Camera))
 
     def _take_up_instance(self, instance: Instance) -> None:
         self.blended_changes += instance.alpha_mode == "blend"

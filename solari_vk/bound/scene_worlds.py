@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.light_tables import LightTables, row_counts
+from solari_vk.bound.light_tables import LightTables
 from solari_vk.bound.lights.world_changes import Known
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.world_tables import WorldTables
@@ -21,6 +21,7 @@ class SceneWorlds(WorldTables):
     """The worlds of the scenes of a binder."""
 
     shows_scenes = True
+
     def __init__(self, device: Device, binder: ScenesBinder) -> None:
         super().__init__(device, len(binder.worlds))
         self._binder = binder
@@ -59,10 +60,6 @@ class SceneWorlds(WorldTables):
         if self._seen != self._binder.revision:
             again, self._seen = self._seen < 0, -1  # until all is written
             scenes = self._binder.worlds
-            for scene in dict.fromkeys(scenes) if self.count > 1 else ():
-                if row_counts(scene.lights)["portals"]:
-                    raise SolariError(f"Batch: {scene.scene.describe()} has a portal, which lists of scenes can't "
-                                      "have: remove it, or give the scene a batch of its own")  # fmt: skip
             shown = [(id(scene), sum(table.revision for table in scene.lights.tables)) for scene in scenes]
             lists = {key: scene.lights for key, scene in zip(shown, scenes, strict=True)}
             if self._lit.show(lists, shown, self.rows) or again:

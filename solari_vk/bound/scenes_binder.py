@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,11 @@ from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.lights.own_buffers import SharedBuffers
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.scene_rows import SceneRows
-from solari_vk.bound.table import HostTable, upload
+from solari_vk.bound.table import HostTable
 from solari_vk.bound.traced_instances import TracedRecords
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 from solari_vk.scene.observed import Observable
 
 
@@ -50,6 +51,12 @@ class ScenesBinder:
         for scene in self._scenes:
             if scene.uses(users):
                 scene.note(changed)
+
+    def take_vertices(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """As of `SceneBinder`."""
+        if any(scene.lamps.emissions.use(mesh) for scene in self._scenes):
+            return None
+        return self.assets.geometry.take(mesh, fields)
 
     @property
     def scene(self) -> Scene:
@@ -105,9 +112,9 @@ class ScenesBinder:
         """Apply all changes since the latest call, as `SceneBinder.update`."""
         assets = self.assets
         posed = assets.geometry.posed
+        assets.geometry.given.check()
         if self.revision and not any(scene.changed for scene in self._scenes):
-            if posed.show(user):
-                upload(self._device, [assets.geometry.table])
+            assets.show(user)
         else:
             try:
                 self.version += assets.update(self._scenes, self.revision + 1, user)

@@ -145,6 +145,7 @@ def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batc
 def check_transforms(given: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view") -> None:
     """Raise SolariError unless all matrices (N, 4, 4) are affine and invertible: the rules of `Camera.transform`."""
     names = what, where, of
+    check_all(np.isfinite(given), "be finite", *names)
     check_all(given[:, 3] == (0, 0, 0, 1), "be affine, with the last row 0 0 0 1", *names)
     check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
     (a, b, c), (d, e, f), (g, h, i) = np.ascontiguousarray(np.moveaxis(given[:, :3, :3], 0, -1))

@@ -133,6 +133,17 @@ class FirstFrames(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Still(Measurement):
+    MODULE = "still"
+    files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
+    scenes: tuple[str, ...] = option("built-in scenes (four)", "A,B", type=words, default=())
+    size: tuple[int, int] = option("of the pictures (160x90)", "WxH", type=size, default=(160, 90))
+    error: float = option("the relMSE that is enough (0.005)", "E", type=factor, default=0.005)
+    limit: int = option("the most samples or frames of a picture (512)", "N", type=positive, default=512)
+    samples: int = option("of the path tracer's pictures that judge (1024)", "N", type=positive, default=1024)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cpu(Measurement):
     MODULE = "cpu"
     against: tuple[str, ...] = option("the other renderers: cycles, mitsuba, luxcore (the first two)", "A,B",

@@ -55,6 +55,7 @@ COMMANDS = (
             _part("settings", "errors and times with other settings, raw and denoised", bench.JudgedSettings),
             _part("portals", "what a portal in a room's window saves", bench.Portals),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
+            _part("still", "which way reaches a clean still picture first", bench.Still),
             _part("cpu", "processor time to an error on software devices, beside other renderers", bench.Cpu),
             _part("trees", "rays by what the driver's builder of acceleration structures is given", bench.Trees),
             _part("batch", "views a second of batches, beside the same views one by one", bench.Batch),

@@ -153,8 +153,8 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "solari-vk[terminal]"
     )
     mode: str = option(
-        "realtime lighting, or the reference path tracer. auto is realtime if an option of realtime frames is given, "
-        "such as --frames, and otherwise the denoised reference if OIDN is installed (auto)",
+        "realtime lighting, or the reference path tracer. auto: the mode that has the given options; else realtime on "
+        "graphics cards, and on the processor the denoised reference if OIDN is installed (auto)",
         choices=("auto", "realtime", "reference"), default="auto",
     )
     aov: tuple[str, ...] = option("layers of an .exr or .npz, otherwise further files", "A,B", type=words, default=())

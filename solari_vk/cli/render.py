@@ -14,6 +14,7 @@ from solari_vk.cli.options import spelled
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.subject import check_aovs
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.device import kind_of_device
 from solari_vk.output import oidn
 from solari_vk.output.picture import WITH_ALPHA
 from solari_vk.reference import PathTracer
@@ -68,10 +69,9 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
 
 
 def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[str, Any]:
-    """What --mode auto means: the mode that has the given options and outputs, else that of the best picture.
-
-    Where OIDN works, the denoised reference is nearest to the truth after the same time (docs/explained/denoising.md).
-    Animations are realtime unless options of the reference are given.
+    """What --mode auto means: the mode that has the given options and outputs, else the one that has a clean picture
+    first (docs/measured/still*.md): on the processor the denoised reference, where OIDN works; on graphics cards
+    realtime frames. Animations are realtime unless options of the reference are given.
     """
     if options.mode != "auto":
         return {}
@@ -79,6 +79,8 @@ def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[s
     realtime, reference = (not options.given.isdisjoint(groups[mode]) for mode in MODES)
     realtime |= (options.animate is not None and not reference) or not aovs.issubset(PathTracer.OUTPUTS)
     reference |= (options.is_spread and options.animate is None) or not aovs.issubset(Renderer.OUTPUTS)
+    if not (realtime or reference):
+        realtime = kind_of_device(options.device, options.rays) != "cpu"
     works = not realtime and "denoise" not in options.given and _oidn_works()
     if realtime or not (reference or works):
         return {"mode": "realtime"}

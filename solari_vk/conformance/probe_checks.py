@@ -53,7 +53,7 @@ def run_rays(
         return shaders.run("conformance/probe", len(rays), inputs, outputs)["answers"], faults["count"]
     if stage == "debug build":
         outputs["ray_query_faults"] = faults
-        found = shaders.run("conformance/probe", len(rays), inputs, outputs, header=rt.RAY_QUERY_DEBUG)
+        found = shaders.run("conformance/probe_debug", len(rays), inputs, outputs)
         return found["answers"], found["ray_query_faults"]["count"]
     one_triangle = {"probe_draws": np.array([3, 1, 0, 0], np.uint32), "probe_draw_count": np.ones(1, np.uint32)}
     row = (len(rays), 1)

@@ -116,12 +116,12 @@ def measure_probes(
     """Measure all rules that the probes prove. `damage` changes the rays before they are sent, to seed bugs.
 
     culling: whether the device has the feature CULLING, which some flags of rays need."""
-    header = "#define PRIMITIVE_CULLING" if culling else ""
     rays = probe_rays(shaders.element("conformance/probe", "probes"), probes)
     sent = rays.copy()
     if damage is not None:
         damage(sent)
-    step = RayPass("conformance/probe", threads=len(rays), header=header, misses=[f"{_FOLDER}.rmiss"], hits=_HITS)
+    name = "conformance/probe_culling" if culling else "conformance/probe"
+    step = RayPass(name, threads=len(rays), misses=[f"{_FOLDER}.rmiss"], hits=_HITS)
     before = np.zeros(len(rays), shaders.element("conformance/probe.rgen", "ray_answers"))
     answers = shaders.run_steps([step], {"tlas": world.tlas, "probes": sent}, {"ray_answers": before})["ray_answers"]
     checked = [_Traced(*item) for item in zip(probes, rays, answers, strict=True)]

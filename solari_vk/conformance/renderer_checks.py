@@ -24,6 +24,7 @@ SEED = Rule("a seed gives the same bits of realtime frames", *_RENDERER)
 FINITE = Rule("realtime frames of a hall of mirrors are finite", *_RENDERER)
 GBUFFER = Rule("rasterized and traced surfaces are the same", *_RENDERER)
 SIZE = (32, 32)
+SIZE_OF_SEEDS = (96, 64)  # so that what differs in one of thousands of paths is seen
 _SETTINGS: dict[str, Any] = {"antialiasing": False, "jitter": False, "world_cache_cells": 1 << 18}
 
 
@@ -38,9 +39,11 @@ def measure_series(device: Device) -> Iterator[Measurement]:
     yield Measurement(SERIES, float(np.abs(mean / expected - 1).max()), 0.01, "relative error")
 
 
-def _frames(device: Device, name: str, count: int, seed: int = 0, **settings: Any) -> list[dict[str, Any]]:
+def _frames(
+    device: Device, name: str, count: int, seed: int = 0, size: tuple[int, int] = SIZE, **settings: Any
+) -> list[dict[str, Any]]:
     scene = closed_box() if name == "closed_box" else builtin(name)
-    with Renderer(device, scene, SIZE, Settings(**{**_SETTINGS, **settings}), seed=seed) as renderer:
+    with Renderer(device, scene, size, Settings(**{**_SETTINGS, **settings}), seed=seed) as renderer:
         taken = []
         for _ in range(count):
             frame = renderer.render(scene.camera)
@@ -55,9 +58,12 @@ def measure_closed_room(device: Device) -> Iterator[Measurement]:
 
 
 def measure_frames(device: Device) -> Iterator[Measurement]:
-    """Frames of a hall of mirrors: twice with one seed."""
-    first, again = (_frames(device, "mirror_hall", 4, seed=5) for _ in range(2))
-    differ = sum(a[name].tobytes() != b[name].tobytes() for a, b in zip(first, again, strict=True) for name in a)
+    """Frames with one seed, four times: of a room and, the finite ones, of a hall of mirrors."""
+    differ = 0
+    for scene in ("cornell_box", "mirror_hall"):
+        first, *others = (_frames(device, scene, 4, seed=5, size=SIZE_OF_SEEDS) for _ in range(4))
+        pairs = [pair for again in others for pair in zip(first, again, strict=True)]
+        differ += sum(a[name].tobytes() != b[name].tobytes() for a, b in pairs for name in a)
     yield Measurement(SEED, float(differ), 0.0, "results differ")
     wrong = sum(int((~np.isfinite(frame["radiance"]) | (frame["radiance"] < 0)).sum()) for frame in first)
     yield Measurement(FINITE, float(wrong), 0.0, "values are not finite, or negative")

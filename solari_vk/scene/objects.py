@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, field
 from fnmatch import fnmatchcase
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,18 @@ from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Scaled, resolved
 
 
+class DeviceArray(Protocol):
+    """Numbers in memory of a device."""
+
+    shape: tuple[int, ...]
+
+    def copy(self) -> NDArray[np.float64]:
+        """The numbers in the host's memory."""
+
+
+ON_DEVICE = ("positions", "normals")  # what of a mesh a tensor may give without the host
+
+
 @checked
 class Mesh(Checked):
     """Triangles in object space, whose front faces are counter-clockwise.
@@ -37,6 +49,9 @@ class Mesh(Checked):
     material's base color and alpha. deformation: what joints and morph targets do; instances have the poses.
     `vertices`, `faces` and `indices` are other names of positions and triangles. Raises SolariError for arrays that
     don't fit each other.
+
+    Positions and normals that are assigned as tensors of a GPU, as many as before, stay on it where a renderer of the
+    same GPU has shown the mesh: reading the field then copies them to the host, and waits.
     """
 
     positions: FloatArray
@@ -62,6 +77,7 @@ class Mesh(Checked):
         "tangents": checks.array(None, 4, optional=True),
         "deformation": checks.instance_of(lambda: Deformation, optional=True),
     }
+    _given: ClassVar[Mapping[str, DeviceArray]] = {}  # by field: what a tensor gave
     _default_triangles: ClassVar[NDArray[np.uint32] | None] = None
     _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
 
@@ -72,6 +88,47 @@ class Mesh(Checked):
             least = 1.0 if self.colors is None or self.colors.shape[1] == 3 else float(self.colors[:, 3].min())
             object.__setattr__(self, "_least_alpha", (self.colors, least))
         return self._least_alpha[1]
+
+    def update(self, **fields: Any) -> None:
+        """As of the other objects. Tensors stay on the device that takes them."""
+        fields = self._by_field(fields, self)
+        if self._ready and fields.keys() <= set(ON_DEVICE) and fields:
+            takers = [getattr(reference(), "take_vertices", None) for reference in self._watchers]
+            taken = next((found for take in takers if take is not None and (found := take(self, fields))), None)
+            if taken is not None:
+                for name in taken:
+                    vars(self).pop(name, None)
+                object.__setattr__(self, "_given", {**self._given, **taken})
+                self._notify(self)
+                return
+        super().update(**fields)
+        if self._given:
+            object.__setattr__(self, "_given", {n: given for n, given in self._given.items() if n not in fields})
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """What a tensor gave, in the host's memory."""
+            if name not in ON_DEVICE or name not in self._given:
+                return super().__getattr__(name)
+            try:
+                array = self._converters[name](self._given[name].copy())
+            except ValueError as error:
+                raise SolariError(f"{self.describe()}: {name} {error}: a tensor gave them") from None
+            object.__setattr__(self, name, array)
+            return array
+
+    def held(self, name: str) -> Any:
+        """A field as it was given: an array, or what a device took of a tensor."""
+        return self._given[name] if name in self._given else getattr(self, name)
+
+    def __getstate__(self) -> dict[str, Any]:
+        on_host = {name: getattr(self, name) for name in self._given}
+        return {name: value for name, value in (super().__getstate__() | on_host).items() if name != "_given"}
+
+    def _row_count(self, name: str) -> int | None:
+        held = vars(self).get(name, self._given.get(name))
+        return None if held is None else int(held.shape[0])
 
     def uvs_for(self, uv_set: int) -> FloatArray | None:
         """The uvs (N, 2) of textures of that `uv_set`: a mesh without second uvs has the first ones in their place."""
@@ -116,7 +173,7 @@ class Mesh(Checked):
         )
 
     def _validate(self) -> None:
-        count = len(self.positions)
+        count = self._row_count("positions") or 0
         by_default = self.triangles is None or self.triangles is self._default_triangles
         if by_default:
             if count == 0 or count % 3:
@@ -127,9 +184,9 @@ class Mesh(Checked):
         elif len(self.triangles) == 0 or int(self.triangles.max()) >= count:
             raise SolariError(f"{self.describe()}: triangles must be rows of positions, 0 to {count - 1}")
         for name in ("normals", "uvs", "second_uvs", "tangents", "colors"):
-            attribute = getattr(self, name)
-            if attribute is not None and len(attribute) != count:
-                raise SolariError(f"{self.describe()}: {name} has {len(attribute)} rows for {count} positions")
+            rows = self._row_count(name)
+            if rows not in (None, count):
+                raise SolariError(f"{self.describe()}: {name} has {rows} rows for {count} positions")
         if self.deformation is not None:
             self.deformation.check(count, None, None, self.describe())
         if by_default:
@@ -137,6 +194,9 @@ class Mesh(Checked):
             every_three.setflags(write=False)
             object.__setattr__(self, "triangles", every_three)
             object.__setattr__(self, "_default_triangles", every_three)
+
+
+del Mesh.normals  # the default, in whose place `__getattr__` finds what a tensor gave
 
 
 @checked

@@ -99,7 +99,7 @@ class Checked(Observable):
                 converted[name] = self._converters[name](value) if name in self._converters else value
             except (TypeError, ValueError, OverflowError) as error:
                 raise SolariError(f"{self.describe()}: {name} {error}") from None
-        before = {name: getattr(self, name) for name in fields} if self._ready else {}
+        before = {name: vars(self).get(name, MISSING) for name in fields} if self._ready else {}
         for name, value in converted.items():
             object.__setattr__(self, name, value)
         if not self._ready:
@@ -108,7 +108,7 @@ class Checked(Observable):
             self._validate()
         except SolariError:
             for name, value in before.items():
-                object.__setattr__(self, name, value)
+                vars(self).pop(name) if value is MISSING else object.__setattr__(self, name, value)
             raise
         if not fields.keys() <= _UNSEEN:
             self._notify(self)

@@ -29,6 +29,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import DirectionalLight, Environment, Instance, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.shapes import sphere
 
 
 @pytest.fixture
@@ -414,3 +415,18 @@ def test_renderers_share_a_binder(device, rng, scene, binder):
         assert second["depth"].shape == (4, 4)
         second.resize((5, 5))
         assert second.render(camera, samples=2)["radiance"].shape == (5, 5, 3)
+
+
+def test_an_edit_of_alpha_leaves_memory_shared(bound):
+    """Equal meshes get another structure, which is one for both."""
+    meshes, veil = [sphere(0.5, 12) for _ in range(2)], Material()
+    binder = bound(*(Instance(mesh, veil) for mesh in meshes))
+    binder.update()
+    geometry, used = binder.assets.geometry, binder._device.objects_in_use
+    shared, opaque = geometry._buffers[meshes[0]], geometry.blases[meshes[0]]
+    veil.update(alpha=0.5, alpha_mode="blend")
+    binder.update()
+    assert [geometry._buffers[mesh] for mesh in meshes] == [shared, shared]
+    assert geometry.blases[meshes[0]] is geometry.blases[meshes[1]] is not opaque
+    binder._device.wait_idle()
+    assert binder._device.objects_in_use == used

@@ -128,6 +128,34 @@ def test_what_is_given_may_be_tensors(device):
             assert len(tracer.trace(wrap(np.ones((3, 3))), wrap(np.eye(3))).t) == 3
 
 
+class MetaTensor(ElsewhereTensor):
+    """A tensor of PyTorch's device "meta", which has no numbers."""
+
+    def __dlpack_device__(self):
+        raise ValueError("Unknown device type meta for Dlpack")
+
+    def __dlpack__(self, **_):
+        raise BufferError("meta")
+
+    def cpu(self):
+        raise NotImplementedError("Cannot copy out of meta tensor; no data!")
+
+
+def test_tensors_without_numbers_are_named(device):
+    scene, none = sv.builtin("cornell_box"), MetaTensor(np.zeros((2, 4, 4)))
+    mesh, lacking = scene.instances[0].mesh, "must have numbers, unlike a tensor of the device 'meta'"
+    with sv.Batch(device, scene, (8, 8), 2, worlds=2) as batch:
+        batch.render([scene.camera] * 2)
+        for where, give in {
+            "Mesh .*: positions": lambda: setattr(mesh, "positions", none),
+            "Instance .*: transform": lambda: setattr(scene.instances[0], "transform", none),
+            "Batch.render: cameras": lambda: batch.render(none),
+            "Batch.transforms: of": lambda: batch.transforms.__setitem__("tall block", none),
+        }.items():
+            with pytest.raises(sv.SolariError, match=f"{where}.* {lacking}"):
+                give()
+
+
 def test_tensors_are_what_is_read(device, cuda):
     with sv.Renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
         frame = renderer.render()
@@ -154,8 +182,7 @@ def test_later_frames_leave_tensors_alone(device, cuda):
                 tensor.mul(2.0)  # then it is given back while the stream may still read it
         for tensor, expected in taken:
             assert np.array_equal(tensor.cpu().numpy(), expected)
-        tensors = device.cuda
-        assert len([place for places in tensors._free.values() for place in places]) <= 4
+        assert len(device.cuda._places) <= 4
 
 
 def test_given_tensors_stay_on_the_device(device, cuda):
@@ -190,6 +217,108 @@ def test_given_tensors_stay_on_the_device(device, cuda):
     for expected, found in zip(taken[:6], taken[6:], strict=True):
         for name, values in expected.items():
             np.testing.assert_array_equal(found[name], values, name)
+
+
+@pytest.mark.parametrize("kind", ["batch", "reference", "realtime"])
+def test_given_vertices_stay_on_the_device(device, cuda, kind):
+    """A mesh shows what arrays show; no host waits for a late stream, and no later change of the tensor is seen."""
+    camera, taken, frames = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)), [], 12
+    for on_card in (False, True):
+        scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3, 64)
+        scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2), name="ball"))
+        rest = mesh.positions, mesh.normals
+        with cuda.cuda.stream(cuda.cuda.Stream()), _shown(kind, device, scene, camera) as show:
+            show()
+            for frame in range(1, frames + 1):
+                given = rest[0] + np.float32((0.02, 0.01, 0)) * frame, rest[1] * np.float32((1, 1, 1 + 0.05 * frame))
+                if on_card:
+                    given = [cuda.from_numpy(array).cuda() for array in given]
+                    if frame == frames:
+                        cuda.cuda._sleep(400_000_000)  # clocks
+                start = time.perf_counter()
+                mesh.positions, mesh.normals = given
+                found = show(read=frame != frames)
+                seconds = time.perf_counter() - start
+                if on_card:
+                    assert "positions" not in vars(mesh)
+                    given[0].zero_(), given[1].zero_()
+                taken.append(found or show.read())
+            assert not on_card or (seconds < 0.1 and time.perf_counter() - start > 0.1)
+        np.testing.assert_array_equal(mesh.positions, rest[0] + np.float32((0.02, 0.01, 0)) * frames)
+    for expected, found in zip(taken[:frames], taken[frames:], strict=True):
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, name)
+        assert np.abs(found.get("motion_vectors", 1)).max() > 1e-3
+
+
+class _shown:
+    """A renderer of a kind: calls render a frame, and read it unless told not to."""
+
+    def __init__(self, kind, device, scene, camera):
+        self._kind, self._camera = kind, camera
+        if kind == "batch":
+            self._renderer = sv.Batch(device, scene, SIZE, 1, outputs=("depth", "shading_normal", "motion_vectors"))
+        else:
+            self._renderer = (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._renderer.close()
+
+    def __call__(self, read=True):
+        if self._kind == "batch":
+            self._renderer.render([self._camera])
+            self._frame = self._renderer
+        elif self._kind == "reference":
+            self._frame = self._renderer.render(self._camera, samples=1)
+        else:
+            self._frame = self._renderer.render(self._camera)
+        return self.read() if read else None
+
+    def read(self):
+        names = {
+            "batch": self._frame, "reference": ("radiance", "depth"),
+            "realtime": ("depth", "shading_normal", "guides_motion"),  # radiance isn't the same in two renderers
+        }  # fmt: skip
+        return {name: self._frame[name] for name in names[self._kind]}
+
+
+def test_wrong_vertices_are_said_later(device, cuda):
+    scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3)
+    scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2)))
+    camera = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1))
+    with sv.Batch(device, scene, SIZE, 1, outputs=["depth"]) as batch:
+        before = batch.render([camera])["depth"]
+        wrong = cuda.from_numpy(np.array(mesh.positions)).cuda()
+        wrong[7, 1] = float("nan")
+        mesh.positions = wrong
+        batch.render([camera])
+        with pytest.raises(sv.SolariError, match="Mesh 'sphere': positions of vertex 7 must be finite"):
+            batch["depth"]
+        np.testing.assert_array_equal(batch["depth"], before)
+
+
+def test_a_thousand_edits_by_tensors_keep_no_memory(device, cuda):
+    scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3, 128)
+    scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2)))
+    camera, used = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)), []
+    given = cuda.from_numpy(np.array(mesh.positions)).cuda()
+    with sv.Batch(device, scene, SIZE, 1, outputs=["motion_vectors"]) as batch:
+        for _ in range(5):
+            start = time.perf_counter()
+            for _ in range(200):
+                given.mul_(0.999)
+                mesh.positions = given
+                batch.render([camera])
+            print(f"{(time.perf_counter() - start) / 200 * 1e3:.3f} ms an edit and frame")
+            batch["motion_vectors"]
+            cuda.cuda.synchronize()
+            device.wait_idle()
+            used.append((cuda.cuda.mem_get_info()[0], device.objects_in_use))
+    assert max(free for free, _ in used[1:]) - min(free for free, _ in used[1:]) < 8 << 20
+    assert len({objects for _, objects in used[1:]}) == 1
 
 
 def test_tensors_outlive_their_device(cuda):

@@ -28,8 +28,9 @@ float history_noise(uint index) {
 }
 
 // The estimated error of the luminance of light that is multiplied by these albedos: noise and the filter's bias.
-float standard_error(Denoised light, vec3 diffuse_albedo, vec3 specular_albedo) {
-    return ERROR_OVER_NOISE * length(light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
+float standard_error(Denoised light, float history_length, vec3 diffuse_albedo, vec3 specular_albedo) {
+    float noise = length(light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
+    return (ERROR_OVER_NOISE + BIAS_OVER_NOISE * sqrt(8.0 / max(history_length, 8.0))) * noise;
 }
 
 // The light of a pixel that is denoised, after all passes of the denoiser.

@@ -36,7 +36,8 @@ uvec4 hit_light_point(inout Path path) {
         }
         float weight = emitted_luminance * strategy_weight(map_pdf, 1.0, pdf_sum, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
-        for (uint j = 0u; SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT && j < portal_count(); j++) {
+        uint end = SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT ? portal_end() : 0u;
+        for (uint j = scene_info.first_portal_record; j < end; j++) {
             float portal_pdf = density_of_opening(j, path.vertex.position, path.walk.direction);
             if (!(portal_pdf > 0.0)) { continue; }
             weight = emitted_luminance * strategy_weight(
@@ -44,7 +45,7 @@ uvec4 hit_light_point(inout Path path) {
             );
             if (choose_weighted(sum, weight, path.rng)) {
                 vec2 u = numbers_of_opening(j, path.vertex.position, path.walk.direction);
-                point = pack_light_point(scene_info.first_portal + j, 0u, u);
+                point = pack_light_point(portal_light(j), 0u, u);
             }
         }
     }

@@ -104,7 +104,7 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
-    bool is_delta = specular.mirror && brdf.specular_probability == 1.0;
+    bool is_delta = is_mirror(specular) && brdf.specular_probability == 1.0;
     float probability = is_delta ? 0.0 : mix(1.0, specular.perceptual_roughness, specular.metallic);
     if (!SCENE_LAYERS) { return probability; }
     if (brdf.probabilities.sheen > 0.0) { return 1.0; }

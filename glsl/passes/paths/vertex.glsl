@@ -93,7 +93,7 @@ void add_to_reservoir(inout RisReservoir reservoir, RisLightSample added, inout 
 
 // Whether a light sample comes from infinity past all portals, so that it is occluded if the vertex is in a room.
 bool comes_past_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 direction) {
-    if (!SCENE_PORTAL || light_sample.kind == LIGHT_PORTAL || !is_at_infinity(light_sample.kind)) { return false; }
+    if (!has_portals() || light_sample.kind == LIGHT_PORTAL || !is_at_infinity(light_sample.kind)) { return false; }
     return !passes_a_portal(receiver, direction);
 }
 

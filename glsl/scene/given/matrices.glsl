@@ -1,21 +1,13 @@
-// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/bound/given_poses.py gives all memory by address,
-// and puts barriers around the shaders.
+// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/bound/given_poses.py.
 #ifndef SCENE_GIVEN_MATRICES_GLSL
 #define SCENE_GIVEN_MATRICES_GLSL
 
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_buffer_reference_uvec2 : require
-
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Floats { float at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Doubles { double at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Made { float at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Wrong { uint at[]; };
+#include "scene/given/numbers.glsl"
 
 layout(push_constant, scalar) uniform Work {
     Floats floats;    // the matrices
     Doubles doubles;  // the same memory
-    Wrong wrong;      // a matrix that was refused: `what`, and its index in the lower 20 bits
+    Wrong wrong;      // a matrix that was refused
     Made first;       // records: world from object by columns, or cameras
     Made second;      // records: world from object by rows, or the cameras of earlier frames
     uint is_double;
@@ -61,7 +53,7 @@ bool read_axes(uint index, out Axes axes) {
     dvec3 x = columns[0], y = columns[1], z = columns[2];
     right = right && abs(dot(x, cross(y, z))) > 1e-9LF * sqrt(dot(x, x) * dot(y, y) * dot(z, z));
     if (!right) {
-        work.wrong.at[0] = work.what << 20 | min(index, 0xFFFFFu);
+        work.wrong.at[0] = wrong_thing(work.what, index);
     }
     return right;
 }

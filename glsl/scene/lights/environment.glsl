@@ -81,7 +81,7 @@ LightHit evaluate_environment(uint index, vec3 direction) {
 
 // What samples of the environment stand for in the light from a direction; samples of portals stand for the rest.
 ResolvedLightSample sample_for_receiver_environment(ResolvedLightSample light_sample, vec3 receiver) {
-    if (!SCENE_PORTAL) { return light_sample; }
+    if (!has_portals()) { return light_sample; }
     vec3 direction = light_sample.world_position;
     LightHit light_hit = evaluate_environment(light_sample.data, direction);
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return light_sample; }

@@ -39,7 +39,16 @@ struct Pane {
     uint weight;
 };
 
-uint portal_count() { return scene_info.first_pass_through_light - scene_info.first_portal; }
+// Whether the scene has portals, and not only those of other worlds.
+bool has_portals() { return SCENE_PORTAL && scene_info.first_pass_through_light != scene_info.first_portal; }
+
+// One more than the index of the last portal, of which the first is scene_info.first_portal_record.
+uint portal_end() {
+    return scene_info.first_portal_record + scene_info.first_pass_through_light - scene_info.first_portal;
+}
+
+// The index of a portal's light source.
+uint portal_light(uint index) { return scene_info.first_portal + index - scene_info.first_portal_record; }
 
 vec2 slope_at(vec2 position) {
     vec2 from_middle = 2.0 * position - 1.0;
@@ -174,7 +183,7 @@ Crossing cross_portal(Portal portal, vec3 origin, vec3 direction) {
 }
 
 bool passes_a_portal(vec3 origin, vec3 direction) {
-    for (uint i = 0u; i < portal_count(); i++) {
+    for (uint i = scene_info.first_portal_record; i < portal_end(); i++) {
         if (cross_portal(portals.at[i], origin, direction).t > 0.0) { return true; }
     }
     return false;
@@ -189,7 +198,7 @@ float density_of_opening(uint index, vec3 origin, vec3 direction) {
     Outlook seen = look_through(portal, origin);
     if (seen.weight == 0u) { return 0.0; }
     Pane pane = pane_of(portal, seen, texel_at(portal, seen, crossing.place));
-    float probability = light_probability_by_power(light_sources.at[scene_info.first_portal + index]);
+    float probability = light_probability_by_power(light_sources.at[portal_light(index)]);
     return probability * density_in(pane, portal, seen) * square(crossing.t) / crossing.cosine;
 }
 
@@ -204,7 +213,7 @@ vec2 numbers_of_opening(uint index, vec3 origin, vec3 direction) {
 // The sum of the densities of all portals but one; NO_INDEX: of all.
 float pdf_of_openings(vec3 origin, vec3 direction, uint left_out) {
     float density = 0.0;
-    for (uint i = 0u; i < portal_count(); i++) {
+    for (uint i = scene_info.first_portal_record; i < portal_end(); i++) {
         if (i != left_out) { density += density_of_opening(i, origin, direction); }
     }
     return density;

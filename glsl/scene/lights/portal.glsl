@@ -32,7 +32,7 @@ ResolvedLightSample sample_for_receiver_portal(ResolvedLightSample light_sample,
     float density = density_by_area * dot(to_place, to_place) / max(abs(dot(direction, portal.normal)), 1e-30);
     light_sample.world_position = direction;
     light_sample.world_normal = -direction;
-    float own = density * light_probability_by_power(light_sources.at[scene_info.first_portal + index]);
+    float own = density * light_probability_by_power(light_sources.at[portal_light(index)]);
     if (!(own > 0.0 && own < INFINITY)) { return light_sample; }
     light_sample.inverse_area_pdf /= density;
     float all = own + pdf_of_openings(receiver, direction, index);

@@ -10,9 +10,8 @@ struct Specular {
     vec3 dielectric_f0;
     vec3 metal_f0;
     float metallic;
-    float roughness;
+    float roughness;             // see is_mirror
     float perceptual_roughness;  // table_roughness
-    bool mirror;                 // a delta lobe: roughness is at most MIRROR_ROUGHNESS
     float dielectric_weight;
     float dielectric_share;      // of a dielectric that other lobes leave to the base
     vec2 albedo_terms;           // A and B towards wo
@@ -28,6 +27,10 @@ struct Specular {
     vec3 metal_film;
     FilmCover film_cover;
 };
+
+// Whether the lobe is a delta lobe. Computed where it is asked for: as a bool of the struct, NVIDIA's driver lost it in
+// some threads of loops that trace rays (docs/driver_faults.md).
+bool is_mirror(Specular specular) { return specular.roughness <= MIRROR_ROUGHNESS; }
 
 // By how much A and B of an anisotropic lobe exceed those of the table at most, over the square of its strength.
 const vec2 ANISOTROPY_BOUND = vec2(0.38, 0.67);
@@ -59,8 +62,8 @@ vec3 from_anisotropy(Specular specular, vec3 v) {
 
 // A and B towards a direction. At grazing angles an anisotropic lobe has the albedo of its roughness in that direction.
 vec2 albedo_terms(Specular specular, vec3 w) {
-    if (!SCENE_LAYERS || specular.mirror) {
-        return albedo_terms(specular.mirror, specular.perceptual_roughness, w.z);
+    if (!SCENE_LAYERS || is_mirror(specular)) {
+        return albedo_terms(is_mirror(specular), specular.perceptual_roughness, w.z);
     }
     vec3 mean = vec3(specular.anisotropic_roughness, square(specular.perceptual_roughness));
     return lookup_brdf_table(w.z, sqrt(length(mean * to_anisotropy(specular, w))));
@@ -71,7 +74,7 @@ vec2 albedo_terms(Specular specular, vec3 w) {
 // bound its A and B over those of the table, measured for all directions, so that no energy is gained.
 vec3 dielectric_albedo(Specular specular, vec2 ab, float cosine) {
     vec3 albedo = specular_albedo(specular.dielectric_f0, ab);
-    if (SCENE_LAYERS && !specular.mirror) {
+    if (SCENE_LAYERS && !is_mirror(specular)) {
         vec3 reflected = specular.dielectric_f0 * ab.x;
         vec3 excess = (ANISOTROPY_BOUND.x * reflected + ANISOTROPY_BOUND.y * ab.y) / max(reflected + ab.y, 1e-30);
         albedo = min(albedo * (1.0 + square(specular.anisotropy) * excess), 1.0);
@@ -89,7 +92,7 @@ vec3 average_dielectric_albedo(Specular specular) {
     mat3 averages = lookup_brdf_averages(specular.perceptual_roughness);
     vec3 f0 = specular.dielectric_f0;
     vec3 average = specular.dielectric_weight * (averages[0] + f0 * (averages[1] + f0 * averages[2]));
-    if (SCENE_LAYERS && !specular.mirror) { average *= 1.0 + ANISOTROPY_BOUND.x * square(specular.anisotropy); }
+    if (SCENE_LAYERS && !is_mirror(specular)) { average *= 1.0 + ANISOTROPY_BOUND.x * square(specular.anisotropy); }
     if (SCENE_IRIDESCENCE && specular.film.weight > 0.0) {
         vec3 covered = vec3(specular.dielectric_weight * specular.film_cover.average);
         average = mix(average, covered, specular.film.weight);
@@ -121,12 +124,11 @@ Specular prepare_specular(BaseMaterial base, float share, vec3 wo) {
     specular.metallic = base.metallic;
     specular.roughness = base.roughness;
     specular.perceptual_roughness = table_roughness(base);
-    specular.mirror = base.roughness <= MIRROR_ROUGHNESS;
     specular.dielectric_f0 = reflectance_f0(base.reflectance);
     specular.metal_f0 = base.color;
     specular.dielectric_weight = SCENE_LAYERS ? base.specular_weight : 1.0;
     specular.dielectric_share = share;
-    bool anisotropic = SCENE_LAYERS && !specular.mirror;
+    bool anisotropic = SCENE_LAYERS && !is_mirror(specular);
     if (anisotropic) {
         specular.anisotropy = base.anisotropy;
         specular.anisotropic_roughness = anisotropic_roughness(base);
@@ -134,7 +136,7 @@ Specular prepare_specular(BaseMaterial base, float share, vec3 wo) {
     }
     specular.albedo_terms = albedo_terms(specular, wo);
     specular.multiscatter = 1.0 / (specular.albedo_terms.x + specular.albedo_terms.y) - 1.0;
-    specular.pdf_per_d = specular.mirror ? 0.0 : ggx_vndf_pdf_per_d(wo, base.roughness);
+    specular.pdf_per_d = is_mirror(specular) ? 0.0 : ggx_vndf_pdf_per_d(wo, base.roughness);
     if (anisotropic) {
         vec3 turned = to_anisotropy(specular, wo);
         specular.pdf_per_d = ggx_vndf_pdf_per_d(turned, specular.anisotropic_roughness);
@@ -151,8 +153,8 @@ Specular prepare_specular(BaseMaterial base, float share, vec3 wo) {
 Specular no_specular() {
     Specular specular;
     specular.dielectric_f0 = specular.metal_f0 = vec3(0.0);
-    specular.metallic = specular.roughness = specular.perceptual_roughness = 1.0;
-    specular.mirror = true;
+    specular.metallic = specular.perceptual_roughness = 1.0;
+    specular.roughness = 0.0;
     specular.multiscatter = specular.pdf_per_d = 0.0;
     specular.dielectric_weight = specular.dielectric_share = 1.0;
     specular.film = NO_FILM;
@@ -193,7 +195,7 @@ float specular_distribution(Specular specular, vec3 half_vector) {
 
 // Without the one direction to which a mirror reflects.
 vec3 evaluate_specular(Specular specular, vec3 wo, vec3 wi) {
-    if (specular.mirror || !(wi.z > 0.0)) { return vec3(0.0); }
+    if (is_mirror(specular) || !(wi.z > 0.0)) { return vec3(0.0); }
     vec3 half_vector = normalize(wo + wi);
     float V = SCENE_LAYERS
         ? V_SmithGGXCorrelated(
@@ -204,7 +206,7 @@ vec3 evaluate_specular(Specular specular, vec3 wo, vec3 wi) {
 }
 
 float specular_pdf(Specular specular, vec3 wo, vec3 wi) {
-    if (specular.mirror || !(wi.z > 0.0)) { return 0.0; }
+    if (is_mirror(specular) || !(wi.z > 0.0)) { return 0.0; }
     return specular.pdf_per_d * specular_distribution(specular, normalize(wo + wi));
 }
 

@@ -87,6 +87,10 @@ class Emissions:
                 users += self._users.users(key)
         return users
 
+    def use(self, mesh: Mesh) -> bool:
+        """Whether an instance emits by the triangles of a mesh."""
+        return any(used is mesh for used, _ in self._users)
+
     def _drop(self, key: Key) -> None:
         emission = self._emissions.pop(key, None)
         if emission is not None and emission.choices is not None:

@@ -38,8 +38,6 @@ class Lamps:
         """What `LightList.set_emissive` is told of an instance that emits light: its emission, which is kept until it
         is released, area, position and half size. original: the scene's instance with its meshes."""
         _, shape, _ = self._uses[original]
-        position, half_size, volume = placed_box(
-            instance.transform, self._geometry.centers[shape], self._geometry.half_sizes[shape]
-        )
+        position, half_size, volume = placed_box(instance.transform, *self._geometry.box(shape))
         emission = self.emissions.acquire(instance, self._geometry.orders[shape])
         return emission, volume ** (2 / 3) * emission.area_in(instance.joint_matrices), position, half_size

@@ -18,10 +18,12 @@ SCRATCH_BUDGET = 256 << 20
 
 @dataclass(frozen=True)
 class BlasBuild:
-    """A structure to build from its geometries or, with `update`, to refit to them."""
+    """A structure to build from its geometries or, with `update`, to refit to them. source: what the refit starts from,
+    by default the structure as it is."""
 
     blas: Blas
     update: bool = False
+    source: Blas | None = None
 
     @property
     def scratch(self) -> int:
@@ -88,7 +90,7 @@ def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
     infos = []
     for build in batch:
         build.blas.ensure_storage()
-        infos.append(build.blas.build_info(address, update=build.update))
+        infos.append(build.blas.build_info(address, update=build.update, source=build.source))
         address += build.scratch
     infos_array = raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos)
     ranges = raw.array("VkAccelerationStructureBuildRangeInfoKHR*", [build.blas.ranges for build in batch])

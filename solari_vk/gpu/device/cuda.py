@@ -7,94 +7,25 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar
 
 from cffi import FFI
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import dlpack
+from solari_vk.gpu.device.cuda_names import HEADER
+from solari_vk.gpu.device.cuda_names import HIP as _HIP
 
 _OPAQUE_FD, _TIMELINE_FD, _DEDICATED = 1, 9, 1
-_HEADER = """
-typedef int CUdevice;
-typedef struct { char bytes[16]; } CUuuid;
-typedef unsigned long long CUdeviceptr;
-typedef void *CUcontext, *CUstream, *CUevent, *CUexternalMemory, *CUexternalSemaphore;
-typedef union { int fd; struct { void *handle; void *name; } win32; } Handle;
-typedef struct {
-    int type; Handle handle; unsigned long long size; unsigned flags; unsigned reserved[16];
-} CUDA_EXTERNAL_MEMORY_HANDLE_DESC;
-typedef struct {
-    unsigned long long offset; unsigned long long size; unsigned flags; unsigned reserved[16];
-} CUDA_EXTERNAL_MEMORY_BUFFER_DESC;
-typedef struct {
-    int type; Handle handle; unsigned flags; unsigned reserved[16];
-} CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC;
-typedef struct {
-    struct {
-        unsigned long long value; unsigned long long nvSciSync;
-        struct { unsigned long long key; unsigned timeoutMs; } keyedMutex;
-        unsigned reserved[10];
-    } params;
-    unsigned flags; unsigned reserved[16];
-} CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS;
-typedef struct {
-    struct {
-        unsigned long long value; unsigned long long nvSciSync; unsigned long long key; unsigned reserved[12];
-    } params;
-    unsigned flags; unsigned reserved[16];
-} CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS;
-int cuInit(unsigned);
-int cuGetErrorString(int, const char **);
-int cuDeviceGetCount(int *);
-int cuDeviceGet(CUdevice *, int);
-int cuDeviceGetUuid_v2(CUuuid *, CUdevice);
-int cuDevicePrimaryCtxRetain(CUcontext *, CUdevice);
-int cuDevicePrimaryCtxRelease_v2(CUdevice);
-int cuCtxPushCurrent_v2(CUcontext);
-int cuCtxPopCurrent_v2(CUcontext *);
-int cuImportExternalMemory(CUexternalMemory *, const CUDA_EXTERNAL_MEMORY_HANDLE_DESC *);
-int cuExternalMemoryGetMappedBuffer(CUdeviceptr *, CUexternalMemory, const CUDA_EXTERNAL_MEMORY_BUFFER_DESC *);
-int cuDestroyExternalMemory(CUexternalMemory);
-int cuMemFree_v2(CUdeviceptr);
-int cuImportExternalSemaphore(CUexternalSemaphore *, const CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC *);
-int cuWaitExternalSemaphoresAsync(
-    const CUexternalSemaphore *, const CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS *, unsigned, CUstream);
-int cuSignalExternalSemaphoresAsync(
-    const CUexternalSemaphore *, const CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS *, unsigned, CUstream);
-int cuDestroyExternalSemaphore(CUexternalSemaphore);
-int cuStreamCreate(CUstream *, unsigned);
-int cuStreamDestroy_v2(CUstream);
-int cuCtxSynchronize(void);
-int cuEventCreate(CUevent *, unsigned);
-int cuEventRecord(CUevent, CUstream);
-int cuEventSynchronize(CUevent);
-int cuEventDestroy_v2(CUevent);
-int cuMemcpyDtoH_v2(void *, CUdeviceptr, size_t);
-int cuMemcpyDtoDAsync_v2(CUdeviceptr, CUdeviceptr, size_t, CUstream);
-int cuStreamSynchronize(CUstream);
-"""
-_HIP = {
-    "cuInit": "hipInit", "cuGetErrorString": "hipDrvGetErrorString", "cuDeviceGet": "hipDeviceGet",
-    "cuDevicePrimaryCtxRetain": "hipDevicePrimaryCtxRetain",
-    "cuDevicePrimaryCtxRelease_v2": "hipDevicePrimaryCtxRelease", "cuCtxPushCurrent_v2": "hipCtxPushCurrent",
-    "cuCtxPopCurrent_v2": "hipCtxPopCurrent", "cuImportExternalMemory": "hipImportExternalMemory",
-    "cuExternalMemoryGetMappedBuffer": "hipExternalMemoryGetMappedBuffer",
-    "cuDestroyExternalMemory": "hipDestroyExternalMemory", "cuMemFree_v2": "hipFree",
-    "cuEventCreate": "hipEventCreateWithFlags", "cuEventRecord": "hipEventRecord",
-    "cuEventSynchronize": "hipEventSynchronize", "cuEventDestroy_v2": "hipEventDestroy",
-    "cuCtxSynchronize": "hipCtxSynchronize", "cuMemcpyDtoDAsync_v2": "hipMemcpyDtoDAsync",
-    "cuStreamSynchronize": "hipStreamSynchronize",
-}  # fmt: skip
-"""HIP's names of the functions that it needs (hip_runtime_api.h of ROCm 5 to 7)."""
 _ffi: Any = FFI()
-_ffi.cdef(_HEADER)
+_ffi.cdef(HEADER)
 _ffi.cdef("int hipDeviceGetByPCIBusId(CUdevice *, const char *);")
-for _line in _HEADER.split("\n"):
+for _line in HEADER.split("\n"):
     if (_name := _line.partition("(")[0].removeprefix("int ")) in _HIP:
         _ffi.cdef(_line.replace(_name, _HIP[_name]))
 _NO_TIMING = 2
+_STILL_WELL = {600, *range(900, 909)}  # of cuStreamQuery: work isn't done, or a graph is being captured
 _NON_BLOCKING = 1  # a stream that doesn't wait for the default one
 CData = Any
 
@@ -148,7 +79,8 @@ class Cuda:
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver by its name in CUDA. Raises DeviceError with its name and the reason."""
-        if result := self._function(name)(*arguments):
+        result = self._function(name)(*arguments)
+        if result and not (name == "cuStreamQuery" and result in _STILL_WELL):
             text = _ffi.new("const char **")
             self._function("cuGetErrorString")(result, text)
             reason = _ffi.string(text[0]).decode() if text[0] != _ffi.NULL else f"error {result}"
@@ -163,9 +95,20 @@ class Cuda:
         finally:
             self.call("cuCtxPopCurrent_v2", _ffi.new("CUcontext *"))
 
+    def free(self, name: str, *arguments: Any) -> None:
+        """Call a function that frees something. A context that has failed frees nothing until the process ends."""
+        with suppress(DeviceError), self.current():
+            self.call(name, *arguments)
+
+    def check(self) -> None:
+        """Raise DeviceError if the context has failed, as after a kernel that writes out of bounds."""
+        with self.current():
+            self.call("cuStreamQuery", _ffi.cast("CUstream", self.default_stream))
+
     def close(self) -> None:
         """Give the context back."""
-        self.call("cuDevicePrimaryCtxRelease_v2", self._handle(self.ordinal))
+        with suppress(DeviceError):
+            self.call("cuDevicePrimaryCtxRelease_v2", self._handle(self.ordinal))
 
     def import_timeline(self, fd: int) -> CData:
         """A timeline semaphore, whose file descriptor then belongs to CUDA."""
@@ -177,8 +120,7 @@ class Cuda:
         return semaphore[0]
 
     def destroy_semaphore(self, semaphore: CData) -> None:
-        with self.current():
-            self.call("cuDestroyExternalSemaphore", semaphore)
+        self.free("cuDestroyExternalSemaphore", semaphore)
 
     def wait(self, semaphore: CData, value: int, stream: int) -> None:
         """Have the work that a stream gets from now on wait until a timeline semaphore has a value."""
@@ -286,9 +228,8 @@ class CudaMemory:
         self.address = int(pointer[0])
 
     def close(self) -> None:
-        with self._cuda.current():
-            self._cuda.call("cuMemFree_v2", _ffi.cast("CUdeviceptr", self.address))
-            self._cuda.call("cuDestroyExternalMemory", self._memory)
+        self._cuda.free("cuMemFree_v2", _ffi.cast("CUdeviceptr", self.address))
+        self._cuda.free("cuDestroyExternalMemory", self._memory)
 
 
 class CudaEvent:
@@ -312,5 +253,4 @@ class CudaEvent:
             self._cuda.call("cuEventSynchronize", self._event)
 
     def close(self) -> None:
-        with self._cuda.current():
-            self._cuda.call("cuEventDestroy_v2", self._event)
+        self._cuda.free("cuEventDestroy_v2", self._event)

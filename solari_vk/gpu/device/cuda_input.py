@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 import weakref
-from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
@@ -18,6 +17,7 @@ from solari_vk.gpu.device import cuda_tensor, dlpack, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import NO_SYNC, CudaTensors, Place
+from solari_vk.gpu.device.places import Lease, Places
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.device.work_queue import WorkQueue
 
@@ -30,13 +30,13 @@ class _Way:
         self.place, self.buffer, self.copying = place, buffer, copying
         self.await_read: Callable[[int | None], None] = _do_nothing
         """Has a stream wait until the latest tensor was copied to the buffer."""
+        self.taken = weakref.WeakSet[Taken]()
 
-
-class _Lease:
-    """A use of a buffer, which another tensor may take when this object is gone."""
-
-    def __init__(self, buffer: Buffer) -> None:
-        self.buffer = buffer
+    def close(self) -> None:
+        """Free it."""
+        self.copying.destroy()
+        self.place.close()
+        self.buffer.destroy()
 
 
 class Taken:
@@ -44,25 +44,51 @@ class Taken:
     of the first number, `strides` are in bytes."""
 
     def __init__(
-        self, lease: _Lease, shape: tuple[int, ...], dtype: np.dtype[Any], strides: tuple[int, ...], begin: int = 0
+        self, lease: Lease[_Way], shape: tuple[int, ...], dtype: np.dtype[Any], strides: tuple[int, ...], begin: int = 0
     ) -> None:  # fmt: skip
         self.shape, self.dtype, self.strides = shape, dtype, strides
-        self._lease, self._begin = lease, begin
+        self._lease: Lease[_Way] | None = lease
+        self._begin = begin
+        self._on_host: NDArray[np.float64] | None = None
+        lease.place.taken.add(self)
+
+    @property
+    def device(self) -> WorkQueue:
+        return self._buffer.device
 
     @property
     def address(self) -> int:
-        return self._lease.buffer.address + self._begin
+        return self._buffer.address + self._begin
+
+    @property
+    def _buffer(self) -> Buffer:
+        return self._held.place.buffer
+
+    @property
+    def _held(self) -> Lease[_Way]:
+        if self._lease is None:
+            raise DeviceError("a tensor was given to a device that is closed: give it again")
+        return self._lease
 
     def at(self, index: int, axis: int = 0) -> Taken:
         """The part at an index along an axis, in the same memory."""
         begin = self._begin + index * self.strides[axis]
         shape, strides = ((*given[:axis], *given[axis + 1 :]) for given in (self.shape, self.strides))
-        return Taken(self._lease, shape, self.dtype, strides, begin)
+        return Taken(self._held, shape, self.dtype, strides, begin)
 
     def copy(self) -> NDArray[np.float64]:
         """The numbers in the host's memory. Waits for all work submitted so far."""
-        values = np.ndarray(self.shape, self.dtype, self._lease.buffer.read(), self._begin, self.strides)
+        if self._on_host is not None:
+            return self._on_host.copy()
+        values = np.ndarray(self.shape, self.dtype, self._buffer.read(), self._begin, self.strides)
         return values.astype(np.float64)
+
+    def keep_on_host(self) -> None:
+        """Have the numbers in the host's memory alone, or nowhere if the device is lost."""
+        try:
+            self._on_host = self.copy()
+        finally:
+            self._lease = None
 
 
 class CudaInputs:
@@ -70,13 +96,14 @@ class CudaInputs:
 
     def __init__(self, tensors: CudaTensors, device: WorkQueue, make: Callable[..., Buffer]) -> None:
         self._tensors, self._device, self._make = tensors, device, make
-        self._ways: list[_Way] = []
-        self._free: dict[int, deque[_Way]] = {}
+        self._ways = weakref.WeakSet[_Way]()
+        self._places = Places(device, self._new)
         self._value, self._timeline, self._semaphore = 0, None, None
         with ExitStack() as undo:
             if tensors.cuda.waits_for_timelines:
                 self._timeline, self._semaphore = cuda_tensor.shared_timeline(device, tensors.cuda, undo)
-            undo.callback(lambda: [way.place.close() for way in self._ways])
+                device.late.append(self._check_cuda)
+            undo.callback(self._places.close)
             device.share(device.own(undo.pop_all().close))
 
     def take(self, value: Any) -> Taken | None:
@@ -98,19 +125,36 @@ class CudaInputs:
             return None
         strides = np.empty(shape, dtype).strides
         size = shape[0] * strides[0]
-        free = self._free.setdefault(size, deque())
-        way = free.popleft() if free else self._new(size)
+        way = self._places.take(size)
         try:
             way.await_read(stream)
             cuda.copy(way.place.memory.address, source, size, stream)
             way.await_read = self._tensors.submit(way.copying.commands, self._after(stream))
         except BaseException:
-            free.append(way)
+            self._places.give_back(way, size)
             raise
         self._device.retire(partial(_do_nothing, capsule))  # its memory, when the copy is done
-        lease = _Lease(way.buffer)
-        weakref.finalize(lease, free.append, way).atexit = False
-        return Taken(lease, shape, dtype, strides)
+        return Taken(self._places.lend(way, size), shape, dtype, strides)
+
+    def keep_on_host(self) -> None:
+        """Have what is taken, and what anybody still has, in the host's memory: the device is about to be closed."""
+        for taken in [taken for way in self._ways for taken in way.taken]:
+            with suppress(DeviceError):
+                taken.keep_on_host()
+
+    def _check_cuda(self) -> None:
+        """Raise DeviceError if CUDA has failed, after which streams signal nothing: work must not wait for them."""
+        device = self._device
+        reached = raw.ffi.new("uint64_t*")
+        device.vk.vkGetSemaphoreCounterValue(device.handle, self._timeline, reached)
+        if reached[0] >= self._value:
+            return
+        try:
+            self._tensors.cuda.check()
+        except DeviceError as error:
+            info = raw.struct("VkSemaphoreSignalInfo", semaphore=self._timeline, value=self._value)
+            device.vk.vkSignalSemaphore(device.handle, info)
+            raise DeviceError(f"CUDA failed, so that tensors given to {device.name} are lost: {error}") from None
 
     def _after(self, stream: int) -> Sequence[Any]:
         """What a submission waits for to come after the work that a stream has now."""
@@ -142,18 +186,20 @@ class CudaInputs:
 
             way = _Way(place, buffer, Recorded(device, record, "take tensor"))
             undo.pop_all()
-        self._ways.append(way)
+        self._ways.add(way)
         return way
 
 
 def _stream_of(value: Any) -> int | None:
     """The stream in which a library works now, None where that isn't known. What is given later to this stream may
     change the tensor, and is behind the copy."""
-    library = type(value).__module__.partition(".")[0]
-    module: Any = sys.modules.get(library)
-    if library == "torch":
+    libraries = {kind.__module__.partition(".")[0] for kind in type(value).__mro__}
+    module: Any
+    if "torch" in libraries:
+        module = sys.modules["torch"]
         return int(module.cuda.current_stream(value.device).cuda_stream)
-    if library == "cupy":
+    if "cupy" in libraries:
+        module = sys.modules["cupy"]
         return int(module.cuda.get_current_stream().ptr)
     return None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
@@ -15,6 +15,7 @@ from solari_vk.gpu.device import dlpack, raw
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.barriers import ALL_COMMANDS, READ, WRITE, full_barrier
 from solari_vk.gpu.device.cuda import Cuda, CudaEvent, CudaMemory, Hip
+from solari_vk.gpu.device.places import Lease, Places
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.device.submission import SemaphoreValue
 from solari_vk.gpu.device.work_queue import WorkQueue
@@ -25,7 +26,6 @@ _FD = raw.VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT
 _SEMAPHORE_FD = raw.VK_EXTERNAL_SEMAPHORE_HANDLE_TYPE_OPAQUE_FD_BIT
 _USAGE = raw.VK_BUFFER_USAGE_TRANSFER_DST_BIT | raw.VK_BUFFER_USAGE_TRANSFER_SRC_BIT
 NO_SYNC = -1  # DLPack: the consumer takes care
-_KEPT = 2  # free places of a size, for the next tensors
 
 
 class Place:
@@ -59,7 +59,13 @@ class Place:
             vk.vkGetMemoryFdKHR(device.handle, info, fd)
             self.memory = CudaMemory(cuda, fd[0], int(requirements.size), size)
             undo.callback(self.memory.close)
-            self.close = undo.pop_all().close
+            self._free = undo.pop_all().close
+
+    def close(self) -> None:
+        """Free it when no work reads it any more."""
+        with suppress(DeviceError):
+            self.await_consumers()
+        self._free()
 
     @property
     def to_cuda(self) -> raw.CData:
@@ -105,13 +111,6 @@ class Place:
             event.close()
 
 
-class _Lease:
-    """A use of a place, until nobody needs it: `Lent` is told when this object is gone."""
-
-    def __init__(self, place: Place) -> None:
-        self.place = place
-
-
 class CudaTensor:
     """A tensor in memory of CUDA, or of AMD's HIP, for `torch.from_dlpack`, `cupy.from_dlpack` and
     `jax.dlpack.from_dlpack`.
@@ -123,7 +122,8 @@ class CudaTensor:
     """
 
     def __init__(
-        self, lease: _Lease, await_written: Callable[[int | None], None], shape: tuple[int, ...], dtype: np.dtype[Any]
+        self, lease: Lease[Place], await_written: Callable[[int | None], None], shape: tuple[int, ...],
+        dtype: np.dtype[Any],
     ) -> None:  # fmt: skip
         self.shape, self.dtype = shape, dtype
         self._lease, self._await_written = lease, await_written
@@ -163,13 +163,14 @@ class CudaTensors:
             raise DeviceError(f"{device.name} lacks {' and '.join(missing)}")
         self._device, self.memory = device, memory
         self.cuda = driver(device.properties.uuid if driver is Cuda else pci_address(device))
-        self._value, self._free = 0, dict[int, list[Place]]()
+        self._value = 0
+        self._places = Places(device, partial(Place, device, memory, self.cuda))
         self._timeline = self._semaphore = None
         with ExitStack() as undo:
             undo.callback(self.cuda.close)
             if driver.waits_for_timelines:
                 self._timeline, self._semaphore = shared_timeline(device, self.cuda, undo)
-            undo.callback(self._discard_free)
+            undo.callback(self._places.close)
             self._end = undo.pop_all().close
         device.share(device.own(self._close))
 
@@ -179,7 +180,8 @@ class CudaTensors:
         """A tensor of what `record_copy(command buffer, VkBuffer)` copies. uint32 becomes int32, since few libraries
         compute with it: 2^32 - 1, of no instance, is -1."""
         device = self._device
-        place = self._take(math.prod(shape) * dtype.itemsize)
+        place = self._places.take(math.prod(shape) * dtype.itemsize)
+        place.await_consumers()
         if dtype == np.uint32:
             dtype = np.dtype(np.int32)
 
@@ -191,9 +193,7 @@ class CudaTensors:
         copying = Recorded(device, record, "tensor")
         await_written = self.submit(copying.commands)
         copying.destroy()
-        lease = _Lease(place)
-        device.lent.lend(lease, partial(self._give_back, place))
-        return CudaTensor(lease, await_written, shape, dtype)
+        return CudaTensor(self._places.lend(place, place.size), await_written, shape, dtype)
 
     def submit(self, commands: raw.CData, waits: Sequence[SemaphoreValue] = ()) -> Callable[[int | None], None]:
         """Submit commands, which wait for semaphores. Returns what has a stream wait for them, or, with None and where
@@ -210,29 +210,6 @@ class CudaTensors:
                 self.cuda.wait(self._semaphore, value, stream)
 
         return wait
-
-    def _take(self, size: int) -> Place:
-        free = self._free.get(size)
-        # The one that has been free for longest, which consumers have most likely read.
-        place = free.pop(0) if free else Place(self._device, self.memory, self.cuda, size)
-        place.await_consumers()
-        return place
-
-    def _give_back(self, place: Place) -> None:
-        """Nobody has the tensor any more."""
-        free = self._free.setdefault(place.size, [])
-        free.append(place)
-        if len(free) > _KEPT and not self._device.closed:
-            self._device.retire(partial(self._discard, free.pop(0)))  # a copy to it may be due
-
-    def _discard(self, place: Place) -> None:
-        place.await_consumers()
-        place.close()
-
-    def _discard_free(self) -> None:
-        for place in [place for places in self._free.values() for place in places]:
-            self._discard(place)
-        self._free.clear()
 
     def _close(self) -> None:
         if self._device.lost and self._semaphore is not None:

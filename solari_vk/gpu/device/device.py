@@ -16,7 +16,8 @@ from solari_vk.gpu.device.cuda_tensor import CudaTensors
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.kept import Kept
-from solari_vk.gpu.device.physical import DeviceReport
+from solari_vk.gpu.device.logical import asked_for
+from solari_vk.gpu.device.physical import DeviceReport, choose
 from solari_vk.gpu.device.pipeline_cache import PipelineCache
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
@@ -120,6 +121,8 @@ class Device(WorkQueue):
         if self.closed:
             return
         try:
+            if "cuda_inputs" in vars(self):
+                self.cuda_inputs.keep_on_host()
             if not self.lost:
                 self._hand_over()
         finally:
@@ -146,6 +149,17 @@ def list_devices() -> list[DeviceReport]:
     instance = Instance()
     try:
         return [device.report() for device in instance.devices()]
+    finally:
+        instance.close()
+
+
+def kind_of_device(select: str | int | None = None, rays: str | None = None) -> str:
+    """The kind of the device that `Device(select, rays=rays)` opens: "discrete gpu", "integrated gpu", "virtual gpu",
+    "cpu" or "other". Raises as it does."""
+    instance = Instance()
+    try:
+        wanted, rays = asked_for(select, rays)
+        return choose(instance.devices(), wanted, rays).properties.kind
     finally:
         instance.close()
 

@@ -30,6 +30,15 @@ _FORKED = (
 _open_devices: WeakSet[LogicalDevice] = WeakSet()
 
 
+def asked_for(select: str | int | None, rays: str | None) -> tuple[str | int | None, str]:
+    """The device and the way to trace that are asked for, where they are None by the environment's variables."""
+    chosen = (os.environ.get("SOLARI_VK_RAYS") or AUTO) if rays is None else rays
+    if chosen not in (AUTO, *RAYS):
+        where = "SOLARI_VK_RAYS" if rays is None else "rays"
+        raise SolariError(f"{where} is {quoted(chosen)}: take one of {', '.join((AUTO, *RAYS))}")
+    return os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select, chosen
+
+
 class LogicalDevice:
     """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do.
 
@@ -38,17 +47,13 @@ class LogicalDevice:
     """
 
     def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
-        self.rays = (os.environ.get("SOLARI_VK_RAYS") or AUTO) if rays is None else rays
-        if self.rays not in (AUTO, *RAYS):
-            where = "SOLARI_VK_RAYS" if rays is None else "rays"
-            raise SolariError(f"{where} is {quoted(self.rays)}: take one of {', '.join((AUTO, *RAYS))}")
+        wanted, self.rays = asked_for(select, rays)
         self.validation = validation
         self.lost = False
         self.closed = False
         self.forked = False
         self._instance = Instance(validation)
         try:
-            wanted = os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select
             devices = self._instance.devices()
             chosen = choose(devices, wanted, self.rays)
             if wanted is None and (reason := why_software(devices, chosen, self.rays)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 
 from solari_vk.errors import DeviceError
@@ -32,6 +32,8 @@ class WorkQueue(GatheringDevice):
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._collecting = False
         self.lent = Lent()
+        self.late: list[Callable[[], None]] = []
+        """Are called while work is late, and raise DeviceError for what has failed that it waits for."""
         self._before_next: list[Callable[[raw.CData], None]] = []
         self._with_next: dict[raw.CData, None] = {}
         self.callbacks = Callbacks()
@@ -200,12 +202,16 @@ class WorkQueue(GatheringDevice):
             self._hand_over()
             self._wait_value[0] = value
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
-                pass
+                self._check_late()
             self._completed = value
         if self._retired or self.lent.returned:
             self.collect()
         if self.messages:
             self.check_messages()
+
+    def _check_late(self) -> None:
+        for check in self.late:
+            check()
 
     def await_idle(self) -> None:
         """Wait for all submitted work, without calling callbacks or flushing `before_next_submit`.
@@ -295,6 +301,8 @@ class WorkQueue(GatheringDevice):
         waited = 0
         while wait(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_TIMEOUT and not (self.lost and waited > 10):
             waited += 1
+            with suppress(DeviceError):
+                self._check_late()
         self.lent.collect()  # what a last view's end gives back
         retired = [destroy for _, destroy in self._retired]
         for destroy in [*retired, *reversed(self._owned.values())]:

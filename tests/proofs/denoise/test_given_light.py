@@ -202,7 +202,7 @@ BUGS = {
         "correct(sum, lobe, lobe.frames >= 40.0 && weight != CENTER_MOMENTS_WEIGHT ? 0.0 : weight);")),
     "even light": (check_even_light, Bug(
         BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_done);")),
-    "estimated errors": (check_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.5")),
+    "estimated errors": (check_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.35")),
     "outliers": (check_outliers, Bug(
         "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
         "found.radiance *= min(sum.luminance_sum / max(sum.weight_sum * luminance(found.radiance), 1e-9), 1.0); "

@@ -8,7 +8,7 @@
 
 BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     if (SCENE_LOBES) { return sample_brdf(without_diffuse_lobe(brdf), wo, rng); }
-    if (brdf.specular.mirror) {
+    if (is_mirror(brdf.specular)) {
         return delta_sample(vec3(-wo.xy, wo.z), specular_fresnel(brdf.specular, wo.z));
     }
     vec3 wi = sample_specular(brdf.specular, wo, rand_vec2f(rng));

@@ -43,7 +43,7 @@ vec3 integrate_albedo(Brdf brdf, vec3 wo) {
         vec2 u = vec2(fract(float(i) * 0.618033988749895), (float(i) + 0.5) / float(point_count));
         vec3 wi = sample_cosine_hemisphere(u.yx);
         sum += evaluate_diffuse_brdf(brdf, wo, wi) * PI / wi.z;
-        if (brdf.specular.mirror || lambertian_surfaces) { continue; }
+        if (is_mirror(brdf.specular) || lambertian_surfaces) { continue; }
         float from_end = 1.0 - u.y;
         wi = sample_specular(brdf.specular, wo, vec2(u.x, 1.0 - from_end * from_end));
         if (wi.z > 0.0) {
@@ -51,7 +51,7 @@ vec3 integrate_albedo(Brdf brdf, vec3 wo) {
             sum += 2.0 * from_end * evaluate_specular_brdf(brdf, wo, wi) / pdf;
         }
     }
-    bool mirror = brdf.specular.mirror && !lambertian_surfaces;
+    bool mirror = is_mirror(brdf.specular) && !lambertian_surfaces;
     return sum / float(point_count) + (mirror ? specular_fresnel(brdf.specular, wo.z) : vec3(0.0));
 }
 

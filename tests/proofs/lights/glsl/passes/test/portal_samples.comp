@@ -26,9 +26,9 @@ void main() {
     vec3 receiver = place.receiver[0];
     if (i < drawn.at.length()) {
         uint rng = seed_rng(uvec2(i, 9u), 0u, 5u);
-        uint index = rand_range_u(portal_count(), rng);
+        uint index = rand_range_u(portal_end(), rng);
         vec2 u = rand_vec2f(rng);
-        float probability = light_probability_by_power(light_sources.at[scene_info.first_portal + index]);
+        float probability = light_probability_by_power(light_sources.at[portal_light(index)]);
         ResolvedLightSample found = resolve_light(LIGHT_PORTAL, index, 0u, u, 1.0 / probability);
         found = light_sample_for_receiver(found, receiver);
         drawn.at[i] = Drawn(

@@ -1,0 +1,17 @@
+// Numbers of a tensor, and where they go: solari_vk/bound/given_numbers.py gives all memory by address, and puts
+// barriers around the shaders.
+#ifndef SCENE_GIVEN_NUMBERS_GLSL
+#define SCENE_GIVEN_NUMBERS_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Floats { float at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Doubles { double at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Made { float at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Wrong { uint at[]; };  // `what` and an index
+
+uint wrong_thing(uint what, uint index) { return what << 20 | min(index, 0xFFFFFu); }
+
+#endif

@@ -1,0 +1,50 @@
+"""What the memory of a mesh on the device is made of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.constants import (
+    MESH_HAS_COLORS,
+    MESH_HAS_NORMALS,
+    MESH_HAS_SECOND_UVS,
+    MESH_HAS_TANGENTS,
+    MESH_HAS_UVS,
+)
+from solari_vk.scene.model import Mesh
+
+
+def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any] | None]:
+    """The flags of the attributes that a mesh has, and the attributes as records if there are any."""
+    flags, attributes = 0, np.zeros(len(mesh.positions), layout)
+    for flag, name, values in (
+        (MESH_HAS_NORMALS, "normal", mesh.normals),
+        (MESH_HAS_UVS, "uv", mesh.uvs),
+        (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
+    ):
+        if values is not None:
+            attributes[name] = values
+            flags |= flag
+    return flags, attributes if flags else None
+
+
+def mesh_parts(
+    mesh: Mesh, triangles: NDArray[np.uint32], layout: np.dtype[Any]
+) -> tuple[int, dict[str, NDArray[Any]]]:
+    """A mesh's flags, and what its addresses point to, in the order of memory: positions, triangles in the order that
+    is given, and other attributes if there are any. layout: of the attributes' records."""
+    flags, attributes = pack_attributes(mesh, layout)
+    parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
+    if attributes is not None:
+        parts["attributes"] = attributes
+    if mesh.second_uvs is not None:
+        parts["second_uvs"] = mesh.second_uvs
+        flags |= MESH_HAS_SECOND_UVS
+    if mesh.colors is not None:
+        parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)
+        parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
+        flags |= MESH_HAS_COLORS
+    return flags, parts

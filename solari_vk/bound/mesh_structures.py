@@ -1,0 +1,68 @@
+"""The acceleration structures of meshes: equal ones share theirs, and those with vertices of tensors have two each."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Hashable, Mapping
+from typing import Any
+
+from solari_vk.bound.given_vertices import GivenVertices
+from solari_vk.bound.table import Rows
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.model import Mesh
+
+Build = tuple[Hashable, bool]
+"""The content of a mesh, and whether a ray asks the shader about each of its triangles only once."""
+
+
+class MeshStructures:
+    """given: the meshes with vertices of tensors."""
+
+    def __init__(self, device: Device, given: GivenVertices) -> None:
+        self._device, self._given = device, given
+        self._built: dict[Build, Blas] = {}
+        self._builds: Rows[Build] = Rows()  # whose users share a structure
+        self._build_of: dict[Mesh, Build] = {}
+        self.kept = True
+        """Whether no structure was destroyed since this was last set."""
+
+    def build(
+        self, traced: Mapping[Mesh, TriangleGeometry], builds: Mapping[Mesh, Build], moved: Container[Mesh]
+    ) -> dict[Any, Blas]:
+        """The structures of meshes. builds: of those without vertices of tensors. moved: have other positions."""
+        new = {build: mesh for mesh, build in builds.items() if build not in self._built}
+        with self._device.undone_on_error():
+            made = {build: Blas(self._device, [traced[mesh]], name=mesh.name or "mesh") for build, mesh in new.items()}
+            build_blases(self._device, list(made.values()))
+        self._built |= made
+        for mesh, build in builds.items():
+            self._builds.acquire(build, mesh)
+            self._drop_build(mesh)
+            self._build_of[mesh] = build
+        given = self._given.structures({mesh: traced[mesh] for mesh in traced if mesh not in builds}, moved)
+        for mesh in given:
+            self._drop_build(mesh)
+        return {mesh: self._built[build] for mesh, build in builds.items()} | given
+
+    def drop(self, mesh: Mesh) -> None:
+        """Rays don't meet a mesh any more."""
+        self._drop_build(mesh)
+        self.kept = not self._given.drop_structures(mesh) and self.kept
+
+    def forget_given(self, mesh: Mesh) -> None:
+        """The host gives all vertices of a mesh again, or it isn't used any more."""
+        self.kept = not self._given.forget(mesh) and self.kept
+
+    def _drop_build(self, mesh: Mesh) -> None:
+        """Free the structure that was built for a mesh, if there is one and no other mesh's."""
+        build = self._build_of.pop(mesh, None)
+        if build is not None and self._builds.release(build, mesh):
+            self._built.pop(build).destroy()
+            self.kept = False
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for blas in self._built.values():
+            blas.destroy()

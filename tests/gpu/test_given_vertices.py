@@ -1,0 +1,183 @@
+"""Vertices of meshes that tensors of CUDA give, with a library that stands in for NVIDIA's on a software device."""
+
+from __future__ import annotations
+
+import copy
+import threading
+from functools import partial
+
+import numpy as np
+import pytest
+from test_cuda_input import GpuTensor, gpu  # noqa: F401  # a fixture
+
+import solari_vk as sv
+from solari_vk.gpu.device.cuda_input import Taken
+
+SIZE = (24, 16)
+CAMERA = sv.Camera.look_at((1, 1, -2.5), (1, 0.8, 1))
+
+
+def with_ball():
+    """A room with a ball of a mesh of its own, whose triangles leave out a vertex that is far away."""
+    scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3, 12)
+    mesh.update(positions=[*mesh.positions, (0, 50, 0)], normals=[*mesh.normals, (0, 1, 0)], uvs=[*mesh.uvs, (0, 0)])
+    scene.add(sv.Instance(mesh, sv.Material(base_color=(0.2, 0.6, 0.3)), position=(1, 0.9, 0.2), name="ball"))
+    return scene, mesh
+
+
+def moved(mesh, frame):
+    """Positions and normals of a frame."""
+    shift, stretch = (0.05 * frame, 0.02 * frame, 0), (1, 1 + 0.1 * frame, 1 - 0.05 * frame)
+    return mesh.positions * stretch + shift, mesh.normals * (1, 1, 1 + 0.1 * frame)
+
+
+class Shown:
+    """What each kind of renderer shows of a scene whose ball moves."""
+
+    def batch(self, device, scene):
+        with sv.Batch(device, scene, SIZE, 1, outputs=sv.Batch.OUTPUTS) as batch:
+            while True:
+                batch.render([CAMERA])
+                yield {name: batch[name] for name in batch}
+
+    def worlds(self, device, scene):
+        with sv.Batch(device, [scene, sv.builtin("cornell_box")], SIZE, 2, outputs=["motion_vectors"]) as batch:
+            while True:
+                batch.render([CAMERA, CAMERA])
+                yield {name: batch[name] for name in batch}
+
+    def reference(self, device, scene):
+        with sv.PathTracer(device, scene, SIZE) as tracer:
+            while True:
+                yield {"radiance": tracer.render(CAMERA, samples=2)["radiance"]}
+
+    def realtime(self, device, scene, gbuffer="traced"):
+        with sv.Renderer(device, scene, SIZE, settings=sv.Settings(gbuffer=gbuffer)) as renderer:
+            while True:
+                frame = renderer.render(CAMERA)
+                yield {name: frame[name] for name in ("radiance", "depth")}
+
+    def raster(self, device, scene):
+        return self.realtime(device, scene, "raster")
+
+
+@pytest.mark.parametrize(("gpu", "kind"), [
+    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "reference"), ("cuda", "raster"),
+    pytest.param("cuda", "realtime", marks=pytest.mark.slow),
+], indirect=["gpu"])  # fmt: skip
+def test_tensors_show_what_arrays_show(gpu, kind, monkeypatch):  # noqa: F811
+    """Bit by bit, with arrays and tensors one after the other, and more of them than a structure is refitted for."""
+    read, shown = Taken.copy, []
+    by_tensor = (1, 1, 0, *[1] * 10)
+    for wrap in (lambda _: np.asarray, lambda frame: partial(GpuTensor, gpu) if by_tensor[frame] else np.asarray):
+        scene, mesh = with_ball()
+        given, frames = [moved(mesh, 1 + frame) for frame in range(len(by_tensor))], getattr(Shown(), kind)(gpu, scene)
+        taken = [next(frames)]
+        for frame, (positions, normals) in enumerate(given):
+            # The host reads none of them, but the normals when it gives the positions.
+            monkeypatch.setattr(Taken, "copy", None if by_tensor[frame] else read)
+            dtype = np.float64 if frame % 3 else np.float32
+            mesh.positions = wrap(frame)(positions.astype(dtype))
+            if frame % 2:
+                mesh.normals = wrap(frame)(normals.astype(dtype))
+            taken.append(next(frames))
+        monkeypatch.setattr(Taken, "copy", read)
+        np.testing.assert_array_equal(mesh.positions, given[-1][0].astype(np.float32))
+        shown.append(taken)
+        frames.close()
+    assert not np.array_equal(*(frame[min(frame)] for frame in shown[1][:2]))
+    for frame, (expected, found) in enumerate(zip(*shown, strict=True)):
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, f"{name}, frame {frame}")
+    if "motion_vectors" in shown[1][1]:
+        assert np.abs(shown[1][1]["motion_vectors"]).max() > 1e-3
+
+
+def test_wrong_vertices_are_said_later_and_not_shown(gpu):  # noqa: F811
+    scene, mesh = with_ball()
+    with sv.Batch(gpu, scene, SIZE, 1, outputs=["depth"]) as batch:
+        before = batch.render([CAMERA])["depth"]
+        for field, wrong in (("positions", np.nan), ("positions", 1e19), ("normals", np.inf)):
+            values = np.array(getattr(mesh, field), np.float64)
+            values[7, 1] = wrong
+            setattr(mesh, field, GpuTensor(gpu, values))
+            batch.render([CAMERA])
+            with pytest.raises(sv.SolariError, match=f"^Mesh 'sphere': {field} of vertex 7 must be finite"):
+                batch["depth"]
+            np.testing.assert_array_equal(batch["depth"], before)
+            with pytest.raises(sv.SolariError, match=f"Mesh 'sphere': {field} must .*: a tensor gave them"):
+                getattr(mesh, field)
+            setattr(mesh, field, getattr(with_ball()[1], field))
+            np.testing.assert_array_equal(batch.render([CAMERA])["depth"], before)
+    with sv.PathTracer(gpu, scene, SIZE) as tracer:
+        tracer.render(CAMERA, samples=1)
+        mesh.positions = GpuTensor(gpu, mesh.positions * np.nan)
+        tracer.binder.update()
+        gpu.wait_idle()
+        with pytest.raises(sv.SolariError, match=r"Mesh 'sphere': positions of vertex \d+ must"):
+            tracer.render(CAMERA, samples=1)
+
+
+def test_what_the_host_reads(gpu):  # noqa: F811
+    """Fields, copies and what a renderer of another kind needs are those of the tensor."""
+    scene, mesh = with_ball()
+    positions, _ = moved(mesh, 3)
+    ball = scene.instances["ball"]
+    with sv.PathTracer(gpu, scene, SIZE) as tracer:
+        tracer.render(CAMERA, samples=1)
+        mesh.positions = GpuTensor(gpu, positions)
+        assert "positions" not in vars(mesh)
+        np.testing.assert_array_equal(copy.deepcopy(mesh).positions, positions.astype(np.float32))
+        with pytest.raises(sv.SolariError, match="colors has 3 rows for"):
+            mesh.colors = np.ones((3, 3))
+        mesh.positions = GpuTensor(gpu, positions + 1)
+        low = scene.bounds.max
+        assert low[1] > 2
+        tracer.render(CAMERA, samples=1)
+        geometry = tracer.binder.assets.geometry
+        given, corners = geometry.given, (positions + 1).astype(np.float32)[mesh.triangles].reshape(-1, 3)
+        assert mesh in given
+        for _ in range(2):  # when it has moved, and when it rests again
+            record = geometry.table.buffer.read(geometry.table.records.dtype)[geometry.rows[mesh]]
+            np.testing.assert_array_equal(record["bounds_min"], corners.min(axis=0))
+            np.testing.assert_array_equal(record["bounds_max"], corners.max(axis=0))
+            tracer.render(CAMERA, samples=1)
+        ball.material.emissive = (5, 5, 5)  # of a lamp the host needs the triangles
+        tracer.render(CAMERA, samples=1)
+        center, _ = geometry.box(mesh)
+        mesh.positions = FromHost(positions + 2)
+        tracer.render(CAMERA, samples=1)
+        assert mesh not in given
+        np.testing.assert_allclose(geometry.centers[mesh] - center, 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
+def test_the_host_waits_for_no_stream(gpu):  # noqa: F811
+    scene, mesh = with_ball()
+    given, late = GpuTensor(gpu, moved(mesh, 2)[0]), threading.Event()
+    with sv.Batch(gpu, scene, SIZE, 1, outputs=["depth", "motion_vectors"]) as batch:
+        for _ in range(4):  # makes what the first frames need
+            mesh.positions = GpuTensor(gpu, mesh.positions * 0.9)
+            batch.render([CAMERA])["depth"]
+        gpu.library.stall(late)
+        mesh.positions = given
+        batch.render([CAMERA])
+        assert not late.is_set()
+        late.set()
+        assert np.abs(batch["motion_vectors"]).max() > 1e-3
+
+
+class FromHost:
+    """A tensor of a GPU, which its library copies to the host."""
+
+    def __init__(self, array):
+        self._array, self.shape = array, array.shape
+
+    def __dlpack_device__(self):
+        return 2, 0
+
+    def detach(self):
+        return self
+
+    def cpu(self):
+        return self._array
