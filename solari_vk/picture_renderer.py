@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from typing import Any, ClassVar, TypeVar
 
@@ -121,6 +121,15 @@ class PictureRenderer(SceneUser, ABC):
     def resource(self, name: str) -> Any:
         """The Buffer or Image that had this name in the shaders of the latest frame."""
         return self._frame.resource(name)
+
+    @property
+    def between(self) -> Callable[[], bool] | None:
+        """Called after each pass of a frame, which then waits for the device; True gives the frame up: see `Frame`."""
+        return self._frame.between
+
+    @between.setter
+    def between(self, between: Callable[[], bool] | None) -> None:
+        self._frame.between = between
 
     @property
     def timings(self) -> dict[str, float]:

@@ -23,7 +23,7 @@ from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes import pathtracer
-from solari_vk.scene.camera import exposure_of
+from solari_vk.scene.exposed import exposure_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.objects import objects_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -228,15 +227,6 @@ class Renderer(ExposureRenderer):
     @seed.setter
     def seed(self, seed: int) -> None:
         self._seed = checked_seed(seed)
-
-    @property
-    def between(self) -> Callable[[], bool] | None:
-        """Called after each pass of a frame, which then waits for the device; True gives the frame up: see `Frame`."""
-        return self._frame.between
-
-    @between.setter
-    def between(self, between: Callable[[], bool] | None) -> None:
-        self._frame.between = between
 
     @property
     def view(self) -> str:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, quoted
 from solari_vk.output.tone_mapping import auto_exposure, unseen
-from solari_vk.scene.camera import Camera, exposure_of
+from solari_vk.scene.camera import Camera
+from solari_vk.scene.exposed import exposure_of
 
 
 class Difference(NamedTuple):

@@ -15,6 +15,7 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.exposed import Exposed, Unset, checked_ev100
 from solari_vk.scene.focus import Focused
 from solari_vk.scene.lens import PROJECTIONS, TERMS
 from solari_vk.scene.observed import Checked, checked
@@ -66,15 +67,6 @@ def _blades(value: Any) -> int:
     return int(value)
 
 
-class _Unset(float):
-    """A number that nobody chose. Copies of a camera keep it; any assignment replaces it."""
-
-
-def _ev100(value: Any) -> float:
-    checked_number: Any = checks.number(-100, 100)(value)
-    return value if isinstance(value, _Unset) else float(checked_number)
-
-
 class _Placing:
     """A class method that is `place` where it is called on an object."""
 
@@ -87,7 +79,7 @@ class _Placing:
 
 
 @checked
-class Camera(Checked, Placed, Calibrated, Focused):
+class Camera(Checked, Placed, Calibrated, Exposed, Focused):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
@@ -118,7 +110,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
     near: float = 0.01
     aperture: float = 0.0
     focus_distance: float = 1.0
-    ev100: float = _Unset(0.0)
+    ev100: float = Unset(0.0)
     auto_exposure: bool = False
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
     projection: str = "perspective"
@@ -139,7 +131,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
-        "ev100": _ev100,
+        "ev100": checked_ev100,
         "auto_exposure": checks.flag,
         "jitter": checks.array(2),
         "projection": _projection,
@@ -296,21 +288,6 @@ class Camera(Checked, Placed, Calibrated, Focused):
     @fov.setter
     def fov(self, fov: float) -> None:
         self.update(fov=fov)
-
-    @property
-    def has_exposure(self) -> bool:
-        """Whether ev100 was set: by the constructor, an assignment, a file, or a picture with auto_exposure."""
-        return not isinstance(self.ev100, _Unset)
-
-    @property
-    def exposure(self) -> float:
-        """The factor by which pictures multiply radiance."""
-        return exposure_of(self.ev100)
-
-
-def exposure_of(ev100: float) -> float:
-    """`Camera.exposure`."""
-    return float(1.0 / (1.2 * 2.0**ev100))
 
 
 def _listed(numbers: tuple[int, ...]) -> str:

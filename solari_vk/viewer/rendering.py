@@ -6,7 +6,7 @@ import time
 from collections.abc import Hashable
 from typing import Any
 
-from solari_vk.gpu.frame.frame import Interrupted
+from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.held import Held
 from solari_vk.viewer.presenter import Part, pixels_of

@@ -12,7 +12,8 @@ from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame import slot
-from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Interrupted, Pass, Stage, Step, Within
+from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Pass, Stage, Step, Within
+from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.gpu.shaders.compiler import CompilationError
 
 BINDINGS = """#ifndef BINDINGS

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +27,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.hazards import plan_barriers
+from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
@@ -39,10 +40,6 @@ __all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass",
            "Within"]  # fmt: skip
 
 SIDES = 2  # of a history, which slots take in turn
-
-
-class Interrupted(Exception):
-    """A frame was given up because `Frame.between` said so."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class Row:
     milliseconds: float | None
 
 
-class Frame:
+class Frame(InParts):
     """Runs stages on a device. A context manager; `close` frees everything it made.
 
     external: resources made elsewhere, such as a scene's, by name; names that no shader has are ignored.
@@ -79,7 +76,6 @@ class Frame:
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
         self.frame_count = self.timed_value = 0
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
-        self._between: Callable[[], bool] | None = None
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
         self.stages: list[Stage] = list(stages)
         self._external: dict[str, Any] = dict(external or {})
@@ -179,38 +175,11 @@ class Frame:
             structure.check_usable()
         slot.uniform_target[:] = slot.uniform_source
         try:
-            if slot.in_parts:
-                self._submit_in_parts([self._order.commands, *before], slot.submission.commands)
-            elif before:
-                self.device.submit([self._order.commands, *before, *slot.submission.commands])
-            else:
-                self.device.submit_prepared(slot.submission)
-        except Interrupted:
-            slot.stale = True  # its timestamps are of no frame
-            raise
+            self._submit_slot(slot, before)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count, self._latest = self.frame_count + 1, slot
         return slot.value
-
-    @property
-    def between(self) -> Callable[[], bool] | None:
-        """If set, `submit` waits for each step and calls this after it; True gives the frame up, which `submit` says
-        by `Interrupted`: the frame then is to be submitted again, and what its steps keep for the next one is void."""
-        return self._between
-
-    @between.setter
-    def between(self, between: Callable[[], bool] | None) -> None:
-        self._between = between
-        for slot in self._slots:
-            slot.in_parts = between is not None
-
-    def _submit_in_parts(self, before: Sequence[raw.CData], parts: Sequence[raw.CData]) -> None:
-        self.device.submit(before)
-        for number, part in enumerate(parts, 1):
-            self.device.await_value(self.device.submit([part]))
-            if self._between is not None and number < len(parts) and self._between():
-                raise Interrupted
 
     def _note_structures(self) -> None:
         """Note the top-level structures that the shaders use; each frame checks them."""
