@@ -47,7 +47,8 @@ def test_an_orbit_shows_all_of_a_file(tmp_path, orbit):
     scene = sv.Scene(sv.Instance(sv.shapes.box((1, 0, -1), (7, 1, 1))))
     scene.save(tmp_path / "long.glb")
     words = [*orbit.split(), str(tmp_path / "long.glb"), "--size", "200x150", "-o", "turn.gif"]
-    job = make_job(parse(COMMANDS, words)[1])
+    options = parse(COMMANDS, words)[1]
+    job = options if isinstance(options, DatasetJob) else make_job(options)
     subject = load(job)
     cameras = _cameras(subject, job)[0] if isinstance(job, DatasetJob) else subject.cameras
     seen = np.array([camera.project(scene.bounds.corners, (200, 150)) for camera in cameras])
