@@ -11,7 +11,7 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -43,11 +43,6 @@ class _Task:
     """How often all workers that had it ended."""
     workers: frozenset[str] = frozenset()
     """Who may do it."""
-
-
-def _next_task(source: Iterator[Any]) -> _Task | None:
-    """The next job's, None after the last one."""
-    return next((_Task(job) for job in source), None)
 
 
 def _check_address(address: str) -> None:
@@ -215,7 +210,7 @@ class WorkerPool:
                     if lost.losses > TRIES:
                         raise SolariError(f"{lost.job.name} ended every worker that had it, {TRIES} times in a row")
                 while len(out) < AHEAD * len(accepted):
-                    task = again.popleft() if again else _next_task(source)
+                    task = again.popleft() if again else next(map(_Task, source), None)
                     if task is None:
                         break
                     future = self._send(task, key, scene_there)

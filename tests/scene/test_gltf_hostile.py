@@ -242,19 +242,6 @@ def test_any_wrong_field_is_an_error_or_harmless(basic):
 
 
 @pytest.mark.parametrize(
-    ("mesh", "message"),
-    [
-        ({"attributes": {"POSITION": [[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]}}, "element 1"),
-        ({"attributes": {"POSITION": [[0, 0, 0], [1, 1e30, 0], [0, 1, 0]]}}, "1e+18 meters"),
-        ({"indices": [0, 1, 3]}, "mesh 0, primitive 0 refers to vertex 3 (accessor 1), but has only 3"),
-    ],
-)
-def test_wrong_positions_and_indices(writer, mesh, message):
-    writer.mesh(**mesh)
-    assert message in refusal(writer.path, writer)
-
-
-@pytest.mark.parametrize(
     ("count", "index", "message"),
     [
         (4, 0, "accessor 0, sparse has a wrong field: 'count' is 4"),

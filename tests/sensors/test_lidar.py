@@ -32,7 +32,7 @@ def scan(device, scene, lidar, pose=(0, 0, 0), **options):
         return lidar.scan(tracer, pose, **options)
 
 
-def check_wall(device):
+def test_a_wall(device):
     """Distances and strengths of a gray wall: the reflectivity times the cosine, whatever the distance."""
     for distance in (2.0, 20.0):
         lidar = sv.Lidar(**PLAIN)
@@ -45,10 +45,6 @@ def check_wall(device):
         assert np.isnan(found.distance[..., 0][expected > 200]).all()
         np.testing.assert_allclose(found.position[..., 0, 2][seen], -distance, rtol=1e-5)
         np.testing.assert_allclose(found.raw_position[..., 0, :][seen], found.position[..., 0, :][seen], rtol=1e-5)
-
-
-def test_a_wall(device):
-    check_wall(device)
 
 
 def test_hits_are_embrees(device):
@@ -76,7 +72,7 @@ def test_hits_are_embrees(device):
     assert np.mean(np.abs(found[both] - expected) < 1e-3 * expected) > 0.999
 
 
-def check_returns_through_panes(device):
+def test_returns_through_panes(device):
     """A blended pane, 3 m before a wall, sends back alpha of its light, and lets (1 - alpha)² through and back; glass
     lets its own share pass."""
     lidar = sv.Lidar(elevations=(0.0,), azimuth_steps=1, returns=3, max_range=50.0)
@@ -94,10 +90,6 @@ def check_returns_through_panes(device):
         found = scan(device, sv.Scene(thing, wall(7, matte(0.8))), lidar)
         np.testing.assert_allclose(found.distance[0, 0], (7, np.nan, np.nan), rtol=1e-5)
         assert found.intensity[0, 0, 0] / 0.8 == pytest.approx(expected, abs=1e-3)
-
-
-def test_returns_through_panes(device):
-    check_returns_through_panes(device)
 
 
 def test_returns_are_limited_to_the_strongest(device):
@@ -230,10 +222,10 @@ def test_wrong_poses(device):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "an echo without the cosine": (check_wall, Bug(
+    "an echo without the cosine": (test_a_wall, Bug(
         "passes/ray_tracer/backscatter.glsl", "find_echo",
         "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.4 / PI); return echo;")),
-    "panes that keep all light": (check_returns_through_panes, Bug(
+    "panes that keep all light": (test_returns_through_panes, Bug(
         "passes/ray_tracer/backscatter.glsl", "find_echo",
         "Echo echo = correct(hit, direction); echo.passed = vec3(0.0); return echo;")),
 })  # fmt: skip

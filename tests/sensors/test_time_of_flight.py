@@ -27,7 +27,8 @@ def capture(device, scene, tof, camera=None, size=SIZE, **options):
         return tof.capture(tracer, camera or sv.Camera(), size, **options)
 
 
-def check_depth(device, projection="perspective"):
+@pytest.mark.parametrize("projection", ["perspective", "fisheye"])
+def test_depths(device, projection):
     """Without noise the depth is the renderer's, for lenses too, and light falls with the squared distance."""
     camera = sv.Camera(projection=projection, vertical_fov=1.5)
     scene = sv.Scene(wall(3.0))
@@ -40,11 +41,6 @@ def check_depth(device, projection="perspective"):
     np.testing.assert_allclose(found.depth[near], expected[near], rtol=1e-4)
     cosine = 3.0 / found.distance[near]
     np.testing.assert_allclose(found.amplitude[near], 0.8 * 5e4 * 0.5 * cosine / found.distance[near] ** 2, rtol=2e-3)
-
-
-@pytest.mark.parametrize("projection", ["perspective", "fisheye"])
-def test_depths(device, projection):
-    check_depth(device, projection)
 
 
 def test_the_noise_of_distances(device):
@@ -99,7 +95,7 @@ def test_missing_returns(device):
     assert np.isfinite(capture(device, sv.Scene(wall(3.0)), faint).depth).mean() < 1e-3  # noise alone
 
 
-def check_mixed_pixels(device):
+def test_mixed_pixels(device):
     """Half of a pixel's light from each of two walls: the phase of the sum of both, between them. A blended pane
     mixes too."""
     camera, tof = sv.Camera(vertical_fov=0.02), sv.TimeOfFlightCamera(rays_per_pixel=4)
@@ -112,10 +108,6 @@ def check_mixed_pixels(device):
         assert distance == pytest.approx(cmath.phase(wave) * C / (4 * math.pi * 20e6), rel=1e-3)
     assert found.distance[1, 0] == pytest.approx(2.0, rel=1e-3)
     assert found.distance[1, 2] == pytest.approx(3.0, rel=1e-3)
-
-
-def test_mixed_pixels(device):
-    check_mixed_pixels(device)
 
 
 def test_what_is_no_camera(device):
@@ -136,7 +128,7 @@ def test_what_is_no_camera(device):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "an echo without the cosine": (check_depth, Bug(
+    "an echo without the cosine": (lambda device: test_depths(device, "perspective"), Bug(
         "passes/ray_tracer/backscatter.glsl", "find_echo",
         "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.5 / PI); return echo;")),
 })  # fmt: skip

@@ -8,7 +8,7 @@ import pytest
 from solari_vk.conformance.rules import SUITE, Rule
 from solari_vk.passes import pathtracer
 from solari_vk.renderer import LIGHT
-from support.realtime import SPLIT
+from support.realtime import SPLIT, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
 
 SIZE = (32, 32)
 WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")
@@ -38,6 +38,16 @@ def settle(renderer, camera, frames=30):
     for _ in range(frames):
         frame = renderer.render(camera)
     return frame
+
+
+def measure_frames(device, scene, effort, samples, bar, tile_bar=None, size=(32, 32), **settings):
+    """Compares frames with the path tracer's picture of so many samples; tiles only with a bar for them."""
+    expected = trace(device, scene, samples, size, max_bounces=64)
+    with make_renderer(device, scene, size, **settings) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, lambda frame: np.asarray(frame["radiance"], np.float64))
+    yield measure_mean(WHOLE, found, expected, bar, effort)
+    if tile_bar is not None:
+        yield measure_picture_tiles(TILES, found, expected, tile_bar, effort)
 
 
 def lights_of(frame):

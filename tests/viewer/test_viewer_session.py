@@ -139,9 +139,18 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     use_at_random(viewer, 60, seed=12, modes=["realtime", "split"])
 
 
-def test_real_keys_and_mouse(open_viewer, tmp_path):
+def use(viewer, words, holds):
+    """Use the keys and the mouse as the words of xdotool say, and run until `holds()`."""
     if shutil.which("xdotool") is None:
         pytest.fail("xdotool is missing (Debian: apt-get install xdotool)")
+    subprocess.run(["xdotool", *words.split()], check=True, timeout=20)
+    end = time.monotonic() + 20
+    while not holds():  # events take some time to pass through the server
+        assert time.monotonic() < end, words
+        viewer.step()
+
+
+def test_real_keys_and_mouse(open_viewer, tmp_path):
     viewer = open_viewer(size=(160, 120), scale=0.25, overlay=False, folder=tmp_path)
     viewer.run(frames=2)
     glfw.focus_window(viewer.window.handle)
@@ -166,17 +175,11 @@ def test_real_keys_and_mouse(open_viewer, tmp_path):
         ("key ctrl+s", lambda: not viewer.history.unsaved),
         ("key Escape", lambda: viewer.window.wants_to_close),
     ):
-        subprocess.run(["xdotool", *words.split()], check=True, timeout=20)
-        end = time.monotonic() + 20
-        while not holds():  # events take some time to pass through the server
-            assert time.monotonic() < end, words
-            viewer.step()
+        use(viewer, words, holds)
 
 
 def test_real_clicks_on_panels(open_viewer, replace):
     """A click on a name picks, a drag on a field is one edit, and Ctrl+Z undoes it: through the X server."""
-    if shutil.which("xdotool") is None:
-        pytest.fail("xdotool is missing (Debian: apt-get install xdotool)")
     viewer = open_viewer(size=(480, 360), scale=0.1)
     viewer.run(frames=2)
     from imgui_bundle import imgui
@@ -198,42 +201,35 @@ def test_real_clicks_on_panels(open_viewer, replace):
     block = viewer.scene.instances["short block"]
     before = block.position
 
-    def use(words, holds):
-        subprocess.run(["xdotool", *words.split()], check=True, timeout=20)
-        end = time.monotonic() + 20
-        while not holds():
-            assert time.monotonic() < end, words
-            viewer.step()
-
     x, y = places["short block##name"]
-    use(f"mousemove {x} {y}", lambda: viewer.cursor == (x, y))
-    use("mousedown 1", lambda: True)
+    use(viewer, f"mousemove {x} {y}", lambda: viewer.cursor == (x, y))
+    use(viewer, "mousedown 1", lambda: True)
     viewer.run(frames=3)
-    use("mouseup 1", lambda: viewer.selected is block)
+    use(viewer, "mouseup 1", lambda: viewer.selected is block)
     viewer.run(frames=2)
     camera = viewer.camera.transform.copy()
     x, y = viewer.layout.panels.x + 10, viewer.layout.panels.height - 10
-    use(f"mousemove {x} {y}", lambda: viewer.cursor == (x, y))
+    use(viewer, f"mousemove {x} {y}", lambda: viewer.cursor == (x, y))
     for _ in range(8):
         if places["position"][1] < y:
             break
-        use("click 5", lambda: True)
+        use(viewer, "click 5", lambda: True)
         viewer.run(frames=3)
     assert 0 < places["position"][1] < y
     assert (viewer.camera.transform == camera).all(), "the wheel scrolls the panels"
     x, y = places["position"]
-    use(f"mousemove {x} {y}", lambda: viewer.cursor == (x, y))
-    use("mousedown 1", lambda: True)
+    use(viewer, f"mousemove {x} {y}", lambda: viewer.cursor == (x, y))
+    use(viewer, "mousedown 1", lambda: True)
     viewer.run(frames=3)
-    use(f"mousemove {x + 20} {y}", lambda: (block.position != before).any())
-    use(f"mousemove {x + 60} {y}", lambda: viewer.cursor == (x + 60, y))
-    use("mouseup 1", lambda: True)
+    use(viewer, f"mousemove {x + 20} {y}", lambda: (block.position != before).any())
+    use(viewer, f"mousemove {x + 60} {y}", lambda: viewer.cursor == (x + 60, y))
+    use(viewer, "mouseup 1", lambda: True)
     viewer.run(frames=3)
     moved = block.position
     assert moved[0] > before[0] + 0.01
     assert len(viewer.history.done) == 1
-    use("key ctrl+z", lambda: (block.position == before).all())
-    use("key ctrl+shift+z", lambda: (block.position == moved).all())
+    use(viewer, "key ctrl+z", lambda: (block.position == before).all())
+    use(viewer, "key ctrl+shift+z", lambda: (block.position == moved).all())
 
 
 def test_a_screenshot_of_view_looks_like_a_picture_of_render(screen, tmp_path, capfd):

@@ -1,6 +1,5 @@
 // Multiplies the light of both lobes, denoised or not, by the surfaces' colors again, and adds visible emission.
 #version 460
-#include "common/pixel.glsl"
 #include "passes/denoise/api.glsl"
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"

@@ -8,7 +8,6 @@
 #include "passes/denoise/api.glsl"
 #include "passes/display/tonemap.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/guides/bindings.glsl"
 #include "passes/paths/bindings.glsl"
 #include "passes/world_cache/map.glsl"
 #include "scene/sampling.glsl"

@@ -1,6 +1,5 @@
 // Shows radiance: exposure, tone mapping and sRGB.
 #version 460
-#include "common/pixel.glsl"
 #include "passes/display/bindings.glsl"
 #include "passes/display/tonemap.glsl"
 

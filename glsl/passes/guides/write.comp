@@ -2,7 +2,6 @@
 // its virtual position, and one with a thin wall of clear glass the surface seen through it: Panteleev, "Rendering
 // Perfect Reflections and Refractions in Path-Traced Games" (NVIDIA, 2020).
 #version 460
-#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"

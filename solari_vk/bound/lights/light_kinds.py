@@ -94,10 +94,6 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
     }
 
 
-def _environment_record(light: EnvironmentLight) -> dict[str, Any]:
-    return {"intensity": light.intensity, "world_from_map": light.rotation.T}  # GLSL holds columns
-
-
 def _portal_record(light: Portal) -> dict[str, Any]:
     u, v, normal = 2 * light.half_u.astype(np.float64), 2 * light.half_v.astype(np.float64), light.transform[:3, 2]
     return {
@@ -164,7 +160,7 @@ LIGHT_KINDS = (
         "environment", EnvironmentLight, AT_INFINITY,
         power=lambda light, area: area * light.flux,
         buffer="environments",
-        record=_environment_record,
+        record=lambda light: {"intensity": light.intensity, "world_from_map": light.rotation.T},  # GLSL holds columns
         position=lambda light: SHADOW_DISTANCE * light.brightest,
         depends_on_receiver=True,
     ),

@@ -45,7 +45,7 @@ def instructions(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]
 
 def uses_ray_queries(spirv: bytes) -> bool:
     """Whether a module declares the capability of ray queries."""
-    return any(_is_capability(words) for words in _preamble(spirv))
+    return any(words[1] == _CAPABILITY_RAY_QUERY for words in _preamble(spirv))
 
 
 def _preamble(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
@@ -56,5 +56,3 @@ def _preamble(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
         yield words
 
 
-def _is_capability(words: np.ndarray[Any, np.dtype[np.uint32]]) -> bool:
-    return bool(words[0] & 0xFFFF == _OP_CAPABILITY and words[1] == _CAPABILITY_RAY_QUERY)

@@ -45,17 +45,13 @@ def furnace(shaders, metallic, **constants):
     return albedo[:, 0].reshape(len(ROUGHNESS), len(DEGREES))
 
 
-def check_furnace(shaders, metallic):
+@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
+def test_white_furnace(shaders, metallic):
     """A white surface reflects all light of a white furnace, at each roughness and angle."""
     off = np.abs(furnace(shaders, metallic) - 1)
     where = np.unravel_index(off.argmax(), off.shape)
     print(f"{off.max()} at roughness {ROUGHNESS[where[0]]:g}, {DEGREES[where[1]]} degrees")
     assert off.max() < 0.005
-
-
-@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
-def test_white_furnace(shaders, metallic):
-    check_furnace(shaders, metallic)
 
 
 def test_solaris_layerings_have_the_known_errors(device, shaders):
@@ -124,10 +120,13 @@ def drawn_cells(shaders, material, wo, wi, scale, count):
     return observed, expected
 
 
-def check_draws(shaders, case, count=1_000_000):
+@pytest.mark.parametrize("case", [
+    case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES
+])  # fmt: skip
+def test_draws(shaders, case):
     """Samples are unit vectors above the surface that follow brdf_pdf, their weights are f cos / pdf, and mirrors
     reflect exactly."""
-    roughness, metallic, degrees = CASES[case]
+    (roughness, metallic, degrees), count = CASES[case], 1_000_000
     material, wo = brdf_runs.materials(0.8, 0.5, metallic, roughness), brdf_runs.direction(degrees)
     rows = brdf_runs.run(shaders, "draw", count, material, wo)
     wi, weight, (pdf, drawn_pdf, probability), value = rows[:, 0], rows[:, 1], rows[:, 2].T, rows[:, 3]
@@ -147,13 +146,6 @@ def check_draws(shaders, case, count=1_000_000):
         assert not mirrored.any()
     scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
     assert chi_squared_p(*drawn_cells(shaders, material, wo, wi[valid], scale, count)) > 0.01
-
-
-@pytest.mark.parametrize("case", [
-    case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES
-])  # fmt: skip
-def test_draws(shaders, case):
-    check_draws(shaders, case)
 
 
 # ---- any directions and materials -------------------------------------------------------------------
@@ -180,7 +172,8 @@ def random_materials(rng, count):
     return records
 
 
-def check_numbers(shaders, count=200_000):
+@pytest.mark.parametrize("count", [200_000, pytest.param(500_000, marks=pytest.mark.slow)])
+def test_numbers(shaders, count):
     """Values are finite, not negative and 0 below the surface; weights of samples are below 30."""
     rng = np.random.default_rng(5)
     records = random_materials(rng, count)
@@ -196,9 +189,9 @@ def check_numbers(shaders, count=200_000):
     assert ((drawn[:, 1] >= 0) & (drawn[:, 1] < 30)).all()
 
 
-def check_reciprocity(shaders, count=200_000):
+def test_reciprocity(shaders):
     """Of the diffuse lobe, and of the specular one with F0 = 0, where there is no multiple scattering."""
-    rng = np.random.default_rng(5)
+    rng, count = np.random.default_rng(5), 200_000
     records = random_materials(rng, count)
     wo, wi = random_directions(rng, count, 0), random_directions(rng, count, 0)
     records["perceptual_roughness"] = rng.uniform(0.1, 1, count)
@@ -207,15 +200,6 @@ def check_reciprocity(shaders, count=200_000):
         back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, lobe] / wo[:, 2:]
         assert (np.abs(there - back) / (np.abs(back) + 1e-3)).max() < bar
         records["metallic"], records["reflectance"] = 0, 0
-
-
-@pytest.mark.parametrize("count", [200_000, pytest.param(500_000, marks=pytest.mark.slow)])
-def test_numbers(shaders, count):
-    check_numbers(shaders, count)
-
-
-def test_reciprocity(shaders):
-    check_reciprocity(shaders)
 
 
 # ---- single values ----------------------------------------------------------------------------------
@@ -251,22 +235,22 @@ def test_table_holds_the_albedo(shaders):
 # ---- each check can fail ----------------------------------------------------------------------------
 
 BRDF, MICROFACET, SPECULAR = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/lobes/specular.glsl"
-METAL, NUMBERS = with_shaders(check_draws, "metal"), with_shaders(check_numbers)
+METAL, NUMBERS = with_shaders(test_draws, "metal"), with_shaders(test_numbers, 200_000)
 test_a_seeded_bug_is_noticed = bug_tests({
-    "furnace of dielectrics": (with_shaders(check_furnace, 0.0), Bug(
+    "furnace of dielectrics": (with_shaders(test_white_furnace, 0.0), Bug(
         SPECULAR, "dielectric_albedo", "return vec3(0.0);")),
-    "furnace of metals": (with_shaders(check_furnace, 1.0), Bug(
+    "furnace of metals": (with_shaders(test_white_furnace, 1.0), Bug(
         "scene/brdf_table.glsl", "lookup_brdf_table", "return 0.99 * correct(NdotV, perceptual_roughness);")),
     "weights": (METAL, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                            "found.weight *= 1.01; return found;")),
     "unit vectors": (METAL, Bug(SPECULAR, "sample_specular", "return 1.1 * correct(specular, wo, u);")),
     "distribution": (METAL, Bug(
         MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);")),
-    "distribution of both lobes": (with_shaders(check_draws, "rough plastic"), Bug(
+    "distribution of both lobes": (with_shaders(test_draws, "rough plastic"), Bug(
         BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf.specular, wo, wi));")),
     "values": (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(specular, half_vector) - 1e-3;")),
     "finite samples": (NUMBERS, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                                     "found.weight /= found.pdf == 0.0 ? 0.0 : 1.0; return found;")),
-    "reciprocity": (with_shaders(check_reciprocity), Bug(
+    "reciprocity": (with_shaders(test_reciprocity), Bug(
         BRDF, "evaluate_diffuse_brdf", "return correct(brdf, wo, wi) * (1.0 + 0.1 * wo.z);")),
 }, quick=("weights",))  # fmt: skip

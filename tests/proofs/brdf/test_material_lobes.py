@@ -234,11 +234,6 @@ def test_draws(shaders):
     check_draws(shaders, 1_000_000)
 
 
-@pytest.mark.slow
-def test_frames_have_the_path_tracers_mean(device):
-    check_frames(device)
-
-
 # ---- realtime frames --------------------------------------------------------------------------------
 
 
@@ -259,7 +254,8 @@ def leaves():
     return scene
 
 
-def check_frames(device):
+@pytest.mark.slow
+def test_frames_have_the_path_tracers_mean(device):
     profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
     hold(measure_means(device, profile, leaves()))
 
@@ -284,7 +280,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "reciprocity of diffuse transmission": (RECIPROCITY, Bug(
         TRANSMISSION, "evaluate_diffuse_transmission",
         "return correct(lobe, specular, wo, wi) * (1.0 + 0.1 * wo.z);")),
-    "a pixel's diffuse transmission": (check_frames, Bug(
+    "a pixel's diffuse transmission": (test_frames_have_the_path_tracers_mean, Bug(
         TRANSMISSION, "unpack_diffuse_transmission",
         "DiffuseTransmissionParameters lobe = correct(bits); lobe.weight *= 0.9; return lobe;")),
     "reciprocity of glass": (RECIPROCITY, Bug(

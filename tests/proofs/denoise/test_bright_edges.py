@@ -70,7 +70,9 @@ CASES = {
 }  # fmt: skip
 
 
-def check(case, device):
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_error_is_small(case, device):
     make, arguments, seeds, bar = CASES[case]
     scene, cameras = make(*arguments)
 
@@ -87,13 +89,7 @@ def check(case, device):
     assert errors.mean() < bar
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-def test_error_is_small(device, case):
-    check(case, device)
-
-
-def check_moving_lamp(device):
+def test_a_lamp_in_motion(device):
     """The relMSE of a row of pixels across a lamp before a wall that glows, against their exact means: pixels next to
     its edges don't flash when their sample happens to show it."""
     width, height = LAMP_SIZE
@@ -121,10 +117,6 @@ def check_moving_lamp(device):
     assert np.mean(errors) < 0.3
 
 
-def test_a_lamp_in_motion(device):
-    check_moving_lamp(device)
-
-
 SAMPLES = "passes/taa/samples.glsl"
 BUGS = {
     "light of a mirrored lamp stays there": Bug("passes/denoise/variance.comp", "extend", ""),
@@ -133,6 +125,6 @@ BUGS = {
                                       "return is_still(center) && correct(center);"),
 }  # fmt: skip
 test_a_seeded_bug_is_noticed = bug_tests({
-    **{case: (functools.partial(check, case), bug) for case, bug in BUGS.items()},
-    "a lamp in motion: bright samples count whole": (check_moving_lamp, Bug(SAMPLES, "tone_weight", "return 1.0;")),
+    **{case: (functools.partial(test_error_is_small, case), bug) for case, bug in BUGS.items()},
+    "a lamp in motion: bright samples count whole": (test_a_lamp_in_motion, Bug(SAMPLES, "tone_weight", "return 1.0;")),
 })

@@ -50,7 +50,9 @@ def references_of(device, name):
         return [trace(device, builtin(name), samples, SIZE_OF_BARS, seed=seed) for seed in (98, 99)]
 
 
-def check_errors(device, name="cornell_box"):
+@pytest.mark.parametrize("name", BARS)
+@pytest.mark.slow
+def test_error_falls_from_frame_to_frame(device, name):
     """relMSE of frames 1, 8 and 32 after a reset, without jitter, each a mean over seeds."""
 
     def observe():
@@ -61,15 +63,6 @@ def check_errors(device, name="cornell_box"):
         found = replicate(renderer, SEEDS_OF_BARS[name], observe)
     print(name, np.round(found, 4))
     assert (found.mean(axis=0) <= BARS[name]).all()
-
-
-FIRST_IS_QUICK = [name if name == "cornell_box" else pytest.param(name, marks=pytest.mark.slow) for name in BARS]
-
-
-@pytest.mark.parametrize("name", FIRST_IS_QUICK)
-@pytest.mark.slow
-def test_error_falls_from_frame_to_frame(device, name):
-    check_errors(device, name)
 
 
 SIZE_OF_ERRORS = (64, 64)
@@ -101,8 +94,8 @@ def test_the_estimated_error_is_calibrated(device, name, samples):
 
 
 def means_of_lobes(device, scene, size):
-    """The means of 32 denoised frames after 48, of each lobe, and those of raw frames: two arrays (2, h, w, 3). Light that
-    few paths find comes back as the history grows."""
+    """The means of 32 denoised frames after 48, of each lobe, and those of raw frames: two arrays (2, h, w, 3). Light
+    that few paths find comes back as the history grows."""
     means = []
     with make(device, scene, size) as renderer:
         for renderer.settings.denoise in (True, False):
@@ -116,7 +109,9 @@ def means_of_lobes(device, scene, size):
     return means
 
 
-@pytest.mark.parametrize("name", FIRST_IS_QUICK)
+@pytest.mark.parametrize("name", [
+    "cornell_box", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sphere_grid", "mirror_hall")),
+])  # fmt: skip
 def test_means_are_those_of_the_raw_frames(device, name):
     """The picture, its lobes and its tiles have the means of the same raw frames."""
     found, raw = means_of_lobes(device, builtin(name), (96, 96))
@@ -306,5 +301,7 @@ def test_black_surfaces(device):
 # ---- the checks can fail ------------------------------------------------------------------------------
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "error falls: blur without end": (check_errors, Bug("passes/denoise/constants.glsl", "SIGMA_LUMINANCE", "1e3")),
+    "error falls: blur without end": (
+        lambda device: test_error_falls_from_frame_to_frame(device, "cornell_box"), Bug(
+            "passes/denoise/constants.glsl", "SIGMA_LUMINANCE", "1e3")),
 })  # fmt: skip

@@ -63,33 +63,25 @@ def check_new_pixels(errors, lengths, new):
     assert young / old < BAR
 
 
-def check_moving_view(device, name="cornell_box"):
+@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
+                                  pytest.param("mirror_hall", marks=pytest.mark.slow)])  # fmt: skip
+def test_what_comes_into_view(device, name):
     """Pixels at the border, and beside objects that the camera passes."""
     errors, lengths, _ = watch(device, name, strafe)
     check_new_pixels(errors, lengths, (lengths > 0) & (lengths <= YOUNG))
 
 
-def check_moving_block(device):
+@pytest.mark.slow
+def test_what_a_moving_block_uncovers(device):
     """Pixels that showed the block one to three frames ago."""
     errors, lengths, block = watch(device, "cornell_box", slide)
     check_new_pixels(errors, lengths, np.broadcast_to(block[:-1].any(axis=0) & ~block[-1], errors.shape))
 
 
-@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
-                                  pytest.param("mirror_hall", marks=pytest.mark.slow)])  # fmt: skip
-def test_what_comes_into_view(device, name):
-    check_moving_view(device, name)
-
-
-@pytest.mark.slow
-def test_what_a_moving_block_uncovers(device):
-    check_moving_block(device)
-
-
 test_a_seeded_bug_is_noticed = bug_tests({
-    "what comes into view: it counts as certain": (check_moving_view, Bug(
+    "what comes into view: it counts as certain": (lambda device: test_what_comes_into_view(device, "cornell_box"), Bug(
         "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
         "if (lobe.frames < 4.0) { found.standard_error *= 0.01; } return found;")),
-    "what is uncovered: histories of what was there": (check_moving_block, Bug(
+    "what is uncovered: histories of what was there": (test_what_a_moving_block_uncovers, Bug(
         "passes/denoise/previous_frame.glsl", "is_consistent", "return previous_guide.kind == guide.kind;")),
 })  # fmt: skip

@@ -193,8 +193,6 @@ def check_turns(device):
     assert abs(columns[column] / columns[column - 8] - 1) / 9 < 0.05
 
 
-# ---- each check holds, and can fail -----------------------------------------------------------------
-
 TEMPORAL, PAST, BLUR = "passes/denoise/reproject.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
 BUGS = {
     "reflections that are seldom found": (check_rare_reflections, Bug(

@@ -37,7 +37,11 @@ def open_hall(material):
     return scene
 
 
-def check(device, metallic=0.0, roughness=0.1, make=hall):
+@pytest.mark.parametrize(("metallic", "roughness", "make"), [
+    (0.0, 0.1, hall), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        (1.0, 0.2, hall), (0.0, 0.3, hall), (1.0, 0.1, hall), (0.0, 0.1, open_hall), (1.0, 0.2, open_hall))),
+])  # fmt: skip
+def test_reflections_follow(device, metallic, roughness, make):
     scene = make(sv.Material(base_color=(metallic,) * 3, metallic=metallic, perceptual_roughness=roughness))
     step = SPEED * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters, for what is 5 m away by way of the wall
     with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
@@ -53,17 +57,10 @@ def check(device, metallic=0.0, roughness=0.1, make=hall):
     assert errors[0] / errors[1] < BAR
 
 
-@pytest.mark.parametrize(("metallic", "roughness", "make"), [
-    (0.0, 0.1, hall), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        (1.0, 0.2, hall), (0.0, 0.3, hall), (1.0, 0.1, hall), (0.0, 0.1, open_hall), (1.0, 0.2, open_hall))),
-])  # fmt: skip
-def test_reflections_follow_the_camera(device, metallic, roughness, make):
-    check(device, metallic, roughness, make)
-
-
 CONSTANTS = "passes/denoise/constants.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "reflections: they move like their surface": (check, Bug(CONSTANTS, "SURFACE_MOTION_ROUGHNESS", "0.0")),
-    "environment: infinity counts as unknown": (lambda device: check(device, make=open_hall), Bug(
+    "they move like their surface": (lambda device: test_reflections_follow(device, 0.0, 0.1, hall), Bug(
+        CONSTANTS, "SURFACE_MOTION_ROUGHNESS", "0.0")),
+    "infinity counts as unknown": (lambda device: test_reflections_follow(device, 0.0, 0.1, open_hall), Bug(
         CONSTANTS, "MIN_INVERSE_HIT_DISTANCE", "0.0")),
 })  # fmt: skip

@@ -29,7 +29,7 @@ def first_frames(device, samples):
     return np.array(found, np.float64).reshape(SEEDS, *SIZE[::-1], 2)
 
 
-def check_mean_and_noise(device):
+def test_several_paths_keep_the_mean_and_lower_the_noise(device):
     """With several paths the lobes' means are those of one path, and their variances fall."""
     runs = [first_frames(device, samples) for samples in (1, PATHS)]
     means = [found.mean(axis=(1, 2)) for found in runs]
@@ -42,12 +42,8 @@ def check_mean_and_noise(device):
     assert (variance < 1.25 / PATHS).all(), f"the lobes' variances are {variance} of those of one path"
 
 
-def test_several_paths_keep_the_mean_and_lower_the_noise(device):
-    check_mean_and_noise(device)
-
-
 test_a_seeded_bug_is_noticed = bug_tests({
-    "several paths: all are the same": (check_mean_and_noise, Bug(
+    "several paths: all are the same": (test_several_paths_keep_the_mean_and_lower_the_noise, Bug(
         "passes/paths/first_ray.comp", "start_path", "return correct(pixel, surface, 0u);")),
 })  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import TILES, WHOLE, each_lighting, settle
+from support.frames import TILES, WHOLE, each_lighting, measure_frames, settle
 from support.measured import hold
 from support.realtime import (
     JITTER_PERIOD,
@@ -15,7 +15,6 @@ from support.realtime import (
     measure_mean,
     measure_picture_tiles,
     run_pictures,
-    trace,
     trace_reflected,
 )
 from support.seeded_bugs import Bug, bug_tests
@@ -43,12 +42,8 @@ def measure_closed_box(device, walls, effort, **settings):
     if walls != "matte":
         material.reflectance = rgb(0.5)
     samples = effort.samples * 32**2 // side**2
-    expected = trace(device, scene, samples, (side, side), max_bounces=64)
-    with make_renderer(device, scene, (side, side), **settings) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda f: np.asarray(f["radiance"], np.float64))
-    yield measure_mean(WHOLE, found, expected, 0.03, effort)
-    # The bar is four standard errors of the noisiest tile of matte walls.
-    yield measure_picture_tiles(TILES, found, expected, 0.1, effort)
+    # The bar of tiles is four standard errors of the noisiest tile of matte walls.
+    yield from measure_frames(device, scene, effort, samples, 0.03, 0.1, (side, side), **settings)
 
 
 def measure_light(device, effort, bar=0.02, tile_bar=0.05, **settings):
@@ -137,11 +132,7 @@ def test_glossy_scenes(device, name, lighting):
     """The denoiser gets a larger picture: it blurs the light of what is few pixels wide."""
     size, runs = ((96, 96), 4) if lighting.get("denoise") else ((32, 32), 16)
     scene, effort = sv.builtin(name), Effort(runs, 24, 12)
-    expected = trace(device, scene, 512, size, max_bounces=64)
-    with make_renderer(device, scene, size, **lighting) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
-    tiles = measure_picture_tiles(TILES, found, expected, 0.12, effort)
-    hold([measure_mean(WHOLE, found, expected, 0.05, effort), tiles])
+    hold(measure_frames(device, scene, effort, 512, 0.05, 0.12, size, **lighting))
 
 
 @pytest.mark.slow
@@ -164,9 +155,6 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
     assert np.isfinite(picture).all()
     assert ratio.min() > 0.8, "a patch of the picture lost its light"
     assert 0.9 < picture.mean() / expected.mean() < 1.05
-
-
-# ---- each rule can fail -----------------------------------------------------------------------------
 
 
 def composing(change):

@@ -11,7 +11,6 @@ from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.bound.projection import lens_point
-from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 
@@ -33,7 +32,11 @@ def relative_error(picture, truth):
     return np.mean((picture - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2))
 
 
-def check_disk(device, kind="perspective", focus=2.0):
+@pytest.mark.parametrize(("kind", "focus"), [
+    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0),
+    pytest.param("fisheye", 2.0, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_the_disk_of_confusion(device, kind, focus):
     """The mean of frames of a small lamp is the disk of confusion that optics gives, with the same light."""
     found = []
     for aperture in (0.0, APERTURE):
@@ -54,14 +57,6 @@ def check_disk(device, kind="perspective", focus=2.0):
     radius = APERTURE / 2 * abs(1 - DISTANCE / focus)
     pixel = 2 * DISTANCE * math.tan(FOV / 2) / SIZE[1]
     np.testing.assert_allclose(wide - narrow, (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
-
-
-@pytest.mark.parametrize(("kind", "focus"), [
-    ("perspective", 2.0), ("perspective", 4.0), ("orthographic", 2.0),
-    pytest.param("fisheye", 2.0, marks=pytest.mark.slow),
-])  # fmt: skip
-def test_the_disk_of_confusion(device, kind, focus):
-    check_disk(device, kind, focus)
 
 
 def test_points_are_where_the_lens_shows_them(device):
@@ -97,7 +92,8 @@ def beside(directions, point):
     return cosine * flat + sine * np.cross(unit, flat) + (1 - cosine) * across * unit  # Rodrigues
 
 
-def check_wide_motion(device, kind):
+@pytest.mark.parametrize("kind", WIDE)
+def test_wide_lenses(device, kind):
     """The motion of a still scene from frame to frame is that of the point of the lens: it leads to a pixel whose line
     through the other point meets the surface."""
     size = (96, 16) if kind == "cube" else (64, 32) if kind == "equirectangular" else (48, 48)
@@ -133,11 +129,6 @@ def check_wide_motion(device, kind):
     assert off[seen].max() < 0.2 * pixel
 
 
-@pytest.mark.parametrize("kind", WIDE)
-def test_wide_lenses_show_the_points_of_the_lens(device, kind):
-    check_wide_motion(device, kind)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("fields", [{}, {
     "projection": "fisheye", "vertical_fov": 1.6, "aperture_blades": 3, "position": (1, 0.9, -0.9),
@@ -165,21 +156,14 @@ def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
     assert worst[0.25] < worst[0.0] + 0.04
 
 
-def test_what_realtime_refuses(device):
-    with sv.Renderer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:
-        renderer.settings.gbuffer = "raster"
-        with pytest.raises(SolariError, match="raster draws no lenses"):
-            renderer.render(sv.Camera(aperture=0.1))
-
-
 LENS = ("scene/camera.glsl", "view_line")
 test_a_seeded_bug_is_noticed = bug_tests({
-    "a lens twice as wide": (check_disk, Bug(
+    "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
         *LENS, "ViewLine line = correct(position, from); line.start.xy += from.lens_offset;\n"
         "    line.along.xy -= from.lens_offset / from.focus_distance; return line;")),
-    "wide lenses whose aperture faces the view axis": (lambda device: check_wide_motion(device, "fisheye"), Bug(
+    "wide lenses whose aperture faces the view axis": (lambda device: test_wide_lenses(device, "fisheye"), Bug(
         "scene/camera.glsl", "on_aperture", "return vec3(offset.x, -offset.y, 0.0);")),
-    "no steps to wide positions": (lambda device: check_wide_motion(device, "fisheye"), Bug(
+    "no steps to wide positions": (lambda device: test_wide_lenses(device, "fisheye"), Bug(
         "scene/camera.glsl", "LENS_STEPS", "0")),
     "motion without the lens": (test_points_are_where_the_lens_shows_them, Bug(
         "scene/camera.glsl", "project_to_uv",

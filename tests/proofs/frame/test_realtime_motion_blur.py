@@ -25,7 +25,7 @@ def expose(renderer, shutter, pose, frames, camera=None):
     return np.asarray(frame, np.float64)
 
 
-def check_ramp(device):
+def test_a_moving_edge_is_a_ramp(device):
     """A moving edge is a ramp. What moves leaves a still picture as it is, and the next exposure begins anew."""
     scene, instance = edge_scene()
     shutter, speed = sv.Shutter(open=1.0, close=1.5), 24 * PIXEL / 0.5
@@ -45,11 +45,7 @@ def check_ramp(device):
     assert instance.position[0] == pytest.approx(-6 * PIXEL)
 
 
-def test_a_moving_edge_is_a_ramp(device):
-    check_ramp(device)
-
-
-def check_long_exposure(device):
+def test_long_exposures_are_plain_means(device):
     """All of 200 frames count the same, or of a rolling shutter those that expose a row: a lamp that is there in their
     first half alone gives half of its light."""
     scene, instance = edge_scene()
@@ -65,11 +61,7 @@ def check_long_exposure(device):
         np.testing.assert_allclose(lit.mean(axis=1), 0.25, atol=apart)
 
 
-def test_long_exposures_are_plain_means(device):
-    check_long_exposure(device)
-
-
-def check_slant(device):
+def test_a_rolling_shutter_slants_edges(device):
     """The last row is exposed 0.1 s after the first, in which the edge moves by 16 pixels."""
     scene, instance = edge_scene()
     with sv.Renderer(device, scene, SIZE) as renderer:
@@ -79,10 +71,6 @@ def check_slant(device):
             expected = SIZE[0] / 2 + slant * (np.arange(SIZE[1]) + 0.5) / SIZE[1]
             np.testing.assert_allclose(lit, expected, atol=0.7)  # a band has 1 pixel of motion
             assert abs((lit - expected).mean()) < 0.15
-
-
-def test_a_rolling_shutter_slants_edges(device):
-    check_slant(device)
 
 
 def moving_box():
@@ -251,11 +239,12 @@ def test_times_cover_the_exposure_of_each_row(readout):
 
 RESOLVE = "passes/taa/resolve.comp"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "rows without their time": (check_slant, Bug(RESOLVE, "is_exposed", "return true;")),
-    "an exposure that goes on in the next": (check_ramp, Bug(
+    "rows without their time": (test_a_rolling_shutter_slants_edges, Bug(RESOLVE, "is_exposed", "return true;")),
+    "an exposure that goes on in the next": (test_a_moving_edge_is_a_ramp, Bug(
         "scene/camera_block.glsl", "FIRST_OF_EXPOSURE", "4u")),
-    "an exposure that follows motion": (check_ramp, Bug("scene/camera_block.glsl", "LATER_OF_EXPOSURE", "4u")),
-    "an exposure that forgets": (check_long_exposure, Bug(
+    "an exposure that follows motion": (test_a_moving_edge_is_a_ramp, Bug(
+        "scene/camera_block.glsl", "LATER_OF_EXPOSURE", "4u")),
+    "an exposure that forgets": (test_long_exposures_are_plain_means, Bug(
         "passes/taa/history.glsl", "load_exposure", "HistorySample found = correct(index); "
         "found.weight = min(found.weight, 63.0); return found;")),
 })  # fmt: skip

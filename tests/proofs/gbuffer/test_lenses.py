@@ -42,7 +42,8 @@ def room(name="equirectangular"):
     return scene
 
 
-def check_places(device, name):
+@pytest.mark.parametrize("name", LENSES)
+def test_pixels_show_what_their_rays_meet(device, name):
     """Points that pixels show are projected to the pixels' centers, depths lead to them, and spheres are where their
     centers are projected; the circle around which a lens sees nothing is empty."""
     scene = room(name)
@@ -67,7 +68,8 @@ def check_places(device, name):
             assert np.abs(shown.mean(axis=0)[::-1] - center).max() < 0.6
 
 
-def check_motion(device, name):
+@pytest.mark.parametrize("name", [name for name in LENSES if name != "circle"])
+def test_motion_follows_the_camera(device, name):
     """Motion vectors follow a camera that moves, turns and shifts its principal point, around a panorama the shorter
     way."""
     scene, before = room(name), LENSES[name]()
@@ -87,16 +89,6 @@ def check_motion(device, name):
     assert np.abs(expected[seen]).max() > 1
     wrong = np.abs(motion - expected)[seen].max(axis=-1) > 1 / 16
     assert wrong.sum() <= 1, "a pixel at a sphere's edge, whose depth raster takes from the triangle's plane"
-
-
-@pytest.mark.parametrize("name", LENSES)
-def test_pixels_show_what_their_rays_meet(device, name):
-    check_places(device, name)
-
-
-@pytest.mark.parametrize("name", [name for name in LENSES if name != "circle"])
-def test_motion_follows_the_camera(device, name):
-    check_motion(device, name)
 
 
 @pytest.mark.slow
@@ -126,8 +118,9 @@ def test_a_fisheye_shows_what_a_panorama_shows(device):
 
 def test_raster_draws_no_lenses(device):
     with make_renderer(device, room(), SIZE, passes=GBUFFER, gbuffer="raster") as renderer:
-        with pytest.raises(SolariError, match="raster draws no lenses: leave the setting gbuffer at auto"):
-            renderer.render()
+        for camera in (None, sv.Camera(aperture=0.1)):
+            with pytest.raises(SolariError, match="raster draws no lenses: leave the setting gbuffer at auto"):
+                renderer.render(camera)
         assert renderer.render(LENSES["offset"]())["gbuffer_depth"].any()
 
 
@@ -148,8 +141,8 @@ def test_denoised_frames_have_the_path_tracers_light(device, name):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    "rays": (lambda device: check_places(device, "kannala_brandt"), Bug(
+    "rays": (lambda device: test_pixels_show_what_their_rays_meet(device, "kannala_brandt"), Bug(
         "scene/lens.glsl", "lens_direction", "return correct(at * 1.01, lens);")),
-    "positions": (lambda device: check_motion(device, "stereographic"), Bug(
+    "positions": (lambda device: test_motion_follows_the_camera(device, "stereographic"), Bug(
         "scene/lens.glsl", "find_lens_position", "bool seen = correct(point, lens, at); at *= 1.1; return seen;")),
 })  # fmt: skip

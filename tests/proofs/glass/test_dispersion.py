@@ -112,23 +112,19 @@ def test_white_glass_is_invisible(device, fields):
 EFFORT = Effort(16, 0, 64, 4096)
 
 
-def check_frames(device, effort=EFFORT):
+@pytest.mark.slow  # minutes
+def test_frames_have_the_path_tracers_colors(device):
     """Realtime frames of the prism, color by color, without the denoiser, against the path tracer."""
     scene, size = prism(MAPS["a ramp"]), (8, 8)
     with make_renderer(device, scene, size, passes=PATHS, **PLAIN) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, read_radiance)
+        found = run_pictures(renderer, scene.camera, EFFORT, read_radiance)
     with path_tracer_at_centers():
-        right = take_picture(device, scene, size, effort.samples, max_bounces=64).mean
+        right = take_picture(device, scene, size, EFFORT.samples, max_bounces=64).mean
     assert np.ptp(right.mean(axis=(0, 1))) > 0.1
     for channel in range(3):
         error, half_width = relative_interval(found[..., channel], right[..., channel])
         print(f"{error:+.2%} +- {half_width:.2%}")
         assert abs(error) + half_width < 0.01
-
-
-@pytest.mark.slow  # minutes
-def test_frames_have_the_path_tracers_colors(device):
-    check_frames(device)
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
@@ -137,5 +133,6 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "bands": (lambda device: check_prism(device, "an edge"), Bug(FILE, "BAND_WIDTH", "50.0")),
     "light is gained": (lambda device: check_furnace(device, roughness=0.5), Bug(
         FILE, "wave_color", "return 1.03 * correct(wavelength);")),
-    "frames": (check_frames, Bug("passes/paths/reservoir.glsl", "wavelength_number", "return 0.7 * correct(pixel);")),
+    "frames": (test_frames_have_the_path_tracers_colors, Bug(
+        "passes/paths/reservoir.glsl", "wavelength_number", "return 0.7 * correct(pixel);")),
 }, quick=("the equation",))  # fmt: skip

@@ -162,9 +162,6 @@ def measure_invariance(device):
     yield Measurement(rule, float(error), 1e-5, "relative error")
 
 
-# ---- each rule holds, and can fail --------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("case", [pytest.param(case, marks=pytest.mark.slow if case in SLOW else ())
                                   for case in sorted(QUICK | SLOW)], ids="-".join)  # fmt: skip
 def test_lights_over_a_floor(device, case):

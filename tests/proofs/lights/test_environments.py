@@ -165,9 +165,6 @@ def measure_means(device, effort, **settings):
     yield measure_mean(MEANS, found, expected, 0.03, effort)
 
 
-# ---- each rule holds, and can fail --------------------------------------------------------------------
-
-
 def slow(measure, *arguments, name):
     return pytest.param(lambda device: measure(device, *arguments), id=name, marks=pytest.mark.slow)
 

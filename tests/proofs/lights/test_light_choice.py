@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from support.bound_scenes import bound
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
 from solari_vk.bound.spatial_order import spatial_order
@@ -55,14 +55,9 @@ def make_world():
 
 def draw(shaders, world):
     """The samples, by power and by the tree (2, N), and the lights' powers."""
-    binder = SceneBinder(shaders.device, world)
-    try:
-        binder.update()
+    with bound(shaders.device, world) as binder:
         drawn = shaders.run("test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT})["drawn"]
         return drawn.reshape(2, COUNT), binder.lights.powers
-    finally:
-        shaders.device.wait_idle()
-        binder.destroy()
 
 
 def part_shares(world):
@@ -82,7 +77,7 @@ def part_shares(world):
         yield np.ones(1)
 
 
-def check_choice(shaders):
+def test_lights_and_triangles_are_chosen_by_their_light(shaders):
     world = make_world()
     (drawn, _), powers = draw(shaders, world)
     lit = powers > 0
@@ -97,7 +92,7 @@ def check_choice(shaders):
     assert stats.chisquare(observed[expected > 0], COUNT * expected[expected > 0]).pvalue > 1e-3
 
 
-def check_densities(shaders):
+def test_the_density_at_a_hit_is_that_of_the_sample(shaders):
     for drawn in draw(shaders, make_world())[0]:
         hit = drawn["hit_pdf"] >= 0
         for light in range(4):
@@ -106,14 +101,6 @@ def check_densities(shaders):
             ratio = drawn["hit_pdf"][mine].astype(np.float64) / drawn["sample_pdf"][mine]
             assert np.median(np.abs(ratio - 1)) < 1e-5
             assert np.quantile(np.abs(ratio - 1), 0.99) < 1e-2, "grazing rays lose digits"
-
-
-def test_lights_and_triangles_are_chosen_by_their_light(shaders):
-    check_choice(shaders)
-
-
-def test_the_density_at_a_hit_is_that_of_the_sample(shaders):
-    check_densities(shaders)
 
 
 # ---- there is no limit of 65,536, neither for lights nor for the triangles of a light ----------------
@@ -162,14 +149,15 @@ def test_a_bright_spot_of_a_dark_lamp(device):
 
 
 CHOICE = "scene/lights/choice.glsl"
+CHOSEN = with_shaders(test_lights_and_triangles_are_chosen_by_their_light)
 test_a_seeded_bug_is_noticed = bug_tests({
-    "aliases": (with_shaders(check_choice), Bug(CHOICE, "choose", "return row;")),
-    "probabilities": (with_shaders(check_choice), Bug(
+    "aliases": (CHOSEN, Bug(CHOICE, "choose", "return row;")),
+    "probabilities": (CHOSEN, Bug(
         CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;")),
-    "equal parts": (with_shaders(check_choice), Bug(CHOICE, "has_equal_parts", "return true;")),
-    "leaves": (with_shaders(check_densities), Bug(
+    "equal parts": (CHOSEN, Bug(CHOICE, "has_equal_parts", "return true;")),
+    "leaves": (with_shaders(test_the_density_at_a_hit_is_that_of_the_sample), Bug(
         CHOICE, "part_of_leaf", "PartOfLeaf found = correct(light, part); found.leaf ^= 1u; return found;")),
-    "densities at hits": (with_shaders(check_densities), Bug(
+    "densities at hits": (with_shaders(test_the_density_at_a_hit_is_that_of_the_sample), Bug(
         "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh", """
         SurfaceInteraction surface = correct(hit, mesh, ray_direction, cone_width);
         surface.area_pdf_by_power *= 1.01;

@@ -6,13 +6,13 @@ from statistics import NormalDist
 
 import numpy as np
 from scipy import stats
+from support.bound_scenes import bound
 from support.measured import hold
 from support.oracles import environments
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 from support.statistics import standard_deviations
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.choice_weights import PORTAL_SHARE
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene.lights.environment import luminances
@@ -44,9 +44,7 @@ def world():
 
 def measure_sampling(shaders):
     scene = world()
-    binder = SceneBinder(shaders.device, scene)
-    try:
-        binder.update()
+    with bound(shaders.device, scene) as binder:
         for receiver in RECEIVERS:
             found = shaders.run(
                 "test/portal_samples", max(DRAWS, len(PORTALS) * GRID**2),
@@ -55,9 +53,6 @@ def measure_sampling(shaders):
                 constants={"SCENE_PORTAL": True, "SCENE_ENVIRONMENT": True},
             )  # fmt: skip
             yield from _judged(scene, np.array(receiver, float), found["drawn"], found["chances"])
-    finally:
-        shaders.device.wait_idle()
-        binder.destroy()
 
 
 def _p_value(counts, chances, variances, whole):

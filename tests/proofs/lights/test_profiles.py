@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from support.frames import WHOLE
+from support.frames import measure_frames
 from support.gltf_writer import GltfWriter
 from support.measured import hold
-from support.realtime import Effort, make_renderer, measure_mean, run_pictures, trace
+from support.realtime import Effort
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
@@ -106,7 +106,7 @@ def test_a_seeded_bug_is_noticed(device, tmp_path):
 @pytest.mark.slow
 def test_frames_have_the_path_tracers_light(device, tmp_path):
     """The Cornell box with a luminaire, as a point and as a ball, in place of its lamp."""
-    scene, size, effort = sv.builtin("cornell_box"), (24, 24), Effort(4, 16, 12)
+    scene = sv.builtin("cornell_box")
     for lamp in [instance for instance in scene if instance.material.emits]:
         scene.remove(lamp)
     light = light_of(tmp_path, "C, a half", lumens=20)
@@ -114,10 +114,7 @@ def test_frames_have_the_path_tracers_light(device, tmp_path):
     scene.add(light)
     scene.add(sv.PointLight((0.5, 0.7, 1.4), profile=light.profile, intensity=2, radius=0.1, direction=(1, 0, 0),
                             horizontal=(0, 1, 0)))  # fmt: skip
-    expected = trace(device, scene, 512, size, max_bounces=64)
-    with make_renderer(device, scene, size) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
-    hold([measure_mean(WHOLE, found, expected, 0.04, effort)])
+    hold(measure_frames(device, scene, Effort(4, 16, 12), 512, 0.04, size=(24, 24)))
 
 
 def test_profiles_change_while_rendering(device, tmp_path):

@@ -7,23 +7,15 @@ import math
 import numpy as np
 import pytest
 from support import mitsuba_scene
-from support.frames import TILES, WHOLE, left_of, settle
+from support.bound_scenes import bound
+from support.frames import left_of, measure_frames, settle
 from support.measured import hold
 from support.pictures import take_picture
-from support.realtime import (
-    SPLIT,
-    Effort,
-    make_renderer,
-    measure_mean,
-    measure_picture_tiles,
-    run_pictures,
-    trace,
-)
+from support.realtime import SPLIT, Effort, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
@@ -55,14 +47,10 @@ def box_with_lamps(*names):
 )], ids=["raw", "denoised", "reuse", "split"])  # fmt: skip
 def test_frames_have_the_path_tracers_light(device, lighting):
     """With three lamps, one of which the camera sees."""
-    scene, size, effort = box_with_lamps(), (32, 32), Effort(4, 24, 16)
-    expected = trace(device, scene, 512, size, max_bounces=64)
-    with make_renderer(device, scene, size, **lighting) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
-    split = lighting == SPLIT
-    hold([measure_mean(WHOLE, found, expected, 0.07 if split else 0.03, effort)])
-    if not lighting.get("denoise"):  # which blurs the edges of tiles
-        hold([measure_picture_tiles(TILES, found, expected, 0.25 if split else 0.15, effort)])
+    bar, tile_bar = (0.07, 0.25) if lighting == SPLIT else (0.03, 0.15)
+    if lighting.get("denoise"):  # which blurs the edges of tiles
+        tile_bar = None
+    hold(measure_frames(device, box_with_lamps(), Effort(4, 24, 16), 512, bar, tile_bar, **lighting))
 
 
 @pytest.mark.parametrize("lighting", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
@@ -157,11 +145,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
 @pytest.fixture
 def binder(device):
     """A binder of the box with its point light and its spotlight."""
-    bound = SceneBinder(device, box_with_lamps("point", "spot"))
-    bound.update()
-    yield bound
-    device.wait_idle()
-    bound.destroy()
+    with bound(device, box_with_lamps("point", "spot")) as made:
+        yield made
 
 
 def test_a_lamp_changes_its_kind_with_its_radius(binder):

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from support.bound_scenes import bound
 from support.frames import TILES, WHOLE
 from support.measured import hold
 from support.realtime import Effort, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
 
 import solari_vk as sv
-from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights import bodies
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
@@ -31,7 +31,7 @@ def ball(**fields):
     return sv.PointLight((0, 1, 0), radius=RADIUS, **{"intensity": 0, "casts_shadow": True, **fields})
 
 
-def check_outline(device):
+def test_the_shadow_has_the_spheres_outline(device):
     """The shadow under a sun ends where the sphere does, within 1 % of its radius."""
     scene = sv.Scene(ball(), sv.DirectionalLight((0, -1, 0), illuminance=SUN, angular_diameter=1e-4))
     inner = [(0.985 * RADIUS * math.cos(angle), 0.985 * RADIUS * math.sin(angle)) for angle in np.linspace(0, 6, 20)]
@@ -40,14 +40,10 @@ def check_outline(device):
     assert lit(device, scene, *outer) == pytest.approx(np.full(len(outer), SUN), rel=1e-3)
 
 
-def test_the_shadow_has_the_spheres_outline(device):
-    check_outline(device)
-
-
 def test_the_outline_notices_small_balls(device, monkeypatch):
     monkeypatch.setattr(bodies, "SHARE", 0.95)
     with pytest.raises(AssertionError):
-        check_outline(device)
+        test_the_shadow_has_the_spheres_outline(device)
 
 
 @pytest.mark.parametrize("casts_shadow", [False, True])
@@ -84,9 +80,7 @@ def test_a_binder_moves_the_ball_with_one_update(device):
     """Its row stays, and nothing is left for the next update."""
     scene = sv.Scene(ball(name="bulb"))
     scene.add(shapes.box(), matte(0.5), name="box")
-    binder = SceneBinder(device, scene)
-    try:
-        binder.update()
+    with bound(device, scene) as binder:
         (row,) = (row for row, instance in binder.instances.items() if instance.name == "bulb")
         assert {instance.name for instance in scene.instances} == {"box"}, "the scene has no ball"
         scene.lights["bulb"].position = (3, 1, 0)
@@ -98,9 +92,6 @@ def test_a_binder_moves_the_ball_with_one_update(device):
         scene.remove("bulb")
         binder.update()
         assert row not in binder.instances
-    finally:
-        device.wait_idle()
-        binder.destroy()
 
 
 def before_a_wall():

@@ -80,7 +80,9 @@ def lit_by_a_wall():
     return scene
 
 
-def check_removal(device, make=lit_by_a_wall, name="wall"):
+@pytest.mark.slow
+@pytest.mark.parametrize(("make", "name"), [(cornell_box, "lamp"), (lit_by_a_wall, "wall")])
+def test_what_was_removed_lends_no_light(device, make, name):
     """Without the only lamp, or without the only surface that its light comes from, the next frame is black."""
     scene = make()
     with make_renderer(device, scene, SIZE, world_cache=False, **REUSE) as renderer:
@@ -89,12 +91,6 @@ def check_removal(device, make=lit_by_a_wall, name="wall"):
         after = add_up(renderer.render(scene.camera))
     assert (before > 0).mean() > 0.1
     assert not after.any()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("make", "name"), [(cornell_box, "lamp"), (lit_by_a_wall, "wall")])
-def test_what_was_removed_lends_no_light(device, make, name):
-    check_removal(device, make, name)
 
 
 @pytest.mark.slow
@@ -137,8 +133,6 @@ def observe(device, scene, effort, restir):
         return run_pictures(renderer, scene.camera, effort, add_up)
 
 
-# ---- each rule holds, and can fail ------------------------------------------------------------------
-
 # Reservoirs keep samples for long and take them from afar, so that bugs add up.
 STRESS = {"restir_confidence_cap": 30.0, "spatial_radius_halving": False, "restir_radius": 12.0}
 
@@ -163,6 +157,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     LESS_NOISE: (measure_noise, Bug(RESERVOIR, "hit_normal", "return -correct(reservoir);")),
     NO_LAG: (measure_lag, Bug(RESERVOIR, "trace_sample_transmittance", "return correct(vertex, reservoir, false);")),
     "light in a coat": (measure_coat, Bug("passes/paths/candidate.glsl", "has_delta_ray", "return false;")),
-    "what was removed: the previous frame counts whole": (check_removal, Bug(
+    "what was removed: the previous frame counts whole": (
+        lambda device: test_what_was_removed_lends_no_light(device, lit_by_a_wall, "wall"), Bug(
         "passes/paths/temporal.comp", "previous_confidence", "return confidence;")),
 })  # fmt: skip

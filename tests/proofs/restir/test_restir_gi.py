@@ -110,7 +110,7 @@ def test_confidence_grows_to_its_cap_and_is_reset(device):
         assert set(np.unique(renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"])) <= {0, 1}
 
 
-def check_cells_of_reservoirs(device):
+def test_reservoirs_name_living_cells_that_hold_their_points(device):
     """After each frame: with the shortest lives, a moving camera, and settings that change."""
     changes = {4: {"gi_refresh": False}, 6: {"gi_refresh": True}, 8: {"world_cache": False}, 9: {"world_cache": True},
                11: {"world_cache_cells": 1 << 13}}  # fmt: skip
@@ -133,10 +133,6 @@ def check_cells_of_reservoirs(device):
             assert ((within >= -jitter) & (within <= 1 + jitter)).all(), step
 
 
-def test_reservoirs_name_living_cells_that_hold_their_points(device):
-    check_cells_of_reservoirs(device)
-
-
 def brief(device):
     """With less effort than the rules take: the bugs are larger than this bar."""
     return measure_indirect(device, Effort(), 0.06)
@@ -153,7 +149,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
                           "reservoir.unbiased_contribution_weight *= 0.5; return reservoir;")),
     SIXTEENTHS: (brief, Bug("passes/solari019/restir_gi/spatial_and_shade.comp", "shade_diffuse",
                             "return correct(surface, reservoir) / max(reservoir.unbiased_contribution_weight, 1e-6);")),
-    "cells of reservoirs: kept unread": (check_cells_of_reservoirs, Bug(
+    "cells of reservoirs: kept unread": (test_reservoirs_name_living_cells_that_hold_their_points, Bug(
         "passes/solari019/restir_gi/temporal.comp", "refresh_radiance",
         "if (restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u) { correct(reservoir); }")),
 })  # fmt: skip

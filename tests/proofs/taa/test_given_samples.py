@@ -103,8 +103,6 @@ def measure_not_finite(device):
         yield Measurement(NOT_FINITE, changed, 0.0, f"of {picture.size} pixels", value)
 
 
-# ---- each rule holds, and can fail --------------------------------------------------------------------
-
 MEASURES = (measure_even_light, measure_areas, measure_motion, measure_changes, measure_noise, measure_not_finite)
 
 

@@ -233,7 +233,10 @@ def measure_cells(device, corners):
     return cells["irradiance"][settled, :3] / expected, expected
 
 
-def check_lamp(device, lamp):
+@pytest.mark.parametrize("lamp", [
+    "tilted", *(pytest.param(name, marks=pytest.mark.slow) for name in ("near", "small")),
+])  # fmt: skip
+def test_cells_under_a_lamp(device, lamp):
     """Require the right mean and median, and no cell far from its closed form. A cell's samples lie all over the cell,
     so that single cells differ from the irradiance at its center."""
     ratio, expected = measure_cells(device, LAMPS[lamp])
@@ -246,17 +249,10 @@ def check_lamp(device, lamp):
     assert found[3] < 4
 
 
-@pytest.mark.parametrize("lamp", [
-    "tilted", *(pytest.param(name, marks=pytest.mark.slow) for name in ("near", "small")),
-])  # fmt: skip
-def test_cells_under_a_lamp(device, lamp):
-    check_lamp(device, lamp)
-
-
 # ---- short rays -------------------------------------------------------------------------------------
 
 
-def check_sizes(device):
+def test_short_rays_use_the_finest_cells(device):
     """Rays that are shorter than the cells where they end use the finest ones; longer rays don't."""
     camera, walls = sv.Camera.look_at((0, 0, 0), (0, 0, -1)), shapes.box((-1, -1, -1), (1, 1, 1), inward=True)
     scene = sv.Scene()
@@ -271,16 +267,12 @@ def check_sizes(device):
     assert np.median(sizes[1e-3]) > 0.06
 
 
-def test_short_rays_use_the_finest_cells(device):
-    check_sizes(device)
-
-
 # ---- each check can fail ----------------------------------------------------------------------------
 
 QUERY, MAP = "passes/world_cache/query.glsl", "passes/world_cache/map.glsl"
 brief_fixed_point = functools.partial(check_fixed_point, **BRIEF)
 test_a_seeded_bug_is_noticed = bug_tests({
-    "short rays: cells as for all rays": (check_sizes, Bug(
+    "short rays: cells as for all rays": (test_short_rays_use_the_finest_cells, Bug(
         QUERY, "query_world_cache",
         "return correct(world_position, geometric_world_normal, INFINITY, lifetime, rng);")),
     "fixed point: 1 / M dropped": (brief_fixed_point, Bug(
@@ -298,7 +290,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         QUERY, "surface_albedo", "return lobe_albedos(material, cosine).specular;")),
     "sizes: cells never grow": (with_shaders(test_cells_double_with_distance), Bug(
         MAP, "get_cell_size", "return min(correct(world_position, rng), world_cache_settings.cell_size);")),
-    "cells under a lamp: light samples weighted as one": (functools.partial(check_lamp, lamp="near"), Bug(
+    "cells under a lamp: light samples weighted as one": (functools.partial(test_cells_under_a_lamp, lamp="near"), Bug(
         "passes/paths/vertex.glsl", "evaluate_next_event",
         "return correct(vertex, light_sample, min(expected_candidates, 1.0));")),
 })  # fmt: skip

@@ -4,7 +4,6 @@
 
 #include "common/math.glsl"
 #include "scene/brdf.glsl"
-#include "scene/microfacet.glsl"
 
 BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     if (SCENE_LOBES) { return sample_brdf(without_diffuse_lobe(brdf), wo, rng); }

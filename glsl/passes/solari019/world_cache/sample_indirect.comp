@@ -1,7 +1,6 @@
 // World cache, step 5: indirect light of active cells, by one ray whose hit queries the cache for its value of the
 // previous frame, so that light travels one bounce further each frame.
 #version 460
-#include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
 #include "passes/world_cache/update.glsl"
 
