@@ -20,6 +20,7 @@ class Rendering:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._held = Held(session.device)
+        self._gave_up = False  # the latest frame
         self._shown_by: tuple[float, str] | None = None  # the exposure and tone mapping of the latest picture
 
     def parts(self) -> list[Part]:
@@ -31,6 +32,9 @@ class Rendering:
 
         Raises SolariError for an error in the scene or in a shader.
         """
+        if self._gave_up:  # for an input, whose effect on the window is shown before another frame takes its time
+            self._gave_up = False
+            return
         session = self._session
         refining, pictures = session.refining, session.pictures
         refining.enabled = session.scale.auto
@@ -55,6 +59,7 @@ class Rendering:
             self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
         except Interrupted:
             refining.restart()
+            self._gave_up = True
             return
         if refining.rests:
             session.device.wait_idle()  # so that steps take as long as they seem to
