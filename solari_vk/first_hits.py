@@ -16,6 +16,9 @@ from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import gbuffer, pathtracer
 
 AVERAGED = 16  # rays of a pixel in a mean
+COVERING_BITS = 6
+COVERING = 1 << COVERING_BITS
+"""Rays of a pixel's alpha, by Hammersley's points: with 16 much of a bright background stays in edges."""
 
 
 class FirstHits:
@@ -62,10 +65,10 @@ class FirstHits:
         return [pathtracer.read_aov(frame, name, size) for name in names]
 
     def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
-        """The share of each pixel (height, width) that shows a surface, from AVERAGED rays, with proxies."""
-        frames = (self._found(projection, size, offset, True) for offset in JITTERS[:AVERAGED])
+        """The share of each pixel (height, width) that shows a surface, from COVERING rays, with proxies."""
+        frames = (self._found(projection, size, offset, True) for offset in _hammersley())
         hits = sum(np.isfinite(pathtracer.read_aov(frame, "depth", size)).astype(np.float32) for frame in frames)
-        return np.asarray(hits / AVERAGED, np.float32)
+        return np.asarray(hits / COVERING, np.float32)
 
     def _found(
         self, projection: Projection, size: tuple[int, int], offset: tuple[float, float], proxies: bool
@@ -98,3 +101,9 @@ class FirstHits:
         if self._frame is not None:
             self._frame.close()
         self._frame, self._shown = None, ()
+
+
+def _hammersley() -> list[tuple[float, float]]:
+    """COVERING points, evenly over a pixel, as offsets from its center."""
+    reverse = [int(f"{number:0{COVERING_BITS}b}"[::-1], 2) for number in range(COVERING)]
+    return [((number + 0.5) / COVERING - 0.5, (other + 0.5) / COVERING - 0.5) for number, other in enumerate(reverse)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from typing import Any, ClassVar, TypeVar
 
@@ -19,6 +19,7 @@ from solari_vk.frame import SceneFrame, SceneUser, checked_device
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Row, Stage
+from solari_vk.output.cutout import backdrop, premultiplied
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.passes import brdf_table
 from solari_vk.rendered import RenderedFrame
@@ -122,6 +123,15 @@ class PictureRenderer(SceneUser, ABC):
         return self._frame.resource(name)
 
     @property
+    def between(self) -> Callable[[], bool] | None:
+        """Called after each pass of a frame, which then waits for the device; True gives the frame up: see `Frame`."""
+        return self._frame.between
+
+    @between.setter
+    def between(self, between: Callable[[], bool] | None) -> None:
+        self._frame.between = between
+
+    @property
     def timings(self) -> dict[str, float]:
         """GPU milliseconds of each pass in the latest finished frame."""
         return self._frame.timings
@@ -177,6 +187,24 @@ class PictureRenderer(SceneUser, ABC):
         radiance = self["radiance"] if radiance is None else radiance
         surfaces = None if self.binder.scene.environment is None else np.isfinite(self["depth"])
         return auto_exposure(radiance, surfaces)
+
+    def cut_out(self, radiance: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The light of the surfaces in the latest picture, without what is behind them, (height, width, 3), and the
+        share of each pixel that they cover, (height, width), from 64 rays each.
+
+        radiance (height, width, 3): the picture, such as the mean of several frames. Raises SolariError for a camera
+        with an aperture, whose blur these rays don't have.
+        """
+        frame = self._latest
+        if frame is None:
+            raise SolariError(f"{type(self).__name__}: render before asking for a transparent background")
+        if frame.camera.aperture:
+            raise SolariError(f"a transparent background: {frame.camera.describe()} has an aperture, whose blurred "
+                              "edges have no alpha here: set aperture to 0")  # fmt: skip
+        coverage = self.first_hits.read_coverage(frame._projection, self.size)
+        environment = self.binder.scene.environment
+        behind = 0.0 if environment is None else backdrop(environment, frame.camera, self.size)
+        return premultiplied(radiance, coverage, behind), coverage
 
     def _finish(self, frame: RenderedFrame, metered: int = 1) -> RenderedFrame:
         """Make a frame the latest and return it. If its camera has auto_exposure, give that the EV100 that suits the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 import warnings
@@ -19,9 +20,10 @@ from solari_vk.first_hits import FirstHits
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.annotations import boxes, merged_ids
-from solari_vk.output.picture import EIGHT_BIT, png_bytes, save_image, write_codes
-from solari_vk.output.tone_mapping import encode_picture, unseen
+from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
+from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes import pathtracer
+from solari_vk.scene.exposed import exposure_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.objects import objects_of
@@ -45,6 +47,7 @@ class Source(Protocol):
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor: ...
     def resource(self, name: str) -> Any: ...
     def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float: ...
+    def cut_out(self, radiance: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
     def check_latest(self, frame: RenderedFrame, name: str) -> None: ...
 
 
@@ -212,29 +215,51 @@ class RenderedFrame(Hints):
         """
         if self._renderer.view != "picture":
             return np.asarray(self["display"][..., :3])
-        radiance = self["radiance"]
-        return encode_picture(
-            radiance, exposure=self._factor(radiance, exposure), curve=tonemap or self._renderer.tonemap
-        )
+        radiance, curve = self["radiance"], tonemap or self._renderer.tonemap
+        return encode_picture(radiance, exposure=self._factor(radiance, exposure, curve), curve=curve)
 
-    def _factor(self, radiance: NDArray[Any], exposure: float | str | None) -> float:
-        """The factor that an exposure means for a picture. Warns of one in which nothing can be seen."""
+    def _factor(self, radiance: NDArray[Any], exposure: float | str | None, curve: str) -> float:
+        """The factor that an exposure means for a picture. Warns of one in which nothing can be seen, and of another
+        exposure than the camera's."""
         if isinstance(exposure, str):
             if exposure != "auto":
                 raise SolariError(f"exposure is a factor or 'auto', not {quoted(exposure)}")
-            return Camera(ev100=self._renderer.auto_exposure(radiance)).exposure
-        factor = self.camera.exposure if exposure is None else exposure
+            return exposure_of(self._renderer.auto_exposure(radiance))
+        camera = self.camera
+        ev100 = getattr(camera, "_metered", camera.ev100) if exposure is None and not camera.has_exposure else None
+        factor = exposure if exposure is not None else camera.exposure if ev100 is None else exposure_of(ev100)
         if (wrong := unseen(radiance * factor)) == "black":
             warn("the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
                  "with an emissive material, scene.environment, and studio_lights(scene)")  # fmt: skip
         elif wrong and exposure is not None:
             warn(f'the picture is far too {wrong}: give another exposure, or "auto"')
-        elif wrong:
-            ev100 = self._renderer.auto_exposure(radiance)
-            warn(f"the picture would be far too {wrong} with the camera's EV100, {self.camera.ev100:.4g}, and is shown "
-                 f"with {ev100:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
-            return Camera(ev100=ev100).exposure
+        elif wrong or (ev100 is not None and (wrong := self._misexposed(radiance, factor, curve))):
+            far, unset = "far " if unseen(radiance * factor) else "", "" if ev100 is None else ", which nobody set"
+            shown = self._renderer.auto_exposure(radiance)
+            if ev100 is not None:
+                object.__setattr__(camera, "_metered", shown)  # the next pictures of a movie don't flicker
+            warn(f"the picture would be {far}too {wrong} with the camera's EV100, {camera.ev100:.4g}{unset}, and is "
+                 f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
+            return exposure_of(shown)
         return factor
+
+    def _misexposed(self, radiance: NDArray[Any], factor: float, curve: str) -> str:
+        """Whether surfaces that aren't lamps are too "bright" or too "dark" in the picture; "" if neither."""
+        codes = encode_picture(radiance, exposure=factor, curve=curve)
+        if not misexposed(codes):
+            return ""
+        surfaces = np.isfinite(self["depth"])
+        counts = surfaces & ~self["emissive"].any(axis=-1) if surfaces.mean() >= 0.01 else np.ones_like(surfaces)
+        return misexposed(codes[counts])
+
+    def settle_exposure(self) -> None:
+        """Give the camera the EV100 with which `image` shows the picture, if nobody has set one."""
+        if not self.camera.has_exposure:
+            radiance = self["radiance"]
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                factor = self._factor(radiance, None, self._renderer.tonemap)
+            self.camera.ev100 = -math.log2(1.2 * factor)
 
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""
@@ -254,27 +279,43 @@ class RenderedFrame(Hints):
         *,
         exposure: float | str | None = None,
         tonemap: str | None = None,
+        transparent: bool = False,
     ) -> None:
         """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr, .npz or .npy.
 
         layers: the name of a further result, or several, which become channels of an .exr or arrays of an .npz,
         otherwise .npy files beside the picture.
-        exposure and tonemap are those of `image`, for the .png or .jpg. Raises SolariError for an unknown name or
-        suffix, and for a file that can't be written.
+        exposure and tonemap are those of `image`, for the .png or .jpg. transparent: show surfaces alone, in a .png
+        with straight alpha, in an .exr with premultiplied alpha. Their share of a pixel is the alpha; the scene's light
+        stays as it is. A studio's floor is a surface: `scene.backdrop.visible = False` hides it. Raises SolariError for
+        an unknown name or suffix, and for a file that can't be written.
         """
         renderer, layers = self._renderer, (layers,) if isinstance(layers, str) else layers
+        if transparent:
+            check_alpha(Path(path))
+            if renderer.view != "picture":
+                raise SolariError(f"{path}: a debug view has no transparent background: set view to 'picture'")
         is_picture = Path(path).suffix.lower() in EIGHT_BIT
         if is_picture and renderer.view != "picture":
             write_codes(Path(path), self["display"][..., :3])
             return
         radiance = self["radiance"]
         if is_picture or isinstance(exposure, str):
-            factor = self._factor(radiance, exposure)
+            factor = self._factor(radiance, exposure, tonemap or renderer.tonemap)
         else:
             factor = self.camera.exposure if exposure is None else exposure
+        if is_picture and Path(path).stem in layers:
+            name = Path(path).stem
+            warn(f"{path} is the picture in color; {name} is in {name}.{name}.npy beside it. Pictures of numbers "
+                 "are debug views of the realtime renderer: set its view")  # fmt: skip
+        alpha = None
+        if transparent:
+            renderer.check_latest(self, "transparent")
+            radiance, alpha = renderer.cut_out(radiance)
         save_image(
             path,
             radiance,
+            alpha=alpha,
             exposure=factor,
             tonemap=tonemap or renderer.tonemap,
             layers={name: self[name] for name in layers if name != "radiance"},

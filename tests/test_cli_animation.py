@@ -9,6 +9,8 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.cli.commands import COMMANDS
+from solari_vk.cli.dataset import _cameras
+from solari_vk.cli.jobs import DatasetJob
 from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
 from solari_vk.cli.subject import load
@@ -39,15 +41,22 @@ def test_a_movie_of_a_clip(render, moving, tmp_path):
     assert (np.diff(places) > 2).all(), "the triangle goes to the right"
 
 
-@pytest.mark.parametrize("orbit", ["orbit", "orbit:90"])
+@pytest.mark.parametrize("orbit", ["render --animate orbit", "render --animate orbit:90", "dataset --views 8"])
 def test_an_orbit_shows_all_of_a_file(tmp_path, orbit):
-    scene = sv.Scene(sv.Instance(sv.shapes.box((-2, 0, -1), (2, 1, 1))))
+    """An object that doesn't stand in its own origin; its middle doesn't wander from side to side."""
+    scene = sv.Scene(sv.Instance(sv.shapes.box((1, 0, -1), (7, 1, 1))))
     scene.save(tmp_path / "long.glb")
-    words = ["render", str(tmp_path / "long.glb"), "--size", "200x150", "-o", "turn.gif", "--animate", orbit]
-    cameras = load(make_job(parse(COMMANDS, words)[1])).cameras
+    words = [*orbit.split(), str(tmp_path / "long.glb"), "--size", "200x150", "-o", "turn.gif"]
+    options = parse(COMMANDS, words)[1]
+    job = options if isinstance(options, DatasetJob) else make_job(options)
+    subject = load(job)
+    cameras = _cameras(subject, job)[0] if isinstance(job, DatasetJob) else subject.cameras
     seen = np.array([camera.project(scene.bounds.corners, (200, 150)) for camera in cameras])
-    assert (len(cameras), (seen > 0).all(), (seen < (200, 150)).all()) == (48, True, True)
+    count = 8 if isinstance(job, DatasetJob) else 48
+    assert (len(cameras), (seen > 0).all(), (seen < (200, 150)).all()) == (count, True, True)
     assert (seen[..., 0].min() < 12) or (seen[..., 1].min() < 9)
+    middle = np.array([camera.project(scene.bounds.center, (200, 150)) for camera in cameras]).reshape(-1, 2)
+    np.testing.assert_allclose(middle[:, 0], 99.5, atol=0.02)  # pixels are counted at their centers
 
 
 def test_pictures_of_a_moment(render, moving, tmp_path):

@@ -12,6 +12,7 @@ from support.gltf_writer import GltfWriter
 from solari_vk.cli import main
 from solari_vk.errors import SolariError
 from solari_vk.measure import fidelity
+from solari_vk.output.cutout import backdrop
 from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.scene.lights.environment import Environment
 
@@ -160,8 +161,8 @@ def test_what_is_behind_an_edge(folder):
     """A camera that looks from +x sees -x, and more of +z on its left; turned by 90 degrees the environment has -z."""
     camera = fidelity.read_scenarios(config(folder, scenario(orbit={"theta": 90})))[0][0].camera(1)
     texels = np.repeat(np.arange(1.0, 9), 3).reshape(1, 8, 3)
-    assert (fidelity.backdrop(Environment(texels, intensity=2), camera, (2, 1))[0, :, 0] == (16, 2)).all()
-    assert (fidelity.backdrop(Environment(texels, rotation=np.pi / 2), camera, (2, 1))[0, :, 0] == (2, 3)).all()
+    assert (backdrop(Environment(texels, intensity=2), camera, (2, 1))[0, :, 0] == (16, 2)).all()
+    assert (backdrop(Environment(texels, rotation=np.pi / 2), camera, (2, 1))[0, :, 0] == (2, 3)).all()
 
 
 def test_pictures(any_device, folder, capsys):

@@ -7,6 +7,7 @@ import math
 import warnings
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 from support.realtime import GBUFFER, make_renderer
@@ -203,7 +204,8 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
         with pytest.warns(UserWarning, match=r"black: .*Lights are those of scene.lights"):
             tracer.render(samples=1).save(tmp_path / "black.png")
         scene.add(sv.DirectionalLight((-1, -1, -1)))
-        with pytest.warns(UserWarning, match=r"far too bright with the camera's EV100, 0, and is shown with 1\d"):
+        words = r"far too bright with the camera's EV100, 0, which nobody set, and is shown with 1\d"
+        with pytest.warns(UserWarning, match=words):
             tracer.render(samples=1).save(tmp_path / "rescued.png")
         assert 50 < np.median(np.asarray(Image.open(tmp_path / "rescued.png"))) < 200
         with pytest.warns(UserWarning, match=r'far too bright: give another exposure, or "auto"'):
@@ -211,6 +213,68 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             tracer.render(samples=1).save(tmp_path / "right.png", exposure="auto")
+
+
+def test_an_exposure_that_nobody_set_is_metered_where_it_is_clearly_wrong(device):
+    """A closed room with a lamp of 2,500 lm, which EV100 0 shows as white, and of 0.5 lm, which it shows as black."""
+    scene = sv.Scene()
+    scene.add(sv.shapes.box((-2, 0, -2), (2, 2.5, 2)), sv.Material(base_color=0.7, roughness=1, double_sided=True))
+    lamp = scene.add(sv.PointLight((0, 2.2, 0)))
+    pose = (1.8, 1.6, 1.8), (0, 0.6, 0)
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        for lumens, wrong in ((2500, "bright"), (0.5, "dark")):
+            lamp.lumens = lumens
+            camera = sv.Camera.look_at(*pose, fov=70)
+            frame = tracer.render(camera, samples=4)
+            with pytest.warns(UserWarning, match=rf"too {wrong} with the camera's EV100, 0, which nobody set, and is "):
+                assert 60 < np.median(frame.image()) < 220
+            assert camera.ev100 == 0
+            assert not camera.has_exposure
+            metered = frame.image()
+            frame.settle_exposure()
+            assert camera.has_exposure
+            np.testing.assert_array_equal(frame.image(), metered)
+            camera.ev100 = 0.0
+            assert (np.median(frame.image()) > 230) == (wrong == "bright")  # it was set: the picture is what it makes
+        lamp.lumens = 150
+        frame = tracer.render(sv.Camera.look_at(*pose, fov=70), samples=4)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            np.testing.assert_array_equal(frame.image(), frame.image(exposure=sv.Camera().exposure))
+
+
+def test_a_transparent_background(device, tmp_path):
+    """A box that covers 8 x 6.5 pixels, seen from the front by an orthographic camera: its upper edge halves pixels."""
+    scene = sv.Scene(sv.Instance(sv.shapes.box((-4, -3, -1), (4, 3.5, 0)), sv.Material(base_color=0.5, roughness=1)))
+    scene.lights.append(sv.Environment(np.full((2, 4, 3), 0.5)))
+    camera = sv.Camera(position=(0, 0, 5), orthographic_height=SIZE[1], ev100=-1.0)
+    expected = np.zeros((SIZE[1], SIZE[0]))
+    expected[2:9, 4:12] = 1
+    expected[2, 4:12] = 0.5
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        frame = tracer.render(camera, samples=64)
+        frame.save(tmp_path / "cut.png", transparent=True)
+        codes = np.asarray(Image.open(tmp_path / "cut.png"))
+        assert codes.shape == (SIZE[1], SIZE[0], 4)
+        np.testing.assert_allclose(codes[..., 3] / 255, expected, atol=0.03)
+        assert (codes[codes[..., 3] == 0] == 0).all()
+        inside = expected == 1
+        np.testing.assert_array_equal(codes[inside][:, :3], frame.image()[inside])
+        edge, below = codes[2, 5:11, :3].mean(), codes[3, 5:11, :3].mean()
+        assert edge == pytest.approx(below, abs=12), "alpha is straight: the edge has the box's color"
+        frame.save(tmp_path / "cut.exr", ["depth"], transparent=True)
+        with OpenEXR.File(str(tmp_path / "cut.exr")) as file:
+            pixels, depth = file.channels()["RGBA"].pixels, file.channels()["depth"].pixels
+        np.testing.assert_allclose(pixels[..., 3], expected, atol=0.03)
+        np.testing.assert_array_equal(pixels[inside][:, :3], frame["radiance"][inside])
+        assert pixels[2, 5:11, :3].mean() == pytest.approx(0.5 * pixels[3, 5:11, :3].mean(), rel=0.1), "premultiplied"
+        assert np.isfinite(depth[inside]).all()
+        for name in ("a.jpg", "a.npy", "a.npz"):
+            with pytest.raises(sv.SolariError, match=r"a transparent background is written as .png or .exr"):
+                frame.save(tmp_path / name, transparent=True)
+        camera.aperture = 0.1
+        with pytest.raises(sv.SolariError, match="has an aperture"):
+            tracer.render(camera, samples=1).save(tmp_path / "cut.png", transparent=True)
 
 
 def test_the_first_picture_chooses_the_exposure(renderer):

@@ -22,7 +22,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.packing import packing
 from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.scene import checks
-from solari_vk.scene.camera import exposure_of
+from solari_vk.scene.exposed import exposure_of
 from solari_vk.scene.lens import UNLIMITED
 from solari_vk.scene.model import Camera
 

@@ -283,6 +283,7 @@ element("search").oninput = (event) => {
 
 // Shows options as the server has them, but for what the user is at.
 function follow(options) {
+  element("panel").classList.remove("unknown"); // until now its controls knew no state
   const busy = document.activeElement;
   for (const button of element("modes").querySelectorAll("input")) button.checked = button.value === options.mode;
   for (const name of ["tonemap", "view", "ev100"]) if (element(name) !== busy) element(name).value = options[name];

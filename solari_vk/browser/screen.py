@@ -33,6 +33,7 @@ METERING_SIZE = 96, 54  # of the picture that chooses the exposure
 REST = 8  # frames after the last change from which the whole size is rendered, and the path tracer's turn has come
 SETTLED = 64  # frames of the whole size after which the realtime picture is finished
 HIDDEN = 4  # frames of the whole size, and samples of the path tracer, that look worse than what was shown before
+WHOLE_AT_ONCE = 1.0  # seconds that a frame of the whole size may take for a picture at rest that grows in one step
 SCALE_OF_ITS_OWN = {"upscale"}  # settings that follow the scale
 LONGEST = 0.4  # seconds that a frame of the path tracer may take if it has several samples: movements wait for it
 EXPOSURES = 100.0  # EV100 from minus to plus this
@@ -69,9 +70,9 @@ class Screens:
         self.owned = ExitStack()
         self.scale_control()  # raises an error in the scale at once
         self.binder = SceneBinder(device, scene)
-        if camera.auto_exposure:  # by a small picture
+        if camera.auto_exposure or not camera.has_exposure:  # by a small picture
             with PathTracer(device, self.binder, METERING_SIZE) as tracer:
-                tracer.render(camera, samples=16)
+                tracer.render(camera, samples=16).settle_exposure()
 
     @property
     def lost(self) -> bool:
@@ -121,6 +122,8 @@ class Screen:
         self._center: NDArray[np.float64] | None = None  # of the drag that goes on
         self._sees = False  # whether the control knows how far away things are
         self._still = 0  # frames since the last change
+        self._resting = 1.0, 0  # the scale of the picture at rest, and its frames
+        self._seconds = 0.0  # that the latest frame took
         with ExitStack() as undo:
             self.pictures = Pictures(screens.device, screens.binder, copy.copy(screens.settings), screens.seed)
             undo.callback(self.pictures.close)
@@ -227,15 +230,17 @@ class Screen:
         pictures, began = self.pictures, time.perf_counter()
         rests = self._still >= REST
         pictures.mode = self.mode if self.mode != "reference" or rests else "realtime"
-        scale = 1.0 if rests else self._scale.scale
+        self._resting = self._grown() if rests else (self._scale.scale, 0)
+        scale, frames = self._resting
         if pictures.ready:
             pictures.render(self.control.camera, self._screens.size, scale)
         else:
             with Waiting(pictures, self._show_wait, lambda: self._preview(scale)):
                 pictures.render(self.control.camera, self._screens.size, scale)
         codes = pictures.pixels()
-        seconds = time.perf_counter() - began
-        self._still += 1
+        seconds = self._seconds = time.perf_counter() - began
+        self._still, frames = self._still + 1, frames + 1
+        self._resting = scale, frames
         if not self._sees:
             self._sees = True
             self.control.see(seen_distance(pictures))
@@ -245,16 +250,25 @@ class Screen:
             most = pictures.most_samples
             pictures.most_samples = max(most // 2, 1) if seconds > LONGEST else min(2 * most, MAX_SAMPLES)
         samples = 0 if pictures.mode == "realtime" or not pictures.reference else pictures.reference.tracer.samples
-        whole = self._still - REST  # frames of the whole size
+        whole = frames if rests and scale == 1 else 0
         done = samples / self._screens.samples if pictures.mode == "reference" else whole / SETTLED
         self.settled = done >= 1
         hides = scale > self._scale.scale or pictures.mode == "reference"
-        if rests and hides and not self.settled and (samples or whole) < HIDDEN:
+        if rests and hides and not self.settled and (samples or frames) < HIDDEN:
             return None
         about = {"rendered": pictures.rendered_size, "seconds": seconds, "samples": samples,
                  "done": min(max(done, 0.0), 1.0), "settled": self.settled, "columns": pictures.columns(),
                  "state": self.state()}  # fmt: skip
         return Shown(codes, about, self.settled)
+
+    def _grown(self) -> tuple[float, int]:
+        """The scale of the next frame at rest, and how many frames there are of it: the whole size, which is doubled
+        up to where a frame of it would take long, so that the picture doesn't stay small until the last step."""
+        scale, frames = self._resting
+        if scale == 1 or (scale > self._scale.scale and frames <= HIDDEN):
+            return scale, frames
+        at_once = self.pictures.mode == "reference" or self._seconds < WHOLE_AT_ONCE * scale**2
+        return (1.0 if at_once else min(2 * scale, 1.0)), 0
 
     def _preview(self, scale: float) -> None:
         self.pictures.preview(self.control.camera, self._screens.size, scale)

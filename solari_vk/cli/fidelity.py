@@ -18,6 +18,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.measure import fidelity
 from solari_vk.measure.fidelity import Scenario
 from solari_vk.output import oidn
+from solari_vk.output.cutout import backdrop
 from solari_vk.output.picture import check_output, write_codes
 from solari_vk.scene.model import Camera
 
@@ -82,7 +83,7 @@ def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, den
         else:
             coverage = renderer.first_hits.read_coverage(Projection.of(camera, size), size)
             assert scene.environment is not None
-            codes = fidelity.codes(radiance, job.tonemap, coverage, fidelity.backdrop(scene.environment, camera, size))
+            codes = fidelity.codes(radiance, job.tonemap, coverage, backdrop(scene.environment, camera, size))
     finally:
         renderer.close()
     write_codes(path, codes)

@@ -146,6 +146,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
     """The fields that the command line names."""
     output: Path = option("the picture: .png, .jpg, .exr, .npz or .npy; an animation: .gif, .mp4, or numbered pictures",
                           names=("-o", "--output"), type=Path, required=True)
+    transparent: bool = flag("leave out the background, and a studio's floor: .png and .exr with alpha")
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
         "show what was written in the terminal, of a .gif its first picture, if the output goes to one; needs "
@@ -174,8 +175,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "of a JSON file", "orbit[:DEGREES]|file|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
-    samples: int | None = option("samples per pixel, of each picture of an animation (256; with --denoise 64)", "N",
-                                 type=positive)
+    samples: int | None = option("samples per pixel of each picture (256; with --denoise 64)", "N", type=positive)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "

@@ -172,7 +172,8 @@ class _Shooting:
             if job.sensor is not None:
                 seed = numbered_seed(job.seed, len(self._written))
                 layers["raw"] = Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
+            light, alpha = self._renderer.cut_out(radiance) if job.transparent else (radiance, None)
             write_or_keep(target, lambda path: picture.save_image(
-                path, radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=layers
+                path, light, exposure=camera.exposure, tonemap=job.tonemap, layers=layers, alpha=alpha
             ))  # fmt: skip
         self._written.append(target)

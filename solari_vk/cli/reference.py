@@ -41,6 +41,8 @@ class _Result:
     seconds: float
     ev100: float | None
     """The exposure that suits it, if that was asked for."""
+    alpha: NDArray[Any] | None = None
+    """The share of each pixel that surfaces cover, if --transparent asks for it."""
     after: str = ""
     """That something was compiled before."""
 
@@ -66,7 +68,8 @@ def run(job: StillJob | MovieJob) -> int:
     if job.sensor is not None:
         result.layers["raw"] = sv.Sensor.load(job.sensor).expose(result.radiance, camera, seed=job.seed)
     write_or_keep(job.output, lambda path: sv.save_image(
-        path, result.radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=result.layers
+        path, result.radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=result.layers,
+        alpha=result.alpha,
     ))  # fmt: skip
     print(
         f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples:.0f} samples a pixel"
@@ -98,8 +101,10 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         radiance, seconds = renderer["radiance"], progress.seconds
         ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
         layers = {name: renderer[name] for name in job.aov}
-        mean_samples = float(renderer.sample_counts.mean())
-        return _Result(radiance, layers, mean_samples, renderer.error, seconds, ev100, notes.after)
+        mean_samples, alpha = float(renderer.sample_counts.mean()), None
+        if job.transparent:
+            radiance, alpha = renderer.cut_out(radiance)
+        return _Result(radiance, layers, mean_samples, renderer.error, seconds, ev100, alpha, notes.after)
 
 
 def _render_large(job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes) -> _Result:
@@ -107,6 +112,9 @@ def _render_large(job: StillJob, subject: Subject, total: int | None, device: De
     if job.target_error is not None:
         raise SolariError("--target-error: a picture in bands, larger than the device holds, has a fixed number of "
                           "samples: give --samples")  # fmt: skip
+    if job.transparent:
+        raise SolariError("--transparent: not for a picture in bands, larger than the device holds: give a smaller "
+                          "--size")  # fmt: skip
     if job.shutter is not None:
         raise SolariError("--shutter: a picture in bands, larger than the device holds, shows one moment: give a "
                           "smaller --size")  # fmt: skip
@@ -123,7 +131,7 @@ def _render_large(job: StillJob, subject: Subject, total: int | None, device: De
             )  # fmt: skip
         except Stopped:
             raise SolariError(f"{job.output}: it was ended before its last band, so nothing is written") from None
-    return _Result(picture.pop("radiance"), picture, total, math.inf, progress.seconds, None, notes.after)
+    return _Result(picture.pop("radiance"), picture, total, math.inf, progress.seconds, None, None, notes.after)
 
 
 def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Result:

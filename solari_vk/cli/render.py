@@ -16,6 +16,7 @@ from solari_vk.cli.subject import check_aovs
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import kind_of_device
 from solari_vk.output import oidn
+from solari_vk.output.picture import WITH_ALPHA
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.sensors.sensor import Sensor
@@ -95,6 +96,12 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
     yield (job.shutter is not None and job.target_error is not None,
            f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}")
+    if job.transparent:
+        yield output.suffix.lower() not in WITH_ALPHA, f"--transparent: {output} must be {' or '.join(WITH_ALPHA)}"
+        yield viewing, f"--view {view}: a debug view has no transparent background"
+        yield job.shutter is not None, "--transparent: the blurred edges of --shutter have no alpha: leave one out"
+        yield (job.is_spread or (job.mode == "reference" and not still),
+               "--transparent: is for still pictures by one device, and for --mode realtime")  # fmt: skip
     if job.mode == "reference":
         yield not still and job.target_error is not None, "--target-error: each picture of an animation has --samples"
         yield (job.shutter is not None and still and job.is_spread,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import solari_vk as sv
-from solari_vk.cli.jobs import MovieJob, SceneOptions
+from solari_vk.cli.jobs import DatasetJob, MovieJob, SceneOptions
 from solari_vk.errors import SolariError, quoted
 from solari_vk.files import read_json
 from solari_vk.other_words import advice_for
@@ -64,13 +64,16 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     if played is not None and time is not None:
         played.apply(scene, time, loop=False)
         still, played = played, None
-    sweep = None if movie is None else _sweep(movie)
+    around = isinstance(job, DatasetJob) and job.cameras == "orbit"
+    sweep = (None,) if around else None if movie is None else _sweep(movie)
     turns = (0.0,) if sweep is None else orbit_turns(ORBIT_PICTURES, *sweep).tolist()
     front = scene.camera_for(job.size[0] / job.size[1], played, turns=turns)
     camera = front if job.camera is None else _find_camera(scene, job.camera)
     # Before added lights widen the scene's bounds:
     cameras = [camera] if movie is None else _path(movie, scene, camera, played, sweep)
     given, in_studio = surround(scene, front, job.environment)  # by `front`: --camera doesn't turn the light
+    if getattr(job, "transparent", False) and scene.backdrop is not None:
+        scene.backdrop.visible = False
     if given:
         print(f"{job.source} has no light of its own: it is {given}", file=sys.stderr)
     if job.environment_rotation or job.environment_intensity != 1:
@@ -79,8 +82,12 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
                               "--environment")  # fmt: skip
         scene.environment.turn(math.radians(job.environment_rotation))
         scene.environment.intensity *= job.environment_intensity
-    exposure = job.exposure or ("camera" if builtin or in_studio or camera.is_exposed else "auto")
-    if exposure not in ("auto", "camera"):
+    chosen = builtin or in_studio or (camera.has_exposure and not camera.auto_exposure)
+    exposure = job.exposure or ("camera" if chosen else "auto")
+    if exposure == "camera":
+        for shown in cameras:
+            shown.ev100 = float(shown.ev100)  # it was chosen for the light
+    elif exposure != "auto":
         try:
             expose(cameras, float(exposure))
         except ValueError:

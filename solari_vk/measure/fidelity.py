@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, quoted, unknown_name
 from solari_vk.files import read_json
+from solari_vk.output.cutout import premultiplied, straight
 from solari_vk.output.tone_mapping import Colors, clip, encode_srgb
-from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Scene
 
@@ -196,21 +196,10 @@ def codes(
     if coverage is None:
         return _bytes(encode_srgb(TONEMAPS[tonemap](radiance)))
     share = coverage[..., None].astype(np.float32)
-    surfaces = np.asarray(np.maximum(radiance - (1 - share) * behind, 0) / np.maximum(share, 1e-3), np.float32)
+    surfaces = straight(premultiplied(radiance, coverage, behind), coverage)
     colors = np.where(share > 0, encode_srgb(TONEMAPS[tonemap](surfaces)), 0)
     return _bytes(np.concatenate([colors, share], axis=-1))
 
 
 def _bytes(shares: NDArray[Any]) -> NDArray[np.uint8]:
     return np.round(255 * shares).astype(np.uint8)
-
-
-def backdrop(environment: EnvironmentLight, camera: Camera, size: tuple[int, int]) -> Colors:
-    """The radiance (height, width, 3) of the texels of an environment that the pixels' centers show."""
-    pixels = np.stack(np.meshgrid(*map(np.arange, size)), axis=-1)
-    x, y, z = np.moveaxis(camera.rays(pixels, size)[1] @ environment.rotation, -1, 0)
-    height, width = environment.image.shape[:2]
-    column = np.floor((np.arctan2(z, x) / (2 * np.pi) + 0.5) * width).astype(int) % width
-    row = np.minimum(np.floor(np.arccos(np.clip(y, -1, 1)) / np.pi * height).astype(int), height - 1)
-    found: Colors = environment.image[row, column] * np.float32(environment.intensity)
-    return found

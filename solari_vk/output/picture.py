@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.files import check_writable, whole_file, write_whole
+from solari_vk.output.cutout import encode_cutout
 from solari_vk.output.tone_mapping import Colors, encode_picture
 from solari_vk.scene.images import exr
 
 JPEG = (".jpg", ".jpeg")
 EIGHT_BIT = (".png", *JPEG)
+WITH_ALPHA = (".png", ".exr")
 WHOLE = (".exr", ".npz")  # have layers inside
 SUFFIXES = (*EIGHT_BIT, *WHOLE, ".npy")
 
@@ -45,14 +47,16 @@ def save_image(
     tonemap: str = "agx",
     layers: Mapping[str, NDArray[Any]] | None = None,
     metadata: Mapping[str, str] | None = None,
+    alpha: NDArray[np.float32] | None = None,
 ) -> None:
     """Write radiance (height, width, 3) in cd/m^2, and layers, in the format of the path's suffix.
 
     .png, .jpg: 8-bit sRGB after exposure and tone mapping. .exr, .npy, .npz: radiance unchanged; the header of an .exr
     holds the exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr
     ("depth", "normal.X", "albedo.R"), arrays of an .npz beside its "radiance", or .npy files next to the picture
-    ("picture.depth.npy"). A file that can't be written whole isn't written. Raises SolariError for wrong shapes and for
-    files that can't be written.
+    ("picture.depth.npy"). alpha (height, width): the share of each pixel that surfaces cover, for a .png, in which it
+    is straight, or an .exr, in which the radiance, which is that of the surfaces, is multiplied by it. A file that
+    can't be written whole isn't written. Raises SolariError for wrong shapes and for files that can't be written.
     """
     if not isinstance(path, str | os.PathLike):
         raise SolariError(f"save_image: the path of a file comes first, then the radiance, not {type(path).__name__}")
@@ -62,15 +66,18 @@ def save_image(
     if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise SolariError(f"{target}: a picture has the shape (height, width, 3), not {picture.shape}")
     layers = {name: np.asarray(layer) for name, layer in (layers or {}).items()}
-    taken = {".npz": ("radiance",), ".exr": ("R", "G", "B")}.get(target.suffix.lower(), ())
+    taken = {".npz": ("radiance",), ".exr": ("R", "G", "B", "A")}.get(target.suffix.lower(), ())
     for name, layer in layers.items():
         if name in taken:
             raise SolariError(f"{target}: the picture itself has the name '{name}' there: call the layer otherwise")
         if layer.shape[:2] != picture.shape[:2] or layer.ndim not in (2, 3) or layer.shape[2:] > (4,):
             raise SolariError(f"{target}: layer '{name}' has the shape {layer.shape}, the picture {picture.shape}")
     suffix = target.suffix.lower()
+    alphas = {} if alpha is None else {"A": alpha}
+    if alpha is not None:
+        check_alpha(target)
     if suffix == ".exr":
-        _write_exr(target, picture, layers, {"exposure": repr(float(exposure)), **(metadata or {})})
+        _write_exr(target, picture, layers | alphas, {"exposure": repr(float(exposure)), **(metadata or {})})
         return
     if suffix == ".npz":
         content = io.BytesIO()
@@ -82,10 +89,18 @@ def save_image(
         return
     if suffix == ".npy":
         write_npy(target, picture)
+    elif alpha is not None:
+        write_codes(target, encode_cutout(picture, alpha, exposure=exposure, curve=tonemap))
     else:
         write_codes(target, encode_picture(picture, exposure=exposure, curve=tonemap))
     for name, layer in layers.items():
         write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
+
+
+def check_alpha(path: Path) -> None:
+    """Raise SolariError for a file that can't hold a transparent background."""
+    if path.suffix.lower() not in WITH_ALPHA:
+        raise SolariError(f"{path}: a transparent background is written as {' or '.join(WITH_ALPHA)}")
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:

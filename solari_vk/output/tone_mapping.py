@@ -24,6 +24,8 @@ MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 VISIBLE_MEDIANS = 1e-4, 30.0
+CLIPPED_CODE, MOST_CLIPPED = 250, 0.05  # a well exposed picture has no larger share of such codes,
+BRIGHT_PERCENTILE, LEAST_BRIGHT = 95, 30  # and this percentile of its codes isn't below that
 
 ACES_EXPOSURE = 0.6
 ACES_NUMERATOR, ACES_DENOMINATOR = (2.51, 0.03), (2.43, 0.59, 0.14)  # polynomials, highest power first
@@ -161,3 +163,13 @@ def unseen(picture: NDArray[Any]) -> str:
     typical = float(np.median(picture[picture > 0]))
     darkest, brightest = VISIBLE_MEDIANS
     return "" if darkest < typical < brightest else "bright" if typical > 1 else "dark"
+
+
+def misexposed(codes: NDArray[np.uint8]) -> str:
+    """Whether sRGB codes (..., 3) of surfaces are clearly too "bright" or too "dark"; "" if neither."""
+    lit = codes[codes.any(axis=-1)]
+    if not lit.size:
+        return ""
+    if np.mean(codes >= CLIPPED_CODE) > MOST_CLIPPED:
+        return "bright"
+    return "dark" if np.percentile(lit, BRIGHT_PERCENTILE) < LEAST_BRIGHT else ""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, field
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from solari_vk.errors import SolariError, quoted, warn
 from solari_vk.scene import checks
 from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.exposed import Exposed, Unset, checked_ev100
 from solari_vk.scene.focus import Focused
 from solari_vk.scene.lens import PROJECTIONS, TERMS
 from solari_vk.scene.observed import Checked, checked
@@ -79,19 +80,20 @@ class _Placing:
 
 
 @checked
-class Camera(Checked, Placed, Calibrated, Focused):
+class Camera(Checked, Placed, Calibrated, Exposed, Focused):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
     which the constructor takes too. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
     angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
     than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
-    2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
-    focused at focus_distance, in meters along the view axis, of wide lenses along the ray; with 0 all is sharp. It is a
-    disk, or with aperture_blades from 3 on a regular polygon with its corners on that circle, turned by
-    aperture_rotation in radians. `focus_on` sets both as photographers do. auto_exposure: the first picture that a
-    renderer makes with the camera chooses ev100, for which `render` waits (realtime: the first four frames); then it
-    stays, as a number that is assigned does.
+    2^ev100). While nobody sets it, it is 0, and pictures that would be clearly too bright or too dark are shown and
+    saved with another one, of which a warning tells. jitter (2,) shifts the picture, in pixels. aperture is the
+    diameter of a thin lens in meters, which is focused at focus_distance, in meters along the view axis, of wide lenses
+    along the ray; with 0 all is sharp. It is a disk, or with aperture_blades from 3 on a regular polygon with its
+    corners on that circle, turned by aperture_rotation in radians. `focus_on` sets both as photographers do.
+    auto_exposure: the first picture that a renderer makes with the camera chooses ev100, for which `render` waits
+    (realtime: the first four frames); then it stays, as a number that is assigned does.
 
     projection: "perspective"; "fisheye", which is equidistant without distortion; "stereographic"; "equirectangular", a
     panorama of 360 x 180 degrees; or "cube", the six faces of `CameraRig.cube` in a row, for pictures six times as wide
@@ -109,7 +111,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
     near: float = 0.01
     aperture: float = 0.0
     focus_distance: float = 1.0
-    ev100: float = 0.0
+    ev100: float = Unset(0.0)
     auto_exposure: bool = False
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
     projection: str = "perspective"
@@ -130,7 +132,7 @@ class Camera(Checked, Placed, Calibrated, Focused):
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
-        "ev100": checks.number(-100, 100),
+        "ev100": checked_ev100,
         "auto_exposure": checks.flag,
         "jitter": checks.array(2),
         "projection": _projection,
@@ -143,7 +145,6 @@ class Camera(Checked, Placed, Calibrated, Focused):
         "aperture_rotation": checks.number(-1e6, 1e6, "radians"),
     }
 
-    is_exposed: ClassVar[bool] = False  # whether the camera's file says ev100, as `Scene.save` does: `open` keeps it
     _derived = ("position", "rotation", "fov")
     _place = resolved
 
@@ -290,16 +291,6 @@ class Camera(Checked, Placed, Calibrated, Focused):
     @fov.setter
     def fov(self, fov: float) -> None:
         self.update(fov=fov)
-
-    @property
-    def exposure(self) -> float:
-        """The factor by which pictures multiply radiance."""
-        return exposure_of(self.ev100)
-
-
-def exposure_of(ev100: float) -> float:
-    """`Camera.exposure`."""
-    return float(1.0 / (1.2 * 2.0**ev100))
 
 
 def _listed(numbers: tuple[int, ...]) -> str:

@@ -55,8 +55,11 @@ def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterab
         return _inside(room.center, room.triangles)
     center, turns = (every.min(axis=0) + every.max(axis=0)) / 2, list(turns)
     outer = every if len(turns) == 1 else _outermost(every)
-    seen = [(outer - center) @ rotation((0, 1, 0), turn) + center for turn in turns]  # turned the other way
-    return fit(np.concatenate(seen), VIEW, aspect)
+    seen = np.concatenate([(outer - center) @ rotation((0, 1, 0), turn) for turn in turns])  # turned the other way
+    if len(turns) > 1:  # the axis is in the middle of the picture, or what turns would wander from side to side
+        right = np.cross(VIEW, (0, 1, 0)) / np.linalg.norm(np.cross(VIEW, (0, 1, 0)))
+        seen = np.concatenate([seen, seen - 2 * np.outer(seen @ right, right)])
+    return fit(seen + center, VIEW, aspect)
 
 
 def _outermost(points: Floats) -> Floats:

@@ -53,7 +53,7 @@ class Scene(Grouping, Dropping, Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
-        self._meters = False  # whether the camera that is made by default chooses its exposure
+        self._meters: bool | None = None  # whether the camera that is made by default chooses its exposure; False: 0
         self.backdrop: Instance | None = None
         """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
         self._own_materials: dict[Instance, Material] = {}
@@ -279,7 +279,8 @@ class Scene(Grouping, Dropping, Observable):
             camera = default_camera(poses(self, self._subject, clip), aspect, turns)
             if camera is None:
                 return Camera()
-            camera.auto_exposure = self._meters
+            if self._meters is not None:
+                camera.update(ev100=0.0, auto_exposure=self._meters)
             self._camera = camera
         return self._camera
 

@@ -26,8 +26,9 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     scene = builtin(name.removeprefix("builtin:"), **options) if is_builtin else load(path, **options)
     _, in_studio = surround(scene, scene.camera, environment)
     scene._camera = None  # renderers frame a scene without a camera for their own pictures
-    if not (is_builtin or in_studio):
-        scene._meters = True
+    if not is_builtin:
+        scene._meters = not in_studio
         for camera in scene.cameras:
-            camera.auto_exposure = not camera.is_exposed
+            meters = not in_studio and (camera.auto_exposure or not camera.has_exposure)
+            camera.update(ev100=float(camera.ev100), auto_exposure=meters)
     return scene

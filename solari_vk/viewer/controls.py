@@ -118,17 +118,18 @@ class Controls:
         self._zoomed_at: tuple[float, float] | None = None
 
     def handle(self, events: Iterable[Event], *, takes_keys: bool = True, takes_mouse: bool = True) -> None:
-        """Handle events. takes_keys, takes_mouse: False ignores key presses, and button presses and the wheel."""
+        """Handle events. takes_keys, takes_mouse: False ignores key presses, and button presses and the wheel, which
+        count over the picture only."""
         for event in events:
             if event.kind == "key" and (takes_keys or not event.pressed):
                 self._key(event)
             elif event.kind == "text" and takes_keys and chr(event.code) in TEXT_ACTIONS:
                 self.act(TEXT_ACTIONS[chr(event.code)], None)
-            elif event.kind == "button" and (takes_mouse or not event.pressed):
+            elif event.kind == "button" and (not event.pressed or (takes_mouse and self.area().holds(self.cursor))):
                 self._press(event)
             elif event.kind == "cursor":
                 self._move((event.x, event.y))
-            elif event.kind == "scroll" and takes_mouse:
+            elif event.kind == "scroll" and takes_mouse and self.area().holds(self.cursor):
                 self._scroll(event.y)
             elif event.kind == "focus" and not event.pressed:
                 self.release()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 
+from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.temperature import kelvin
 from solari_vk.scene.matrices import rotation
@@ -20,6 +21,7 @@ from solari_vk.viewer.widgets import color, drag, hint
 AXES = np.eye(3)
 TEMPERATURES = {"candle": 1900, "light bulb": 2700, "halogen": 3200, "noon": 5500, "overcast": 6500, "blue sky": 10000}
 """Of black bodies, in kelvin."""
+UNITS = {"intensity": "cd", "illuminance": "lx", "radius": "m", "range": "m"}
 OPTIONAL = {"range": 10.0}
 """Fields of lights that may be None, and what they are when they are switched on."""
 
@@ -110,6 +112,8 @@ class ObjectPanel:
 
     def _field(self, light: Any, field: str) -> tuple[bool, Any] | None:
         value, label = getattr(light, field), field.replace("_", " ")
+        if unit := "" if isinstance(light, EnvironmentLight) else UNITS.get(field):
+            label = f"{label} ({unit})"
         if field == "color":
             return color("color", value)
         if isinstance(value, bool):

@@ -34,10 +34,10 @@ def is_map(path: Path) -> bool:
 
 
 def meter(pictures: Pictures, camera: Camera) -> None:
-    """Let a small picture choose a camera's exposure, if its `auto_exposure` is on."""
-    if camera.auto_exposure:
+    """Let a small picture choose a camera's exposure, if its `auto_exposure` is on or nobody set one."""
+    if camera.auto_exposure or not camera.has_exposure:
         with PathTracer(pictures.device, pictures.binder, METERING_SIZE) as tracer:
-            tracer.render(camera, samples=16)
+            tracer.render(camera, samples=16).settle_exposure()
 
 
 def open_file(session: Session, path: Path) -> None:

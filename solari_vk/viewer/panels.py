@@ -79,7 +79,7 @@ class Panels:
             camera.vertical_fov = math.radians(degrees)
         scale = session.scale
         _, scale.auto = imgui.checkbox("auto", scale.auto)
-        hint("Adapt the scale, so that frames take no longer than they should.")
+        hint("Render fewer pixels while something moves, so that it moves smoothly; at rest all of them.")
         imgui.same_line()
         changed, value = imgui.slider_float("scale", scale.scale, MIN_SCALE, 1.0)
         if changed:
@@ -125,7 +125,9 @@ class Panels:
             cells = int(pictures.realtime["world_cache/active_cells"])
             failures = int(pictures.realtime["world_cache/insert_failures"])
             share = 100 * cells / self._session.settings.world_cache_cells
-            self._slow.append(f"world cache: {cells:,} cells, {share:.1f} % full; {failures} points found no free cell")
+            self._slow.append(f"world cache: {share:.1f} % full")
+            if failures:
+                self._slow.append(f"no room for the light of {failures:,} places: raise world_cache_cells in Settings")
 
     # ---- animation ----------------------------------------------------------------------------------
 

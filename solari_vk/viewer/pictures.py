@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,8 @@ class Pictures:
         """Bands of rows that the path tracer traces in a frame at most; None: all."""
         self.keeps_realtime = False
         """Whether the realtime picture of the mode "split" stays as it is, because it is finished."""
+        self.interrupted: Callable[[], bool] | None = None
+        """Asked after each pass of a realtime frame; True gives the frame up, as `Interrupted` says."""
         self.camera: Camera | None = None
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
@@ -187,6 +189,8 @@ class Pictures:
             self._upscale = self.settings.upscale = build.upscale
         if self.realtime.size != build.realtime:
             self.realtime.resize(build.realtime)
+        if self.realtime.between != self.interrupted:
+            self.realtime.between = self.interrupted
         self.realtime.view, self.realtime.tonemap = self.view, self.tonemap
         self.realtime.render(camera)
         self._made_upscale = build.upscale

@@ -94,6 +94,10 @@ class Refining:
             self._began = None
         return changed
 
+    def restart(self) -> None:
+        """Note that a frame of the full size was given up: realtime pictures begin anew."""
+        self._still, self.done, self.count, self._began = REST, 0.0, 0.0, None
+
     def note(self, seconds: float, count: float, traced: bool) -> None:
         """Note a frame of the full size that took some seconds. count: frames or samples so far, a part of a sample
         too. traced: whether the path tracer made it."""

@@ -6,6 +6,7 @@ import time
 from collections.abc import Hashable
 from typing import Any
 
+from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.held import Held
 from solari_vk.viewer.presenter import Part, pixels_of
@@ -19,6 +20,7 @@ class Rendering:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._held = Held(session.device)
+        self._gave_up = False  # the latest frame
         self._shown_by: tuple[float, str] | None = None  # the exposure and tone mapping of the latest picture
 
     def parts(self) -> list[Part]:
@@ -30,6 +32,9 @@ class Rendering:
 
         Raises SolariError for an error in the scene or in a shader.
         """
+        if self._gave_up:  # for an input, whose effect on the window is shown before another frame takes its time
+            self._gave_up = False
+            return
         session = self._session
         refining, pictures = session.refining, session.pictures
         refining.enabled = session.scale.auto
@@ -48,7 +53,14 @@ class Rendering:
         pictures.sample_limit = refining.samples if refining.rests else 0
         pictures.keeps_realtime = pictures.mode == "split" and refining.steps >= FRAMES
         began = time.perf_counter()
-        self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
+        software = session.device.properties.kind == "cpu"
+        pictures.interrupted = session.window.has_input if software and refining.rests else None
+        try:
+            self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
+        except Interrupted:
+            refining.restart()
+            self._gave_up = True
+            return
         if refining.rests:
             session.device.wait_idle()  # so that steps take as long as they seem to
         refining.note(time.perf_counter() - began, self._count(), pictures.mode != "realtime")

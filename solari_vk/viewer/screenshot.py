@@ -40,9 +40,14 @@ def take_screenshot(session: Session) -> Path:
         exposure=session.camera.exposure,
         metadata={"command": command},
     )
-    edits = edit_lines(session)
-    noted = ["# Edits that the command leaves out, as Python writes them:", *(f"# {line}" for line in edits)]
-    write_whole(target.with_suffix(".txt"), "\n".join([command, *(noted if edits else [])]) + "\n")
+    lines, size = [command], session.pictures.size
+    if size != (area.width, area.height):
+        lines.append(f"# It renders {size[0]}x{size[1]} pixels, as the window did, and stretched, as in the .png, "
+                     f"to {area.width}x{area.height}.")  # fmt: skip
+    if edits := edit_lines(session):
+        lines.append("# Edits that the command leaves out, as Python writes them:")
+        lines += (f"# {line}" for line in edits)
+    write_whole(target.with_suffix(".txt"), "\n".join(lines) + "\n")
     return target
 
 

@@ -11,7 +11,9 @@ from shader_folder import leaves_nothing
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.frame import slot
 from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Pass, Stage, Step, Within
+from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.gpu.shaders.compiler import CompilationError
 
 BINDINGS = """#ifndef BINDINGS
@@ -195,6 +197,32 @@ def test_frames_in_flight_keep_their_own_uniforms(device, root, shaders):
             frame.uniforms["uniforms.frame"] = number
             frame.submit()
         np.testing.assert_array_equal(frame["a"], np.arange(50))
+
+
+def test_a_frame_in_parts_is_the_same_and_can_be_given_up(device, root, shaders, monkeypatch):
+    """On a software device dispatches are divided too."""
+    monkeypatch.setattr(slot, "PART_GROUPS", 2)
+    body = "b.at[gl_GlobalInvocationID.y * 8u + gl_GlobalInvocationID.x] += gl_GlobalInvocationID.y + 1u;"
+    rows = START.replace("local_size_x = 64", "local_size_x = 8, local_size_y = 8") + "void main() { " + body + " }\n"
+    shaders.write("rows", rows)
+    passes = [Pass("rows", threads=(8, 40)), Pass("rows", threads=(8, 40))]
+    calls = []
+    with Frame(device, [Stage("x", buffers={"b": 320}, passes=passes)], glsl_root=root) as frame:
+        frame.submit()
+        whole = frame["b"].copy()
+        frame.between = lambda: bool(calls.append(0))
+        frame.submit()
+        np.testing.assert_array_equal(frame["b"], 2 * whole)
+        np.testing.assert_array_equal(whole.reshape(40, 8)[:, 0], 2 * np.arange(1, 41))
+        assert len(calls) == (5 if device.properties.kind == "cpu" else 1)
+        frame.between = lambda: True
+        count = frame.frame_count
+        with pytest.raises(Interrupted):
+            frame.submit()
+        assert frame.frame_count == count
+        frame.between = None
+        frame.submit()
+        assert frame["b"][-1] > 2 * whole[-1]
 
 
 def test_a_step_of_the_caller_has_barriers_like_a_pass(device, root):

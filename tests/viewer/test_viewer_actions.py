@@ -287,7 +287,10 @@ def test_a_screenshot_has_the_windows_size_and_lists_edits(open_viewer, tmp_path
     assert not (tmp_path / "solari-001.png").exists(), "it waits for a picture of the edited scene"
     viewer.run(frames=1)
     assert np.asarray(Image.open(tmp_path / "solari-001.png")).shape == viewer.capture().shape == (64, 64, 3)
-    _, heading, *edits = (tmp_path / "solari-001.txt").read_text().splitlines()
+    command, stretched, heading, *edits = (tmp_path / "solari-001.txt").read_text().splitlines()
+    assert "--size 32x32" in command
+    assert "It renders 32x32" in stretched
+    assert "64x64" in stretched
     assert edits == ["# scene.materials[1].base_color = [0.25, 0.5, 1.0]", "# scene.instances[0].visible = False",
                      f"# scene.add({lamp!r})"]  # fmt: skip
     assert "leaves out" in heading

@@ -275,6 +275,8 @@ def test_other_drags_do_not_move(handle, control, called):
     handle(*drag(LEFT, (100, 0)), takes_mouse=False)
     assert called == [("pick", (52.0, 50.0))]
     assert (control.camera.transform == before).all()
+    handle(*drag(LEFT, (-90, 0), start=(250.0, 50.0)))  # pressed beside the picture, before a frame could note it
+    assert (control.camera.transform == before).all()
     Controls(control, lambda name, argument: None, lambda: AREA).handle(drag(LEFT, (100, 30)))
     assert position(control) == pytest.approx(before[:3, 3])
     assert (control.camera.transform != before).any()

@@ -92,12 +92,13 @@ def page() -> str:
     """The text of docs/gallery.md."""
     lines = [
         "# Gallery\n",
-        "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n",
-        "Click on a picture to enlarge it. `tools/helmets.py` makes this one, `python tools/gallery` all others; each",
-        "has a file with its scene there. The large ones are by the path tracer, denoised.\n",
+        "Click on a picture to enlarge it. `python tools/gallery` makes them; each has a file with its scene there.",
+        "The large ones are by the path tracer, denoised.\n",
     ]
     for name in (*STILLS, *FEATURES):
         if name == FEATURES[0]:
+            lines += ["## Three flight helmets by the sea\n", "By `tools/helmets.py`, in the light of a photograph.\n",
+                      "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n"]  # fmt: skip
             lines += ["## Feature by feature\n", "On the left the path tracer, on the right one denoised frame of the",
                       f"realtime renderer, its {FRAMES}th, unless the pictures say otherwise.\n"]  # fmt: skip
         title, _, caption = (defined_by(name)["__doc__"] or name).strip().partition("\n")

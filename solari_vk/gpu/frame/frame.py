@@ -27,6 +27,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.hazards import plan_barriers
+from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
@@ -54,7 +55,7 @@ class Row:
     milliseconds: float | None
 
 
-class Frame:
+class Frame(InParts):
     """Runs stages on a device. A context manager; `close` frees everything it made.
 
     external: resources made elsewhere, such as a scene's, by name; names that no shader has are ignored.
@@ -86,7 +87,7 @@ class Frame:
         with device.undone_on_error(), ExitStack() as undo:
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
-            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SIDES))]
+            self._slots = [Slot(device, index, self._pool) for index in range(SIDES)]
             self._latest, self._gathered_slots = self._slots[0], SIDES
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
@@ -134,7 +135,7 @@ class Frame:
         """Have slots for so many frames that none of them waits for the frames of the previous time."""
         assert self._program is not None
         for index in range(len(self._slots), SIDES * frames):
-            slot = Slot(self.device, index, *self._pool.allocate(1))
+            slot = Slot(self.device, index, self._pool)
             slot.renew(self._program, self._resources.named(index % SIDES) | self._external, self.uniforms)
             self._slots.append(slot)
         self._gathered_slots = SIDES * frames
@@ -174,10 +175,7 @@ class Frame:
             structure.check_usable()
         slot.uniform_target[:] = slot.uniform_source
         try:
-            if before:
-                self.device.submit([self._order.commands, *before, slot.commands])
-            else:
-                self.device.submit_prepared(slot.submission)
+            self._submit_slot(slot, before)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count, self._latest = self.frame_count + 1, slot

@@ -111,7 +111,9 @@ class Pipelines:
         device, cache = self._device, self._device.pipeline_cache.handle
         before: tuple[raw.CData, ...] = (device.handle,)
         if kind is None:
-            info = raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
+            # On a software device dispatches can be divided: see `Slot.in_parts`.
+            flags = raw.VK_PIPELINE_CREATE_DISPATCH_BASE if device.properties.kind == "cpu" else 0
+            info = raw.struct("VkComputePipelineCreateInfo", flags=flags, stage=stages[0], layout=layout)
             create = device.vk.vkCreateComputePipelines
         elif isinstance(kind, Targets):
             info = graphics_create_info(stages, kind, layout)

@@ -11,6 +11,7 @@ import numpy as np
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier, memory_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.recorded import Recorded
@@ -23,17 +24,22 @@ from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
 
+PART_GROUPS = 1024  # of a command buffer of a slot that is in parts: a tenth of a second on a software device
+
 
 class Slot:
     """One of the slots that take turns. `value` is the timeline value of its latest frame; while `stale` is true,
     `record` must run before the next submission."""
 
-    def __init__(self, device: Device, index: int, commands: raw.CData) -> None:
+    def __init__(self, device: Device, index: int, pool: CommandPool) -> None:
         self.index = index
         self.value = 0
         self.stale = True
-        self.commands = commands
-        self.submission = device.submission([commands])
+        self._in_parts = False
+        self._pool, self._made = pool, pool.allocate(1)  # command buffers, of which a recording may need fewer
+        self.commands = self._made[0]
+        """The command buffer that is being recorded."""
+        self.submission = device.submission(self._made)
         self.uniform_source: memoryview | bytes = b""
         """What each frame copies to `uniform_target`, once the slot's previous frame is done."""
         self.uniform_target: memoryview | bytearray = bytearray()
@@ -45,6 +51,16 @@ class Slot:
         self._queries: raw.CData = None
         self._query_count = 0
         self._query_token = 0
+
+    @property
+    def in_parts(self) -> bool:
+        """Whether each step has a command buffer of its own, so that they can be submitted one by one."""
+        return self._in_parts
+
+    @in_parts.setter
+    def in_parts(self, in_parts: bool) -> None:
+        self.stale |= in_parts != self._in_parts
+        self._in_parts = in_parts
 
     def renew(self, program: Program, bound: Mapping[str, Any], uniforms: Uniforms) -> None:
         """Use other pipelines, resources and uniform blocks from the next recording on."""
@@ -74,18 +90,31 @@ class Slot:
     def record(self, barriers: Sequence[Barrier | None]) -> None:
         """Write the descriptor sets and record the commands; the slot's previous frame must be done."""
         assert self._program is not None
-        vk, commands = self._device.vk, self.commands
+        vk = self._device.vk
         self._write_sets(self._program)
         self._make_queries(len(self._program.steps) + 1)
-        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
-        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        parts = [self._bands(step) if self.in_parts else (None,) for step in self._program.steps]
+        count = max(sum(map(len, parts)), 1) if self.in_parts else 1
+        if count > len(self._made):
+            self._made += self._pool.allocate(count - len(self._made))
+        if count != len(self.submission.commands):
+            self.submission = self._device.submission(self._made[:count])
+        self._begin(0)
+        vk.vkCmdPipelineBarrier2(self.commands, full_barrier())
         if self._query_count:
-            vk.vkCmdResetQueryPool(commands, self._queries, 0, self._query_count)
+            vk.vkCmdResetQueryPool(self.commands, self._queries, 0, self._query_count)
         self._timestamp(0)
         bound: set[int] = set()
-        for at, (step, barrier) in enumerate(zip(self._program.steps, barriers, strict=True), 1):
+        steps = zip(self._program.steps, barriers, parts, strict=True)
+        listed = [(at, step, barrier, band) for at, (step, barrier, bands) in enumerate(steps, 1) for band in bands]
+        for part, (at, step, barrier, band) in enumerate(listed):
+            if 0 < part < count:
+                vk.vkEndCommandBuffer(self.commands)
+                self._begin(part)
+                bound.clear()
+            commands = self.commands
             with self._device.label(commands, step.name):
-                if barrier is not None:
+                if barrier is not None and (band is None or not band.start):
                     vk.vkCmdPipelineBarrier2(
                         commands,
                         memory_barrier(
@@ -95,16 +124,21 @@ class Slot:
                     )  # fmt: skip
                 if isinstance(step.item, Pass):
                     self._bind(bound, step.pipeline)
-                    self._dispatch(step, step.item)
+                    self._dispatch(step, step.item, band)
                 elif isinstance(step.item, Draw):
                     self._bind(bound, step.pipeline)
                     record_draw(self._device, commands, step.item, self._bound)
                 else:
                     step.item.record(commands)
                     bound.clear()  # a step may bind other sets
-            self._timestamp(at)
-        vk.vkEndCommandBuffer(commands)
+            if band is None or band.stop == step.counts[1]:
+                self._timestamp(at)
+        vk.vkEndCommandBuffer(self.commands)
         self.stale = False
+
+    def _begin(self, part: int) -> None:
+        self.commands = self._made[part]
+        self._device.vk.vkBeginCommandBuffer(self.commands, raw.struct("VkCommandBufferBeginInfo"))
 
     def run_new(self) -> None:
         """Run compute and ray pipelines that haven't run yet, with no invocation.
@@ -169,7 +203,16 @@ class Slot:
             every = raw.VK_SHADER_STAGE_ALL
             self._device.vk.vkCmdPushConstants(commands, layout, every, 0, addresses.nbytes, data)
 
-    def _dispatch(self, step: BuiltStep, item: Pass) -> None:
+    def _bands(self, step: BuiltStep) -> Sequence[range | None]:
+        """The rows of workgroups that a step's command buffers run; None for all, as of steps that can't be divided."""
+        divides = self._device.properties.kind == "cpu"  # where pipelines are made for it
+        if not (divides and isinstance(step.item, Pass) and step.item.indirect is None and min(step.counts) > 0):
+            return (None,)
+        columns, rows, layers = step.counts
+        height = max(PART_GROUPS // (columns * layers), 1)
+        return [range(top, min(top + height, rows)) for top in range(0, rows, height)]
+
+    def _dispatch(self, step: BuiltStep, item: Pass, band: range | None = None) -> None:
         vk, commands = self._device.vk, self.commands
         table = step.pipeline.table if step.pipeline else None
         arguments = self._bound[item.indirect] if item.indirect is not None else None
@@ -180,6 +223,9 @@ class Slot:
             vk.vkCmdTraceRaysKHR(commands, *table.regions, *step.counts)
         elif arguments is not None:
             vk.vkCmdDispatchIndirect(commands, arguments.handle, item.indirect_offset)
+        elif band is not None:
+            columns, _, layers = step.counts
+            vk.vkCmdDispatchBase(commands, 0, band.start, 0, columns, len(band), layers)
         else:
             vk.vkCmdDispatch(commands, *step.counts)
 

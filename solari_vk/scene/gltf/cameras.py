@@ -36,9 +36,7 @@ def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera 
         report.add("orthographic cameras without a height are left out", node.entry.place)
         return None
     own = read_own(entry, OWN) | {"name": node.entry.name or entry.name}
-    camera = Camera(transform=transform, **lens | own)
-    object.__setattr__(camera, "is_exposed", "ev100" in own and not camera.auto_exposure)
-    return camera
+    return Camera(transform=transform, **lens | own)
 
 
 def read_lens(entry: Entry) -> dict[str, Any] | None:

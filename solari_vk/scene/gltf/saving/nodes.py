@@ -123,7 +123,8 @@ class Nodes:
         kind = "orthographic" if height else "perspective"
         is_own = height or yfov < camera.vertical_fov
         own = write_own(camera, OWN_OF_CAMERAS if is_own else [name for name in OWN_OF_CAMERAS if name != ANGLE])
-        own.setdefault(EXTRAS, {})["ev100"] = camera.ev100  # also 0: `open` keeps the exposure of files that have one
+        if camera.has_exposure:  # also 0: `open` keeps the exposure of files that have one
+            own.setdefault(EXTRAS, {})["ev100"] = camera.ev100
         if camera.has_lens:
             self._content.lose("other programs show cameras with a lens as pinholes", camera.describe())
         number = self._content.add("cameras", type=kind, **{kind: lens}, extras=own)
