@@ -273,14 +273,9 @@ class RenderedFrame(Hints):
 
     @checked_keywords()
     def save(
-        self,
-        path: str | os.PathLike[str],
-        layers: str | Sequence[str] = (),
-        *,
-        exposure: float | str | None = None,
-        tonemap: str | None = None,
-        transparent: bool = False,
-    ) -> None:
+        self, path: str | os.PathLike[str], layers: str | Sequence[str] = (), *, exposure: float | str | None = None,
+        tonemap: str | None = None, transparent: bool = False,
+    ) -> None:  # fmt: skip
         """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr, .npz or .npy.
 
         layers: the name of a further result, or several, which become channels of an .exr or arrays of an .npz,

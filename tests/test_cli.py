@@ -330,7 +330,7 @@ def test_the_mode_follows_from_options_and_oidn(oidn_that, words, mode, denoises
 
 def test_graphics_cards_render_in_realtime(oidn_that, monkeypatch):
     oidn_that(True)
-    monkeypatch.setattr("solari_vk.cli.render.kind_of_device", lambda select, rays: f"{select} gpu, {rays}")
+    monkeypatch.setattr("solari_vk.gpu.device.device.kind_of_device", lambda select, rays: f"{select} gpu, {rays}")
     assert job_of("--device", "1", "--rays", "pipeline").mode == "realtime"
     assert job_of("--samples", "2").mode == "reference"
 

@@ -14,7 +14,6 @@ from solari_vk.cli.options import spelled
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.subject import check_aovs
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device.device import kind_of_device
 from solari_vk.output import oidn
 from solari_vk.output.picture import WITH_ALPHA
 from solari_vk.reference import PathTracer
@@ -80,6 +79,8 @@ def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[s
     realtime |= (options.animate is not None and not reference) or not aovs.issubset(PathTracer.OUTPUTS)
     reference |= (options.is_spread and options.animate is None) or not aovs.issubset(Renderer.OUTPUTS)
     if not (realtime or reference or options.is_movie):
+        from solari_vk.gpu.device.device import kind_of_device  # large
+
         realtime = kind_of_device(options.device, options.rays) != "cpu"
     works = not realtime and "denoise" not in options.given and _oidn_works()
     if realtime or not (reference or works):

@@ -276,8 +276,7 @@ class Scene(Grouping, Dropping, Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            camera = default_camera(poses(self, self._subject, clip), aspect, turns)
-            if camera is None:
+            if (camera := default_camera(poses(self, self._subject, clip), aspect, turns)) is None:
                 return Camera()
             if self._meters is not None:
                 camera.update(ev100=0.0, auto_exposure=self._meters)
