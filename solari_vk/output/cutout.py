@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.output.tone_mapping import Colors, encode_picture
-from solari_vk.scene.lights.environment import EnvironmentLight
-from solari_vk.scene.model import Camera
+
+if TYPE_CHECKING:
+    from solari_vk.scene.lights.environment import EnvironmentLight
+    from solari_vk.scene.model import Camera
 
 LEAST_SHARE = 1e-3  # of a pixel by which its light is divided
 
