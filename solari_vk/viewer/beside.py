@@ -33,7 +33,7 @@ class Beside:
             first, second = self.first, self.pictures
             second.mode, second.view, second.tonemap = first.mode, first.view, first.tonemap
             second.most_samples, second.most_bands = first.most_samples, first.most_bands
-            second.sample_limit = first.sample_limit
+            second.sample_limit, second.interrupted = first.sample_limit, first.interrupted
             second.render(camera, pixels, scale)
 
     def begin(self) -> None:

@@ -21,11 +21,12 @@ class Rendering:
         self._session = session
         self._held = Held(session.device)
         self._gave_up = False  # the latest frame
+        self._torn = False  # the pictures' images, from a frame that was given up until the next whole one
         self._shown_by: tuple[float, str] | None = None  # the exposure and tone mapping of the latest picture
 
     def parts(self) -> list[Part]:
         """What the window shows: the latest picture, or the one before while that still looks better."""
-        return (self._held.parts if self._session.refining.hides else []) or self._session.parts()
+        return (self._held.parts if self._torn or self._session.refining.hides else []) or self._session.parts()
 
     def render(self, pixels: tuple[int, int]) -> None:
         """Submit the next frame for a picture of this width and height, unless it is finished.
@@ -39,13 +40,13 @@ class Rendering:
         refining, pictures = session.refining, session.pictures
         refining.enabled = session.scale.auto
         refining.note_view(self._view(pixels))
-        if not refining.hides:
+        if not refining.hides and not self._torn:
             self._held.drop()
         if refining.finished:
             self._show_finished()
             return
         if refining.begins:
-            if parts := session.parts():
+            if not (self._torn and self._held.parts) and (parts := session.parts()):
                 self._held.keep(pixels_of(parts))
             if session.beside is not None:
                 session.beside.begin()
@@ -59,7 +60,7 @@ class Rendering:
             self._submit(pixels, 1.0 if refining.rests else session.scale.scale)
         except Interrupted:
             refining.restart()
-            self._gave_up = True
+            self._gave_up = self._torn = True
             return
         if refining.rests:
             session.device.wait_idle()  # so that steps take as long as they seem to
@@ -71,6 +72,7 @@ class Rendering:
         session.pictures.render(session.camera, pixels, scale)
         if session.beside is not None:
             session.beside.render(session.camera, pixels, scale)
+        self._torn = False
 
     def _count(self) -> float:
         """The frames, or samples per pixel, of the full size: of two scenes the smaller number."""
@@ -82,7 +84,8 @@ class Rendering:
 
     def is_current(self, pixels: tuple[int, int]) -> bool:
         """Whether the latest picture shows the scene as it is now, in all its pixels."""
-        return self._session.pictures.whole and self._session.refining.shows(self._view(pixels))
+        whole = self._session.pictures.whole and not self._torn
+        return whole and self._session.refining.shows(self._view(pixels))
 
     def _view(self, pixels: tuple[int, int]) -> Hashable:
         return pixels, self._session.load_count, self._setting_values(), self._seen()
@@ -110,6 +113,7 @@ class Rendering:
             return
         self._shown_by = self._tone
         if session.pictures.mode != "reference":
+            session.pictures.interrupted = None  # a single frame, which nothing would submit again
             self._submit(session.pictures.size, 1.0)
         if session.pictures.mode != "realtime":
             session.pictures.expose(session.camera)

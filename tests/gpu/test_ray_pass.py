@@ -130,6 +130,19 @@ def test_rays_run_the_shaders_of_their_records(ray_device, root, tlas):
     np.testing.assert_array_equal(found, [value + (1000 if value > 1 else 0) for value in wanted])
 
 
+def test_a_frame_in_parts_launches_its_rays_once(ray_device, root, shaders, tlas, monkeypatch):
+    monkeypatch.setattr(slot, "PART_GROUPS", 2)
+    shaders.write("passes/adds.rgen", HEADER + GENERATE.replace("found.at[i] =", "found.at[i] +="))
+    item = RayPass("adds", threads=(3, 3), misses=MISSES, hits=HITS)
+    stage = Stage("adds", buffers={"rays": len(CASES), "found": len(CASES)}, passes=[item])
+    rays = np.array([((x, 0, z), *records) for (x, z, *records), _ in CASES.values()], RAY)
+    with Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=root) as frame:
+        frame.resource("rays").upload(rays)
+        frame.between = lambda: False
+        frame.submit()
+        np.testing.assert_array_equal(frame["found"], [value for _, value in CASES.values()])
+
+
 SEVERAL = RayPass("demo", threads=len(CASES), misses=MISSES, hits=HITS)
 
 

@@ -6,15 +6,22 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from viewer_tools import FakePictures, press
 
 import solari_vk as sv
 from solari_vk.cli import main
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.viewer import refining
+from solari_vk.viewer.beside import Beside
 from solari_vk.viewer.picking import radiance_at
+from solari_vk.viewer.presenter import Part, pixels_of
+from solari_vk.viewer.rendering import Rendering
 
 SIZE = (96, 64)
 
@@ -91,6 +98,92 @@ def test_the_realtime_picture_is_refined_to_the_full_size(open_viewer, monkeypat
     frames = viewer.pictures.realtime.frame_count
     viewer.run(frames=3)
     assert viewer.pictures.realtime.frame_count == frames, "it rests"
+
+
+class Slow(FakePictures):
+    """Stands for realtime pictures of a software device, of one grey level each."""
+
+    mode, ready, whole, interrupted = "realtime", True, True, None
+    most_samples = most_bands = sample_limit = 0
+
+    def __init__(self, scene, image):
+        super().__init__(scene)
+        self.binder, self.image = SimpleNamespace(update=lambda: None), image
+
+    def view_key(self, camera):
+        return camera.vertical_fov
+
+    def render(self, camera, pixels, scale):
+        given_up = self.interrupted is not None and self.interrupted()
+        self.image.upload([np.full((2, 2, 4), 13 if given_up else 200 if scale == 1 else 100, np.uint8)])
+        if given_up:
+            raise Interrupted
+
+    def parts(self):
+        return [Part(self.image)]
+
+
+@pytest.fixture
+def slow(session, device):
+    """A session of such pictures, `Rendering` for it, and a function that renders frames and returns the grey level
+    that the window shows."""
+    images = [device.image(2, 2, raw.VK_FORMAT_R8G8B8A8_UNORM, "slow", usage=raw.VK_IMAGE_USAGE_STORAGE_BIT)
+              for _ in range(2)]  # fmt: skip
+    session.pictures, second = (Slow(session.scene, image) for image in images)
+    software = SimpleNamespace(kind="cpu")
+    session.device = SimpleNamespace(properties=software, wait_idle=device.wait_idle, image=device.image)
+    session.window.events = []
+    session.window.has_input = lambda: bool(session.window.events)
+    session.scale.auto = True
+    rendering = Rendering(session)
+
+    def render(frames):
+        for _ in range(frames):
+            rendering.render((640, 360))
+        return int(pixels_of(rendering.parts())[0, 0, 0])
+
+    yield session, rendering, render, second
+    rendering.close()
+    for image in images:
+        image.destroy()
+
+
+def test_what_was_given_up_is_never_shown(slow):
+    session, rendering, render, _ = slow
+    assert render(refining.REST + 1) == 100
+    session.window.events = [press(1)]
+    for _ in range(6):  # given up, the input's turn, given up
+        assert render(1) == 100
+        assert not rendering.is_current((640, 360)), "a screenshot waits"
+    session.window.events = []
+    assert render(refining.HIDDEN - 1) == 100
+    assert render(1) == 200
+    assert rendering.is_current((640, 360))
+    session.window.events = [press(1)]
+    render(1)
+    session.camera.vertical_fov += 0.1
+    session.window.events = []
+    assert render(2) == 100
+    assert rendering._held.parts == [], "nothing to show in its place"
+
+
+def test_a_finished_picture_is_exposed_whatever_the_input(slow):
+    session, _, render, _ = slow
+    render(refining.REST + refining.FRAMES + 1)
+    assert session.refining.finished
+    session.window.events = [press(1)]
+    session.camera.ev100 += 1
+    assert render(1) == 200
+
+
+def test_input_ends_a_frame_of_either_scene(slow):
+    session, _, render, second = slow
+    session.beside = SimpleNamespace(first=session.pictures, pictures=second, shown=True, ready=False, begin=lambda: 0)
+    session.beside.render = lambda *of: Beside.render(session.beside, *of)
+    asked = []
+    session.window.has_input = lambda: bool(asked.append(0))
+    render(refining.REST + 2)
+    assert len(asked) == 2
 
 
 def test_the_pixel_under_the_cursor(open_viewer):

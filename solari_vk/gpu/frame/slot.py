@@ -208,6 +208,8 @@ class Slot:
         divides = self._device.properties.kind == "cpu"  # where pipelines are made for it
         if not (divides and isinstance(step.item, Pass) and step.item.indirect is None and min(step.counts) > 0):
             return (None,)
+        if step.pipeline is not None and step.pipeline.table is not None:  # a launch traces all its rays
+            return (None,)
         columns, rows, layers = step.counts
         height = max(PART_GROUPS // (columns * layers), 1)
         return [range(top, min(top + height, rows)) for top in range(0, rows, height)]
