@@ -148,7 +148,7 @@ def slow(session, device):
         image.destroy()
 
 
-def test_what_was_given_up_is_never_shown(slow):
+def test_what_was_given_up_is_never_shown(slow, monkeypatch):
     session, rendering, render, _ = slow
     assert render(refining.REST + 1) == 100
     session.window.events = [press(1)]
@@ -159,12 +159,17 @@ def test_what_was_given_up_is_never_shown(slow):
     assert render(refining.HIDDEN - 1) == 100
     assert render(1) == 200
     assert rendering.is_current((640, 360))
-    session.window.events = [press(1)]
-    render(1)
     session.camera.vertical_fov += 0.1
-    session.window.events = []
+    assert render(refining.REST + 1) == 100
+    session.window.events = [press(1)]
+    render(2)
+    session.camera.vertical_fov += 0.1
+    with monkeypatch.context() as patch, pytest.raises(sv.SolariError):
+        patch.setattr(Slow, "render", lambda *_: sv.builtin("nothing"))
+        render(1)
+    assert render(0) == 100, "not even if the next frame fails"
     assert render(2) == 100
-    assert rendering._held.parts == [], "nothing to show in its place"
+    assert rendering._held.parts == []
 
 
 def test_a_finished_picture_is_exposed_whatever_the_input(slow):
