@@ -51,7 +51,6 @@ def illuminance(
     let light pass, such as panes of glass, tint it. Raises SolariError for points and normals that don't fit each other
     or aren't finite, for normals of length 0 and other wrong arguments.
     """
-    checked_device(device, "illuminance")
     check_switch(cylindrical, "illuminance: cylindrical")
     whole_number(samples, "illuminance: samples", LEAST_SAMPLES)
     whole_number(max_bounces, "illuminance: max_bounces", 0)
@@ -60,6 +59,7 @@ def illuminance(
         return Illuminance(np.zeros(shape), np.zeros(shape))
     pixels = max(1, min(BUSY // len(places), samples // LEAST_SAMPLES))  # of a point
     repeated = np.repeat(np.concatenate([places, directions], axis=1), pixels, axis=0)
+    checked_device(device, "illuminance")
     with _PointTracer(device, scene, repeated, cylindrical, max_bounces, seed) as tracer:
         frame = tracer.render(Camera(), math.ceil(samples / pixels), time_limit=time_limit)
         measured = frame["raw_radiance"].astype(np.float64) @ LUMINANCE_WEIGHTS, frame["variance"].astype(np.float64)

@@ -132,6 +132,7 @@ class ShutterRenderer(PosingRenderer):
         # The next picture is a new one. This one may have ended early.
         self._shown, self._guides = None, [mean * np.float32(samples / self.samples) for mean in guides] or None
         frame = self._finish_posed(RenderedFrame(self, shown, self._projection, submission), camera)
+        frame.exposed = True
         if ended is not None:
             raise ended
         return frame
@@ -211,7 +212,9 @@ class ExposureRenderer(PosingRenderer):
                 poses(shutter.middle)
             raise
         self._exposure, self._moved = exposure, True
-        return RenderedFrame(self, middle, Projection.of(middle, self.size), submission)
+        frame = RenderedFrame(self, middle, Projection.of(middle, self.size), submission)
+        frame.exposed = True
+        return frame
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         super().check_latest(frame, name)

@@ -192,15 +192,16 @@ class PictureRenderer(SceneUser, ABC):
         """The light of the surfaces in the latest picture, without what is behind them, (height, width, 3), and the
         share of each pixel that they cover, (height, width), from 64 rays each.
 
-        radiance (height, width, 3): the picture, such as the mean of several frames. Raises SolariError for a camera
-        with an aperture, whose blur these rays don't have.
+        radiance (height, width, 3): the picture, such as the mean of several frames. Raises SolariError for a frame
+        with an aperture or a shutter, whose blur these rays don't have.
         """
         frame = self._latest
         if frame is None:
             raise SolariError(f"{type(self).__name__}: render before asking for a transparent background")
-        if frame.camera.aperture:
-            raise SolariError(f"a transparent background: {frame.camera.describe()} has an aperture, whose blurred "
-                              "edges have no alpha here: set aperture to 0")  # fmt: skip
+        if frame.camera.aperture or frame.exposed:
+            blurs = "an aperture: set that to 0" if frame.camera.aperture else "a shutter: leave it out"
+            raise SolariError(f"a transparent background: blurred edges have no alpha here, and "
+                              f"{frame.camera.describe()} has {blurs}")  # fmt: skip
         coverage = self.first_hits.read_coverage(frame._projection, self.size)
         environment = self.binder.scene.environment
         behind = 0.0 if environment is None else backdrop(environment, frame.camera, self.size)

@@ -63,7 +63,7 @@ class RenderedFrame(Hints):
     Raises SolariError for an unknown name, after a later frame has been rendered, and after the renderer was closed.
     """
 
-    __slots__ = ("_projection", "_renderer", "_submission", "camera", "size")
+    __slots__ = ("_projection", "_renderer", "_submission", "camera", "exposed", "size")
 
     def __init__(self, renderer: Source, camera: Camera, projection: Projection, submission: int) -> None:
         self._renderer = renderer
@@ -71,6 +71,8 @@ class RenderedFrame(Hints):
         self._submission = submission
         self.camera = camera
         """The camera object that the frame was rendered with. It may have been changed since then."""
+        self.exposed = False
+        """Whether the frame was exposed with a shutter."""
         self.size = renderer.size
         """Width and height in pixels."""
 
@@ -235,10 +237,10 @@ class RenderedFrame(Hints):
             warn(f'the picture is far too {wrong}: give another exposure, or "auto"')
         elif wrong or (ev100 is not None and (wrong := self._misexposed(radiance, factor, curve))):
             far, unset = "far " if unseen(radiance * factor) else "", "" if ev100 is None else ", which nobody set"
-            shown = self._renderer.auto_exposure(radiance)
+            tried, shown = camera.ev100 if ev100 is None else ev100, self._renderer.auto_exposure(radiance)
             if ev100 is not None:
-                object.__setattr__(camera, "_metered", shown)  # the next pictures of a movie don't flicker
-            warn(f"the picture would be {far}too {wrong} with the camera's EV100, {camera.ev100:.4g}{unset}, and is "
+                object.__setattr__(camera, "_metered", shown)  # so that the next pictures by this camera don't flicker
+            warn(f"the picture would be {far}too {wrong} with the camera's EV100, {tried:.4g}{unset}, and is "
                  f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
             return exposure_of(shown)
         return factor

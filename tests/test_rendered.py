@@ -275,6 +275,10 @@ def test_a_transparent_background(device, tmp_path):
         camera.aperture = 0.1
         with pytest.raises(sv.SolariError, match="has an aperture"):
             tracer.render(camera, samples=1).save(tmp_path / "cut.png", transparent=True)
+        camera.aperture = 0.0
+        exposed = tracer.render(camera, samples=1, shutter=sv.Shutter(open=0.0, close=0.1), pose=lambda _: None)
+        with pytest.raises(sv.SolariError, match="has a shutter"):
+            exposed.save(tmp_path / "cut.png", transparent=True)
 
 
 def test_the_first_picture_chooses_the_exposure(renderer):

@@ -72,8 +72,12 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     # Before added lights widen the scene's bounds:
     cameras = [camera] if movie is None else _path(movie, scene, camera, played, sweep)
     given, in_studio = surround(scene, front, job.environment)  # by `front`: --camera doesn't turn the light
-    if getattr(job, "transparent", False) and scene.backdrop is not None:
-        scene.backdrop.visible = False
+    if getattr(job, "transparent", False):
+        if any(shown.aperture for shown in cameras):
+            raise SolariError("--transparent: the camera has an aperture, whose blurred edges have no alpha: give "
+                              "--camera without one")  # fmt: skip
+        if scene.backdrop is not None:
+            scene.backdrop.visible = False
     if given:
         print(f"{job.source} has no light of its own: it is {given}", file=sys.stderr)
     if job.environment_rotation or job.environment_intensity != 1:

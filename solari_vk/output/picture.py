@@ -66,7 +66,8 @@ def save_image(
     if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise SolariError(f"{target}: a picture has the shape (height, width, 3), not {picture.shape}")
     layers = {name: np.asarray(layer) for name, layer in (layers or {}).items()}
-    taken = {".npz": ("radiance",), ".exr": ("R", "G", "B", "A")}.get(target.suffix.lower(), ())
+    channels = ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
+    taken = {".npz": ("radiance",), ".exr": channels}.get(target.suffix.lower(), ())
     for name, layer in layers.items():
         if name in taken:
             raise SolariError(f"{target}: the picture itself has the name '{name}' there: call the layer otherwise")

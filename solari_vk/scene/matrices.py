@@ -56,6 +56,8 @@ def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
     try:
         halves = [math.radians(float(angle)) / 2 for angle in (x, y, z)]
         (a, b, c), (i, j, k) = map(math.cos, halves), map(math.sin, halves)
+        if math.isnan(a + b + c):
+            raise ValueError
     except (TypeError, ValueError, OverflowError):
         raise SolariError(f"euler: takes three angles in degrees, such as euler(0, 90, 0), not "
                           f"{quoted((x, y, z))}") from None  # fmt: skip

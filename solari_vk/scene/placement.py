@@ -113,6 +113,7 @@ class Part(np.ndarray[Any, np.dtype[np.float64]]):
     __imul__ = partialmethod(_in_place, np.multiply)
     __itruediv__ = partialmethod(_in_place, np.divide)
     __imatmul__ = partialmethod(_in_place, np.matmul)
+    __ipow__ = partialmethod(_in_place, np.power)
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "

@@ -112,9 +112,9 @@ def test_scratch_is_aligned(device: Device, made: Any, monkeypatch: pytest.Monke
     seen: list[int] = []
     build_info = Blas.build_info
 
-    def note(self: Blas, scratch: int = 0, *, update: bool = False) -> raw.CData:
+    def note(self: Blas, scratch: int = 0, **options: Any) -> raw.CData:
         seen.append(scratch)
-        return build_info(self, scratch, update=update)
+        return build_info(self, scratch, **options)
 
     monkeypatch.setattr(Blas, "build_info", note)
     build_blases(device, blases)

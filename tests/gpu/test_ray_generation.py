@@ -15,7 +15,8 @@ from solari_vk.gpu.shaders.spirv import reflect
 
 PATHS = sorted(path.relative_to(glsl_root()).as_posix() for path in glsl_root().rglob("*")
                if path.suffix.lstrip(".") in shaderc.STAGES)  # fmt: skip
-OWN_QUERIES = {path for path in PATHS if re.match(r"passes/conformance/(positions|probe|trace)\.(comp|frag)", path)}
+OWN_QUERIES = {path for path in PATHS
+               if re.match(r"passes/conformance/(positions|probe|probe_debug|trace)\.(comp|frag)", path)}  # fmt: skip
 CLOSEST, ANY, FRONT = 0x1, 0x5, 0x11  # opaque; and terminate on the first hit; or cull back faces
 VISIBILITY = 0xD  # opaque, terminate on the first hit, skip the closest-hit shader
 TRACE_RAY = 4445

@@ -299,7 +299,7 @@ def test_every_field_of_a_light_can_be_edited(open_viewer, replace, monkeypatch)
         viewer.selected = viewer.scene.add(light)
         before = {name: getattr(light, name) for name in light._names}
         replace(
-            checkbox=lambda label, value: (label in ("casts shadow", "##range"), not value),
+            checkbox=lambda label, value: (label in ("blocks light", "##range"), not value),
             drag_float=lambda label, value, *_: (True, value + 0.25),
             drag_float3=lambda label, value, *_, **__: (True, [x + 0.1 for x in value]),
             color_edit3=lambda label, value, *_: (True, [0.3, 0.2, 0.1]),
