@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solari_vk.bound.content import content_of
 from solari_vk.bound.features import Features
 from solari_vk.bound.given_vertices import GivenVertices
-from solari_vk.bound.mesh_parts import mesh_parts, pack_attributes
+from solari_vk.bound.mesh_parts import ADDRESSES, copy_of_positions, mesh_parts, pack_attributes
 from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.poses.posed_mesh import PosedMesh
 from solari_vk.bound.poses.scene_poses import ScenePoses
@@ -29,7 +29,6 @@ from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.model import Instance, Mesh
 
 Shape = Mesh | PosedMesh
-ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")  # in a mesh's record, into its buffer
 ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
 
@@ -212,13 +211,7 @@ class Geometry:
 
     def _receive(self, mesh: Mesh, given: dict[str, Taken], revision: int) -> None:
         """Have a mesh in memory of its own, which is a copy of the earlier one but for what tensors gave."""
-        source = self._buffers[mesh]
-        target = self._device.buffer(source.size, mesh.name or "mesh")
-        record = self.table.records[self.rows[mesh]]
-        for name in ADDRESSES:
-            record[name] = int(record[name]) and int(record[name]) - source.address + target.address
-        record["previous_positions"] = record["positions"]
-        self.given.write(mesh, source, target, given)
+        target = self.given.write(mesh, self._buffers[mesh], given)
         self._take_place(mesh, object(), target, revision, self.posed.is_seen and "positions" in given)
 
     def _hold(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
@@ -275,16 +268,15 @@ class Geometry:
     def _take_place(self, mesh: Mesh, content: Hashable, buffer: Buffer, revision: int, moves: bool) -> None:
         """Have a mesh in a new buffer, which begins with the positions. Keep the earlier one for motion vectors, or
         free it. moves: it has other positions of the same triangles."""
-        before, uploaded = self._buffers.get(mesh), self._uploaded.pop(mesh, None)
+        before = self._buffers.get(mesh)
+        self._uploaded.pop(mesh, None)
         owned = before is not None and self._contents.release(self._content_of[mesh], mesh)
         self._hold(mesh, content, buffer)
         if before is None:
             return
         if moves:
             if not owned:  # it is an equal mesh's too
-                assert uploaded is not None
-                before = self._device.buffer(uploaded["positions"].nbytes, "earlier positions")
-                before.upload(uploaded["positions"])
+                before = copy_of_positions(self._device, before, mesh.held("positions").shape[0])
             self.posed.edit(mesh, self.rows[mesh], before, buffer.address, revision)
             self._features.add("SCENE_POSES")
             return

@@ -26,6 +26,8 @@ def is_takable(device: Device, value: Any) -> bool:
     """Whether `take` asks the device's CUDA for a value."""
     if isinstance(value, np.ndarray) or not hasattr(value, "__dlpack_device__"):
         return False
+    if device.closed or device.lost:  # a renderer of it may be left, and ask
+        return False
     try:
         kind = int(value.__dlpack_device__()[0])
     except (ValueError, RuntimeError, BufferError):  # such as PyTorch's of the device "meta"

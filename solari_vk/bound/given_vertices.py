@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 
 from solari_vk.bound.given_numbers import GivenNumbers, is_takable, take
+from solari_vk.bound.mesh_parts import ADDRESSES
 from solari_vk.bound.table import Rows, Table
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import BlasBuild, submit_batch
@@ -71,13 +73,28 @@ class GivenVertices(GivenNumbers):
             isinstance(value, Taken) and value.device is self._device for value in new.values()
         )
 
-    def write(self, mesh: Mesh, source: Buffer, target: Buffer, given: Mapping[str, Taken]) -> None:
-        """Have a mesh's new memory be a copy of the earlier one, with what tensors gave. The record of the mesh has the
-        new addresses."""
-        record = self._table.records[self._rows[mesh]]
+    def write(self, mesh: Mesh, source: Buffer, given: Mapping[str, Taken]) -> Buffer:
+        """Returns new memory of a mesh: a copy of the earlier one, with what tensors gave. The record of the mesh gets
+        the new addresses, if nothing fails."""
+        record = self._table.records[self._rows[mesh]].copy()
+        with ExitStack() as undo:
+            target = self._device.buffer(source.size, mesh.name or "mesh")
+            undo.callback(target.destroy)
+            for name in ADDRESSES:
+                record[name] = int(record[name]) and int(record[name]) - source.address + target.address
+            record["previous_positions"] = record["positions"]
+            if mesh not in self._meshes:
+                undo.callback(self.forget, mesh)
+            self._write(mesh, record, source, target, given)
+            undo.pop_all()
+        self._table.records[self._rows[mesh]] = record
+        return target
+
+    def _write(self, mesh: Mesh, record: Any, source: Buffer, target: Buffer, given: Mapping[str, Taken]) -> None:
         corners = 3 * int(record["triangle_count"])
         boxes = min(-(-corners // CORNERS_OF_GROUP), MAX_BOXES)
-        if mesh not in self._meshes:
+        is_new = mesh not in self._meshes
+        if is_new:
             self._meshes[mesh] = GivenMesh(self._device.buffer(MAX_BOXES * BOX.itemsize, "bounds of a given mesh"))
         fields = self._attributes.fields
         assert fields is not None
@@ -92,7 +109,7 @@ class GivenVertices(GivenNumbers):
                       "count": taken.shape[0],
                       "largest": LARGEST_COORDINATE if name == "positions" else np.finfo(np.float32).max}  # fmt: skip
             steps.append(("vertices", taken.shape[0], pushed))
-        if "positions" in given:
+        if is_new or "positions" in given:
             bounds = {"positions": int(record["positions"]), "corners": int(record["triangles"]),
                       "boxes": self._meshes[mesh].boxes.address}  # fmt: skip
             threads = 256 * boxes

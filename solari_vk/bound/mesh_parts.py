@@ -14,7 +14,13 @@ from solari_vk.bound.constants import (
     MESH_HAS_TANGENTS,
     MESH_HAS_UVS,
 )
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Mesh
+
+ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")  # in a mesh's record, into its buffer
 
 
 def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any] | None]:
@@ -48,3 +54,16 @@ def mesh_parts(
         parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
         flags |= MESH_HAS_COLORS
     return flags, parts
+
+
+def copy_of_positions(device: Device, buffer: Buffer, count: int) -> Buffer:
+    """A copy of the positions that the memory of a mesh begins with."""
+    copy = device.buffer(12 * count, "earlier positions")
+
+    def record(commands: raw.CData) -> None:
+        device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        buffer.record_copy(commands, copy.handle, size=copy.size)
+        device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+
+    device.start(record, copy.name)
+    return copy

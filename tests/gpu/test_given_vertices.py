@@ -8,9 +8,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from test_cuda_input import GpuTensor, gpu  # noqa: F401  # a fixture
+from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
 
 import solari_vk as sv
+from solari_vk.bound.given_numbers import is_takable
 from solari_vk.gpu.device.cuda_input import Taken
 
 SIZE = (24, 16)
@@ -138,7 +139,7 @@ def test_what_the_host_reads(gpu):  # noqa: F811
         given, corners = geometry.given, (positions + 1).astype(np.float32)[mesh.triangles].reshape(-1, 3)
         assert mesh in given
         for _ in range(2):  # when it has moved, and when it rests again
-            record = geometry.table.buffer.read(geometry.table.records.dtype)[geometry.rows[mesh]]
+            record = record_of(geometry, mesh)
             np.testing.assert_array_equal(record["bounds_min"], corners.min(axis=0))
             np.testing.assert_array_equal(record["bounds_max"], corners.max(axis=0))
             tracer.render(CAMERA, samples=1)
@@ -149,6 +150,86 @@ def test_what_the_host_reads(gpu):  # noqa: F811
         tracer.render(CAMERA, samples=1)
         assert mesh not in given
         np.testing.assert_allclose(geometry.centers[mesh] - center, 1, atol=1e-5)
+
+
+def record_of(geometry, mesh):
+    """A mesh's record in the device's memory."""
+    return geometry.table.buffer.read(geometry.table.records.dtype)[geometry.rows[mesh]]
+
+
+@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
+def test_normals_alone_keep_the_bounds(gpu):  # noqa: F811
+    scene, mesh = with_ball()
+    with sv.PathTracer(gpu, scene, SIZE) as tracer:
+        tracer.render(CAMERA, samples=1)
+        geometry = tracer.binder.assets.geometry
+        before = record_of(geometry, mesh)
+        mesh.normals = GpuTensor(gpu, moved(mesh, 1)[1])
+        tracer.render(CAMERA, samples=1)
+        assert mesh in geometry.given
+        for bound in ("bounds_min", "bounds_max"):
+            np.testing.assert_array_equal(record_of(geometry, mesh)[bound], before[bound])
+
+
+def test_others_go_on_without_a_closed_device(device, monkeypatch):
+    scene, mesh = with_ball()
+    positions = moved(mesh, 2)[0]
+    with shared("cuda") as gone:
+        left = sv.PathTracer(gone, scene, SIZE)
+        left.render(CAMERA, samples=1)
+        tracer = sv.PathTracer(device, scene, SIZE)
+        mesh.positions = GpuTensor(gone, positions)
+        with monkeypatch.context() as patch:
+            patch.setattr(gone, "lost", True)
+            assert not is_takable(gone, GpuTensor(gone, positions))
+    with tracer:
+        for given in (positions, positions + 1):
+            tracer.render(CAMERA, samples=1)
+            np.testing.assert_array_equal(mesh.positions, given.astype(np.float32))
+            low = record_of(tracer.binder.assets.geometry, mesh)["bounds_min"]
+            np.testing.assert_array_equal(low, mesh.positions[mesh.triangles].min(axis=(0, 1)))
+            mesh.positions = FromHost(positions + 1)
+    del left
+
+
+@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
+def test_equal_meshes_part(gpu):  # noqa: F811
+    """Of memory that they share, the earlier positions of a tensor stay for motion vectors."""
+    scene, mesh = with_ball()
+    options = {"outputs": ["motion_vectors"]}
+    with sv.PathTracer(gpu, scene, SIZE) as first, sv.Batch(gpu, scene, SIZE, 1, **options) as alone:
+        first.render(CAMERA, samples=1)
+        mesh.positions = GpuTensor(gpu, moved(mesh, 1)[0])
+        scene.add(sv.Instance(copy.copy(mesh), position=(0.4, 0.5, 0.2)))
+        alone.render([CAMERA])
+        with sv.Batch(gpu, scene, SIZE, 1, **options) as batch:
+            batch.render([CAMERA])
+            mesh.positions = GpuTensor(gpu, moved(mesh, 4)[0])
+            found, expected = (renderer.render([CAMERA])["motion_vectors"] for renderer in (batch, alone))
+            np.testing.assert_array_equal(found, expected)
+            assert np.abs(found).max() > 1e-3
+
+
+@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
+def test_what_fails_is_given_again(gpu, monkeypatch):  # noqa: F811
+    scene, mesh = with_ball()
+    with sv.PathTracer(gpu, scene, SIZE) as tracer:
+        tracer.render(CAMERA, samples=1)
+        geometry = tracer.binder.assets.geometry
+        mesh.positions = GpuTensor(gpu, mesh.positions + 1)
+        gpu.wait_idle()
+        gpu.poll()
+        record, objects = record_of(geometry, mesh), gpu.objects_in_use
+        with monkeypatch.context() as patch:
+            patch.setattr(geometry.given, "_source", None)
+            with pytest.raises(TypeError):
+                tracer.render(CAMERA, samples=1)
+        gpu.wait_idle()
+        gpu.poll()
+        assert gpu.objects_in_use == objects
+        assert (geometry.table.records[geometry.rows[mesh]], mesh in geometry.given) == (record, False)
+        tracer.render(CAMERA, samples=1)
+        assert record_of(geometry, mesh)["positions"] == geometry._buffers[mesh].address
 
 
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)

@@ -53,8 +53,9 @@ class Taken:
         lease.place.taken.add(self)
 
     @property
-    def device(self) -> WorkQueue:
-        return self._buffer.device
+    def device(self) -> WorkQueue | None:
+        """None after it was closed."""
+        return None if self._lease is None else self._buffer.device
 
     @property
     def address(self) -> int:
