@@ -141,6 +141,8 @@ def test_what_hip_lacks_is_said(device, amd, failing, said):
 def test_an_error_halfway_frees_all(device, amd, failing):
     tensors = cuda_tensor.CudaTensors(device, device.memory)
     amd._failing = failing
+    gc.collect()
+    device.wait_idle()  # what earlier tests left behind is closed now, not while files are counted
     open_files = len(os.listdir("/proc/self/fd"))
     with pytest.raises(sv.DeviceError, match=f"{failing}: out of order"):
         tensors.copy(None, (4,), np.dtype(np.float32))
