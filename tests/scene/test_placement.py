@@ -95,3 +95,5 @@ def test_euler_angles_turn_about_x_then_y_then_z():
     np.testing.assert_allclose(made.rotation, turns[2] @ turns[1] @ turns[0], atol=1e-12)
     with pytest.raises(sv.SolariError, match=r"three angles in degrees, such as euler\(0, 90, 0\)"):
         sv.euler((0, 90, 0))
+    with pytest.raises(sv.SolariError, match="euler: takes three angles in degrees"):
+        sv.euler(0, float("nan"))
