@@ -90,7 +90,7 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     exposure = job.exposure or ("camera" if chosen else "auto")
     if exposure == "camera":
         for shown in cameras:
-            shown.ev100 = float(shown.ev100)  # it was chosen for the light
+            shown.ev100 = float(shown.ev100)  # counts as set now: the light was made for it
     elif exposure != "auto":
         try:
             expose(cameras, float(exposure))

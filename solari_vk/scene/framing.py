@@ -57,8 +57,8 @@ def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterab
     outer = every if len(turns) == 1 else _outermost(every)
     seen = np.concatenate([(outer - center) @ rotation((0, 1, 0), turn) for turn in turns])  # turned the other way
     if len(turns) > 1:  # the axis is in the middle of the picture, or what turns would wander from side to side
-        right = np.cross(VIEW, (0, 1, 0)) / np.linalg.norm(np.cross(VIEW, (0, 1, 0)))
-        seen = np.concatenate([seen, seen - 2 * np.outer(seen @ right, right)])
+        right = np.cross(VIEW, (0, 1, 0))
+        seen = np.concatenate([seen, seen - 2 / (right @ right) * np.outer(seen @ right, right)])  # mirrored
     return fit(seen + center, VIEW, aspect)
 
 

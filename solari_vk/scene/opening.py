@@ -30,5 +30,5 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
         scene._meters = not in_studio
         for camera in scene.cameras:
             meters = not in_studio and (camera.auto_exposure or not camera.has_exposure)
-            camera.update(ev100=float(camera.ev100), auto_exposure=meters)
+            camera.update(ev100=float(camera.ev100), auto_exposure=meters)  # ev100 counts as set now
     return scene

@@ -80,8 +80,8 @@ const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 const float EPSILON = 1e-30;
 
 // The estimated error over the standard deviation of the noise that is left, since the blur also has a bias, which
-// falls as the history grows. Chosen so that the error of about 68 % of the pixels of mirror_hall and other scenes is
-// at most the estimate: the second number is added in histories of 8 frames, and half of it in four times as many.
+// falls as one over the root of the history's length: ERROR_OVER_NOISE, plus BIAS_OVER_NOISE at 8 frames. Chosen so
+// that the error of about 68 % of the pixels of mirror_hall and other scenes is at most the estimate.
 const float ERROR_OVER_NOISE = 1.2;
 const float BIAS_OVER_NOISE = 0.2;
 
