@@ -77,7 +77,7 @@ def three(device, binder):
 @pytest.mark.parametrize(("size", "count"), [((16, 16), 1), (SIZE, 5), ((3, 24), 3), ((1, 1), 17)])
 @pytest.mark.parametrize("outputs", [passes.GEOMETRY, passes.OUTPUTS], ids=["geometry", "all"])
 def test_first_hits_are_those_of_single_views(device, binder, size, count, outputs, monkeypatch):
-    monkeypatch.setattr(pathtracer, "MAX_FIRST_PIXELS", size[0] * 9)  # several dispatches
+    monkeypatch.setattr(passes, "MAX_PIXELS", size[0] * 9)  # several dispatches
     cameras = box_cameras(count, fov=70)
     with sv.Batch(device, binder, size, count, outputs=outputs) as batch:
         assert batch.render(poses_of(cameras), fov=70) is batch
@@ -173,7 +173,7 @@ def check_motion(batch, before, now, moved=None):
 @pytest.fixture
 def many_dispatches(monkeypatch):
     """Of 11 rows each in pictures of 24x20."""
-    monkeypatch.setattr(pathtracer, "MAX_FIRST_PIXELS", 24 * 11)
+    monkeypatch.setattr(passes, "MAX_PIXELS", 24 * 11)
 
 
 def test_motion_is_that_of_cameras_and_instances(device, many_dispatches):

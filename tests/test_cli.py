@@ -22,7 +22,7 @@ from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk import disk_cache
-from solari_vk.cli import info, main
+from solari_vk.cli import info, main, realtime
 from solari_vk.cli.commands import COMMANDS
 from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
@@ -333,6 +333,8 @@ def test_graphics_cards_render_in_realtime(oidn_that, monkeypatch):
     monkeypatch.setattr("solari_vk.gpu.device.device.kind_of_device", lambda select, rays: f"{select} gpu, {rays}")
     assert job_of("--device", "1", "--rays", "pipeline").mode == "realtime"
     assert job_of("--samples", "2").mode == "reference"
+    assert realtime.frames_of(job_of("--device", "1"), "discrete gpu") == (240, 240)
+    assert realtime.frames_of(job_of("--frames", "3"), "discrete gpu") == (3, 3)
 
 
 def test_oidn_that_does_not_load_is_done_without(oidn_that, capsys):

@@ -29,15 +29,17 @@ from solari_vk.sensors.sensor import Sensor
 from solari_vk.settings import Settings
 
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
-STILL_FRAMES = 48
+STILL_FRAMES, STILL_FRAMES_ON_GPUS = 48, 240
 
 
-def frames_of(job: StillJob | MovieJob) -> tuple[int, int]:
-    """The frames of each picture after the warm-up, and how many of the last of them it is the mean of."""
+def frames_of(job: StillJob | MovieJob, kind: str = "cpu") -> tuple[int, int]:
+    """The frames of each picture after the warm-up, and how many of the last of them it is the mean of. kind: of the
+    device, as its properties say."""
     viewing = job.view != "picture"
     if isinstance(job, MovieJob):
         return (1, 1) if viewing else (job.average or ANIMATION_AVERAGE,) * 2
-    still = STILL_FRAMES if job.target_error is None else UNLIMITED
+    still = STILL_FRAMES if kind == "cpu" else STILL_FRAMES_ON_GPUS
+    still = still if job.target_error is None else UNLIMITED
     frames = job.frames or (None if viewing else job.average) or still
     average = 1 if viewing else job.average or frames
     if average > frames:
@@ -59,7 +61,7 @@ def run(job: StillJob | MovieJob) -> int:
         movie.check_encoder(job.output)
     settings = job.make_settings()
     check_parts(job.aov, job.size, settings)
-    frames, _ = frames_of(job)
+    frames_of(job)  # says what is wrong before the scene is loaded
     subject = load(job, clip=job.clip, time=job.time)
     if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
         return animation.run(job, subject, settings)
@@ -68,6 +70,7 @@ def run(job: StillJob | MovieJob) -> int:
         notes = CompileNotes()
         with open_device(job, notes) as device:
             print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
+            frames, _ = frames_of(job, device.properties.kind)
             renderer = Renderer(device, subject.scene, job.size, settings, seed=job.seed)
             renderer.view, renderer.tonemap = job.view, job.tonemap
             if subject.clip is not None:
@@ -130,7 +133,7 @@ class _Shooting:
 
     def run(self) -> list[Path]:
         """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
-        frames, average = frames_of(self._job)
+        frames, average = frames_of(self._job, self._renderer.device.properties.kind)
         try:
             self._render(self._cameras[0], self._job.warm_up, averaged=0)
             for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):

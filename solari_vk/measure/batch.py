@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,23 +42,26 @@ INTRO = (
     "`Renderer`; and after a cut of all views. In worlds, each view has a world of its own, whose blocks move in each "
     "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view. "
     f"At once: how many times as many views a second there are with {AT_ONCE} frames by `render_many`. "
+    "One view: pixels a second of the batch over those of a batch of one large view, which moves in the same way. "
     f"p95: the 95th percentile of a frame's time over the median, of {FEWEST_FRAMES} to {STEADY_FRAMES} frames in "
     f"{STEADY_SECONDS:g} s that follow the rounds.",
 )
-HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view", "at once", "p95")
+HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view", "at once",
+        "one view", "p95")  # fmt: skip
 
 Work = Callable[[], object]
 
 
 class Row(NamedTuple):
     """Works: `begin` a frame of a batch, a frame `together` with reading, AT_ONCE of them with `many`, the views of a
-    frame `alone`, one by one."""
+    frame `alone`, one by one, and as many pixels as `one` view."""
 
     name: str
     begin: Work
     together: Work
     many: Work
     alone: Work | None = None
+    one: Work | None = None
 
 
 Works = Iterator[Row]
@@ -103,20 +108,32 @@ def _take(device: Device, batch: Batch | ManyFrames, names: Sequence[str], tenso
 
 
 def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
-    works = [row.together, row.many] if row.alone is None else [row.together, row.many, row.alone]
-    for work in works:
+    works = {name: work for name in ("together", "many", "alone", "one") if (work := getattr(row, name)) is not None}
+    for work in works.values():
         warm(device, work, 2, 0.2)
-    times = np.array([[seconds(work) for work in works] for _ in range(ROUNDS)])
+    taken = [[seconds(work) for work in works.values()] for _ in range(ROUNDS)]
+    times = dict(zip(works, np.transpose(taken), strict=True))
+    together = times["together"]
     host = []
     for _ in range(ROUNDS):
         device.wait_idle()
         host.append(seconds(row.begin))
     device.wait_idle()
-    speeds = [f"{count / np.median(times[:, 0]):,.1f}", "-", "-"]
-    if row.alone is not None:
-        speeds[1:] = f"{count / np.median(times[:, 2]):,.1f}", f"{np.median(times[:, 2] / times[:, 0]):.2f}"
-    at_once = np.median(AT_ONCE * times[:, 0] / times[:, 1])
-    return (*speeds, f"{1e6 * min(host) / count:.2f}", f"{at_once:.2f}", f"{_spread(row.together):.2f}")
+    speeds = [f"{count / np.median(together):,.1f}", "-", "-"]
+    if "alone" in times:
+        speeds[1:] = f"{count / np.median(times['alone']):,.1f}", f"{np.median(times['alone'] / together):.2f}"
+    at_once = np.median(AT_ONCE * together / times["many"])
+    one = "-"
+    if "one" in times:
+        columns, rows = _grid(count)
+        one = f"{np.median(count * times['one'] / (columns * rows * together)):.2f}"
+    return (*speeds, f"{1e6 * min(host) / count:.2f}", f"{at_once:.2f}", one, f"{_spread(row.together):.2f}")
+
+
+def _grid(count: int) -> tuple[int, int]:
+    """Columns and rows of about so many views."""
+    columns = math.isqrt(count)
+    return columns, count // columns
 
 
 def _spread(work: Work) -> float:
@@ -138,8 +155,12 @@ def _works(
     cameras, poses, fov = _cameras(binder, count)
     options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
     names = NAMES if renderer == "labels" else ("radiance",)
-    with Batch(device, binder, size, count, renderer=renderer, **options) as batch:
-        samples = SAMPLES if renderer == "reference" else None
+    columns, rows = _grid(count)
+    large = size[0] * columns, size[1] * rows
+    samples = SAMPLES if renderer == "reference" else None
+    with ExitStack() as stack:
+        batch = stack.enter_context(Batch(device, binder, size, count, renderer=renderer, **options))
+        single = stack.enter_context(Batch(device, binder, large, 1, renderer=renderer, **options))
 
         def render(cut: bool = False) -> None:
             batch.render(poses, vertical_fov=fov, samples=samples, reset=cut)
@@ -147,6 +168,10 @@ def _works(
         def read(cut: bool = False) -> None:
             render(cut)
             _take(device, batch, names, tensors)
+
+        def read_one(cut: bool = False) -> None:
+            single.render(poses[:1], vertical_fov=fov, samples=samples, reset=cut)
+            _take(device, single, names, tensors)
 
         def many(cut: bool = False) -> None:
             every = np.tile(poses, (AT_ONCE, 1, 1, 1))
@@ -157,35 +182,37 @@ def _works(
             _take(device, frames, names, tensors)
 
         if renderer == "labels":
-            with RayTracer(device, binder) as tracer:
-                yield Row("labels", render, read, many, lambda: _trace(tracer, cameras, size))
+            tracer = stack.enter_context(RayTracer(device, binder))
+            yield Row("labels", render, read, many, lambda: _trace(tracer, cameras, size), read_one)
         elif renderer == "reference":
-            with PathTracer(device, binder, size, seed=1) as single:
+            path_tracer = stack.enter_context(PathTracer(device, binder, size, seed=1))
 
-                def alone() -> None:
-                    for camera in cameras:
-                        single.reset()
-                        single.render(camera, samples=SAMPLES)["radiance"]
+            def alone() -> None:
+                for camera in cameras:
+                    path_tracer.reset()
+                    path_tracer.render(camera, samples=SAMPLES)["radiance"]
 
-                yield Row("reference", render, read, many, alone)
+            yield Row("reference", render, read, many, alone, read_one)
         else:
-            with Renderer(device, binder, size, seed=1) as frames:
+            frames = stack.enter_context(Renderer(device, binder, size, seed=1))
+            moves = 0
 
-                def move() -> None:
-                    poses[:, :3, 3] += 1e-3 * np.sin(len(moves))
-                    moves.append(None)
-                    read()
+            def moving(work: Work) -> None:
+                nonlocal moves
+                poses[:, :3, 3] += 1e-3 * np.sin(moves)
+                moves += 1
+                work()
 
-                def follow(cut: bool) -> None:
-                    for camera in cameras:
-                        if cut:
-                            frames.reset()
-                        frames.render(camera if cut else cameras[0])["radiance"]
+            def follow(cut: bool) -> None:
+                for camera in cameras:
+                    if cut:
+                        frames.reset()
+                    frames.render(camera if cut else cameras[0])["radiance"]
 
-                moves: list[None] = []
-                yield Row("realtime, moving", render, move, many, lambda: follow(False))
-                yield Row("realtime, cut", lambda: render(True), lambda: read(True), lambda: many(True),
-                          lambda: follow(True))  # fmt: skip
+            yield Row("realtime, moving", render, lambda: moving(read), many, lambda: follow(False),
+                      lambda: moving(read_one))  # fmt: skip
+            yield Row("realtime, cut", lambda: render(True), lambda: read(True), lambda: many(True),
+                      lambda: follow(True), lambda: read_one(True))  # fmt: skip
 
 
 def _works_in_worlds(

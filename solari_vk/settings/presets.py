@@ -20,11 +20,11 @@ QUALITIES: dict[str, dict[str, Any]] = {
     },
     "medium": {},
     "high": {
-        "paths_bounces": 12, "paths_candidates": 16, "paths_later_candidates": 4, "world_cache_cell_size": 0.1,
+        "paths_candidates": 16, "paths_later_candidates": 4, "world_cache_cell_size": 0.1,
         "world_cache_max_samples": 64,
     },
     "ultra": {
-        "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 8, "paths_short_history_samples": 4,
+        "paths_candidates": 32, "paths_later_candidates": 8, "paths_short_history_samples": 4,
         "world_cache_cell_size": 0.05, "world_cache_max_samples": 128, "world_cache_update_cap": 200_000,
         "world_cache_updates_per_pixel": 1.0,
     },

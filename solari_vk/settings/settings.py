@@ -159,8 +159,8 @@ class Settings(SeparatePasses, Hints):
     )
     world_cache_leak_prevention: str = _cache(
         "divided", "How light is kept from leaking through walls: rays shorter than a cell ask the finest cells "
-        "(Solari); with divided, cells that a wall divides aren't used either.",
-        choices=("divided", "finest"))  # fmt: skip
+        "(Solari); with divided, cells that a wall divides aren't used either; none: in no way.",
+        choices=("divided", "finest", "none"))  # fmt: skip
     world_cache_surfaces: str = _cache(
         "whole", "What surfaces are to the cache: their whole material, so that paths go on from mirrors and from what "
         "transmits light; or all diffuse, so that paths end at any of them (Solari).",

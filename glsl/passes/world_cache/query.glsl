@@ -40,7 +40,8 @@ WorldCacheResult query_world_cache(
 ) {
     if (frame_settings.world_cache == 0u) { return NO_CELL; }
     float cell_size = get_cell_size(world_position, rng);
-    if (ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
+    bool too_long = ray_t < cell_size && world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_NONE;
+    if (too_long) { cell_size = world_cache_settings.cell_size; }
     return query_cell_of_size(world_position, geometric_world_normal, cell_size, lifetime, rng);
 }
 

@@ -93,6 +93,17 @@ def _fade(renderer: Renderer, scene: Scene) -> list[float]:
             material.emissive = value
 
 
+def _fade_and_flicker(renderer: Renderer, scene: Scene) -> list[float]:
+    cells = []
+    for frame in range(96):
+        renderer.render(scene.camera)
+        if frame >= 64:
+            cells.append(renderer["world_cache_irradiance"] @ (0.2126, 0.7152, 0.0722, 0.0))
+    lit = np.min(cells, axis=0) > 0.0
+    light = np.array(cells, np.float64)[:, lit]
+    return [*_fade(renderer, scene), float(light.std(axis=0, ddof=1).mean() / light.mean())]
+
+
 def _pass_ms(renderer: Renderer, camera: Camera, warm_up: int, frames: int, *names: str) -> float:
     """Milliseconds of a frame's passes whose names begin so."""
     times = frame_times(renderer, camera, warm_up, frames)
@@ -131,6 +142,13 @@ def _leak(renderer: Renderer, scene: Scene) -> list[float]:
     return [float(picture[:, half + margin :].sum() / picture[:, : half - margin].sum())]
 
 
+# ---- the G-buffer -----------------------------------------------------------------------------------
+
+
+def _gbuffer_ms(renderer: Renderer, scene: Scene) -> list[float]:
+    return [_pass_ms(renderer, scene.camera, 8, 8, "gbuffer/")]
+
+
 # ---- materials --------------------------------------------------------------------------------------
 
 
@@ -161,6 +179,12 @@ PAIRS = (
          "power of lights has changed.",
          ("frames until 5 % of the light are left",), lambda: builtin("cornell_box"), (64, 64),
          {}, {"world_cache_relight": True, "gi_refresh": True}, _fade, 1.5, {**FEW, **INDIRECT}),
+    Pair("cache_blend", "0.18", "Light that goes out is followed faster if the mean of a cell forgets more where it "
+         "changes; the price is some noise at rest.",
+         ("frames until 5 % of the light are left", "standard deviation of cells at rest, relative"),
+         lambda: builtin("cornell_box"), (64, 64),
+         {"world_cache_change_exponent": 10.0, "world_cache_change_smoothing": 1e-3}, {}, _fade_and_flicker, 1.5,
+         {**FEW, **INDIRECT}),
     Pair("cache_update", "0.18", "Short rays and coarser far cells save time; with lifetimes, 1.42 to 0.09 ms (16x).",
          ("update of the cache, ms", "updated cells"), street, (64, 36),
          {"world_cache_ray_length": 1e5, "world_cache_lod_distance": 30.0},
@@ -173,6 +197,10 @@ PAIRS = (
          ("light behind a thin wall over light before it",), _cut_room, (96, 64),
          {"world_cache_cell_size": 0.25, "world_cache_lod_sharpness": 1.0}, {}, _leak, 2.0,
          {**FEW, **INDIRECT, "world_cache_lod_distance": 2.0}),
+    Pair("light_leaks_rays", "0.19", "Rays that are shorter than a cell ask the finest cells.",
+         ("light behind a thin wall over light before it",), _cut_room, (96, 64),
+         {"world_cache_leak_prevention": "none"}, {}, _leak, 1.0,
+         {**FEW, **INDIRECT, "world_cache_lod_distance": 2.0}),
     Pair("light_leaks_ours", "ours", "No cell that a wall divides is used.",
          ("light behind a thin wall over light before it",), _cut_room, (96, 64),
          {}, {"world_cache_leak_prevention": "divided"}, _leak, 2.0,
@@ -180,6 +208,12 @@ PAIRS = (
     Pair("layering_ours", "ours", "A product of Fresnel terms loses energy; ours keeps it.",
          ("relative error of a white ball in white light",), ball_in_white, (32, 32),
          {"layering": "fresnel_product"}, {"layering": "conserving"}, _furnace, 2.0),
+    Pair("culling", "0.17", "Culling by the view and by what is hidden keeps a scene of 8,000 boxes cheap to draw.",
+         ("G-buffer passes, ms",), lambda: builtin("many_lights"), (1920, 1080),
+         {"frustum_culling": False, "occlusion_culling": False}, {}, _gbuffer_ms, 1.0, {"gbuffer": "raster"}),
+    Pair("gbuffer_ours", "ours", "On graphics cards rays find the surfaces of pixels.",
+         ("G-buffer passes, ms",), lambda: builtin("many_lights"), (1920, 1080),
+         {"gbuffer": "raster"}, {"gbuffer": "traced"}, _gbuffer_ms, 1.0),
     Pair("skip_metals", "0.19", "Skipping GI on smooth metals saves time and changes nothing.",
          ("GI passes, ms", "mean of the picture"), lambda: builtin("mirror_hall"), (96, 54),
          {"gi_skip_smooth_metals": False}, {"gi_skip_smooth_metals": True}, _skipped, 1.0),
@@ -192,7 +226,6 @@ DATED = (
     ("di_order", "0.18", "relative error in penumbras: 0.17's order, 0.18's", "-0.530", "-0.291", "holds"),
     ("di_merge", "0.18", "relative error of direct light: constant weights, balance heuristic", "-0.0512", "-0.0004",
      "holds"),
-    ("cache_lag", "0.18", "frames until 5 % of the light are left: fixed blend, adaptive blend", "120", "62", "holds"),
     ("cache_lifetime", "0.18", "active cells of a room that was left: full life for all, the querier's life",
      "1,332", "0", "holds"),
     ("mirror_brdf", "0.19", "mean error of a mirror's pixel: GGX of roughness 0.001, a BRDF of its own",

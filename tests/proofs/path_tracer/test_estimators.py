@@ -79,6 +79,17 @@ def test_light_strategies_agree_among_many_lamps(device):
     same(nee, mis, 0.015)
 
 
+def test_mis_has_less_noise_than_either_strategy(device):
+    """Of balls from smooth to rough: light samples rarely match narrow lobes, BRDF samples rarely find small lamps."""
+    noise = {}
+    for strategy in ("mis", "nee", "brdf"):
+        with sv.PathTracer(device, sv.builtin("sphere_grid"), (48, 32), seed=7, light_strategy=strategy) as tracer:
+            frame = tracer.render(samples=64)
+            noise[strategy] = frame["variance"].mean() / luminance(frame["radiance"]).mean() ** 2
+    print(noise)
+    assert noise["mis"] < 0.6 * min(noise["nee"], noise["brdf"])
+
+
 def test_samples_of_a_seed_are_more_even_than_independent_ones(device):
     """The variance over seeds against that of independent samples: with 64 samples it is about half."""
     with sv.PathTracer(device, cornell_box(), (24, 24)) as renderer:

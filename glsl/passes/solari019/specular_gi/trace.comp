@@ -66,6 +66,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = NO_CELL;
         if (!mirror && (visited >= specular_gi_settings.bounces || may_end(surface, cone.width, ray_t, rng))) {
+            // Differs from Solari, where only the first ray of GI asks the finest cells if it is short.
             end = query_world_cache(
                 surface.world_position, surface.geometric_world_normal, ray_t, world_cache_settings.lifetime, rng
             );
