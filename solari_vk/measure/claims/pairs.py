@@ -208,7 +208,7 @@ PAIRS = (
     Pair("layering_ours", "ours", "A product of Fresnel terms loses energy; ours keeps it.",
          ("relative error of a white ball in white light",), ball_in_white, (32, 32),
          {"layering": "fresnel_product"}, {"layering": "conserving"}, _furnace, 2.0),
-    Pair("culling", "0.17", "Culling by the view and by what is hidden keeps a scene of 8,000 boxes cheap to draw.",
+    Pair("culling", "0.17", "Culling by the view and by what is hidden keeps drawing cheap: here most boxes are seen.",
          ("G-buffer passes, ms",), lambda: builtin("many_lights"), (1920, 1080),
          {"frustum_culling": False, "occlusion_culling": False}, {}, _gbuffer_ms, 1.0, {"gbuffer": "raster"}),
     Pair("gbuffer_ours", "ours", "On graphics cards rays find the surfaces of pixels.",
