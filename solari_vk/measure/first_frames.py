@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,13 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import measuring
+from solari_vk.measure.timing import seconds
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
 
 SCENES = ("cornell_box", "mirror_hall", "shiny_floor", "thin_wall")
 INTRO = (
@@ -26,10 +29,12 @@ INTRO = (
     "out. Alone: the world cache is empty, as after a reset of a `Renderer`. In a batch: all views are cut in each "
     "frame and show the scene from new places, but share the world cache of earlier frames. The same places, with"
     " samples at the same positions in pixels, are measured in both. Light: without the pixels at edges of surfaces, "
-    "of which one frame has too few samples, whatever their light.",
+    "of which one frame has too few samples, whatever their light. Last of these in a batch that takes 4 paths a pixel "
+    "after a cut (`paths_short_history_samples=4`), with the time of a frame over that with 2, the default.",
 )
-HEAD = ("scene", "frame 1 alone", "in a batch", "ratio", "light alone", "in a batch", "ratio", "frame 8 alone",
-        "path tracer, 4 samples")  # fmt: skip
+HEAD = ("scene", "frame 1 alone", "in a batch", "ratio", "light alone", "in a batch", "ratio", "with 4 paths", "ratio",
+        "x time", "frame 8 alone", "path tracer, 4 samples")  # fmt: skip
+MORE_PATHS = Settings(paths_short_history_samples=4)
 EARLIER = len(JITTERS) - 1  # frames of other places, after which samples are at the same positions again
 LATER = 8
 
@@ -43,15 +48,18 @@ def run(
         rows = []
         for name in scenes or SCENES:
             report.progress(name)
-            alone, shared, light_alone, light_shared, later, few = _errors(device, name, views, size, samples)
+            alone, shared, light_alone, light_shared, light_more, slower, later, few = _errors(
+                device, name, views, size, samples
+            )
             rows.append((name, f"{alone:.4f}", f"{shared:.4f}", f"{shared / alone:.2f}", f"{light_alone:.4f}",
-                         f"{light_shared:.4f}", f"{light_shared / light_alone:.2f}", f"{later:.4f}",
-                         f"{few:.4f}"))  # fmt: skip
+                         f"{light_shared:.4f}", f"{light_shared / light_alone:.2f}", f"{light_more:.4f}",
+                         f"{light_more / light_alone:.2f}", f"{slower:.2f}", f"{later:.4f}", f"{few:.4f}"))  # fmt: skip
         report.table(f"{views} views of {size[0]}x{size[1]}", HEAD, rows)
 
 
 def _errors(device: Device, name: str, views: int, size: tuple[int, int], samples: int) -> tuple[float, ...]:
-    """Whole pictures, alone and in a batch; their light; frame LATER, and the path tracer."""
+    """Whole pictures, alone and in a batch; their light, also with MORE_PATHS, and how much slower that is; frame
+    LATER, and the path tracer."""
     scene = builtin(name)
     rng = np.random.default_rng(1)
     places = [around(scene.camera, rng) for _ in range(views)]
@@ -71,17 +79,31 @@ def _errors(device: Device, name: str, views: int, size: tuple[int, int], sample
         each = zip(picture, *truths, where, strict=True)
         return float(np.mean([true_relative_mse(*(found[mask] for found in of)) for *of, mask in each]))
 
-    with Batch(device, binder, size, views, renderer="realtime", outputs=(), seed=4) as batch:
-        alone = batch.render(places, reset=True)["radiance"]
-        for _ in range(EARLIER):
-            batch.render([around(scene.camera, rng) for _ in range(views)], reset=True)
-        shared = batch.render(places, reset=True)["radiance"]
+    earlier = [[around(scene.camera, rng) for _ in range(views)] for _ in range(EARLIER)]
+    alone, shared, time = _cuts(device, binder, size, places, earlier, Settings())
+    _, more, longer_time = _cuts(device, binder, size, places, earlier, MORE_PATHS)
     with Renderer(device, binder, size, seed=4) as renderer:
         later = np.stack([_later(renderer, camera) for camera in places])
     binder.destroy()
     every = np.ones_like(inner)
     errors = [error(picture, where) for where in (every, inner) for picture in (alone, shared)]
-    return (*errors, error(later, every), error(few, every))
+    return (*errors, error(more, inner), longer_time / time, error(later, every), error(few, every))
+
+
+def _cuts(
+    device: Device, binder: SceneBinder, size: tuple[int, int], places: Sequence[Camera],
+    earlier: Sequence[Sequence[Camera]], settings: Settings,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:  # fmt: skip
+    """What a batch shows of places after a cut, at first and after cuts to earlier places, and the time of one."""
+    options: dict[str, Any] = {"renderer": "realtime", "outputs": (), "seed": 4, "settings": settings}
+    with Batch(device, binder, size, len(places), **options) as batch:
+
+        def show(cameras: Sequence[Camera]) -> NDArray[np.float32]:
+            return np.asarray(batch.render(cameras, reset=True)["radiance"])
+
+        first = show(places)
+        times = [seconds(partial(show, cameras)) for cameras in earlier]
+        return first, show(places), float(np.median(times))
 
 
 def _later(renderer: Renderer, camera: Camera) -> NDArray[np.float32]:
