@@ -216,4 +216,4 @@ def test_bench_of_first_frames(tmp_path):
     page, small = tmp_path / "page.md", ["--views", "2", "--size", "8x8", "--samples", "2"]
     assert main(["bench", "first-frames", *small, "--scenes", "cornell_box", "--markdown", str(page)]) == 0
     [row] = [line for line in page.read_text().splitlines() if line.startswith("| cornell_box")]
-    assert len([float(cell) for cell in row.split("|")[2:-1]]) == 8
+    assert len([float(cell) for cell in row.split("|")[2:-1]]) == 11
