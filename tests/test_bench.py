@@ -12,7 +12,7 @@ from support.gltf_writer import GltfWriter
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.cli import main
 from solari_vk.errors import SolariError
-from solari_vk.measure import denoised, tree_order
+from solari_vk.measure import denoised, lamps, tree_order
 from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
 from solari_vk.measure.claims import pairs
@@ -234,6 +234,18 @@ def test_quick_page_of_judged_settings(any_device, tmp_path):
     assert float(other[7]) > 2 * float(other[6]) == 2 * float(same[6])
     assert main([*judge, "denose=on"]) == 2
     assert main([*judge, "denoise=on", "--scene", "cornel_box"]) == 2
+
+
+def test_page_of_lamps(device, tmp_path, monkeypatch):
+    """As many meshes as clusters of one mesh have the same light, with about the same error."""
+    monkeypatch.setattr(lamps, "CONVERGED", 64)
+    monkeypatch.setattr(lamps, "PARTS", (1, 10))
+    page = tmp_path / "page.md"
+    assert main(["bench", "lamps", "--triangles", "1280", "--markdown", str(page)]) == 0
+    one, many = ([float(cell.split(" ±")[0]) for cell in line.split("|")[3:7]]
+                 for line in page.read_text().splitlines() if line.startswith("| 1,280"))  # fmt: skip
+    assert min(*one, *many) > 0
+    assert 0.5 < one[3] / many[3] < 2
 
 
 @pytest.mark.slow  # minutes of compiling

@@ -94,6 +94,12 @@ class Portals(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Lamps(Measurement):
+    MODULE = "lamps"
+    triangles: int = option("that shine (1000000)", "N", type=positive, default=1_000_000)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cluster(Measurement):
     MODULE = "cluster"
     workers: tuple[int, ...] = option("processes, one for each device (1 and 2; repeatable)", "N", type=positive,

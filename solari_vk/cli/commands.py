@@ -59,6 +59,7 @@ COMMANDS = (
             _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
             _part("settings", "errors and times with other settings, raw and denoised", bench.JudgedSettings),
             _part("portals", "what a portal in a room's window saves", bench.Portals),
+            _part("lamps", "many emissive triangles in one mesh and in many", bench.Lamps),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
             _part("still", "which way reaches a clean still picture first", bench.Still),
             _part("cpu", "processor time to an error on software devices, beside other renderers", bench.Cpu),
