@@ -430,6 +430,8 @@ def test_bench(device, tmp_path, monkeypatch):
     rows = [line.split("|")[1].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
     assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
                     "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip
+    one_view = [line.split("|")[-3].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
+    assert all(cell == "-" if "worlds" in row else float(cell) > 0 for row, cell in zip(rows, one_view, strict=True))
     spreads = [float(line.split("|")[-2]) for line in page.read_text().splitlines() if ", 2 |" in line]
     assert min(spreads) >= 1
     assert main(["bench", "batch", "--renderers", "labels,none"]) == 2

@@ -324,17 +324,15 @@ def test_the_mode_follows_from_options_and_oidn(oidn_that, words, mode, denoises
     """On the processor, without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
     oidn_that(installed)
     job = job_of(*words)
-    assert job.mode == (mode or ("reference" if installed else "realtime"))
-    assert job.denoise == (denoises and installed)
+    assert (job.mode, job.denoise) == (mode or ("reference" if installed else "realtime"), denoises and installed)
 
 
 def test_graphics_cards_render_in_realtime(oidn_that, monkeypatch):
     oidn_that(True)
     monkeypatch.setattr("solari_vk.gpu.device.device.kind_of_device", lambda select, rays: f"{select} gpu, {rays}")
-    assert job_of("--device", "1", "--rays", "pipeline").mode == "realtime"
-    assert job_of("--samples", "2").mode == "reference"
-    assert realtime.frames_of(job_of("--device", "1"), "discrete gpu") == (240, 240)
-    assert realtime.frames_of(job_of("--frames", "3"), "discrete gpu") == (3, 3)
+    jobs = [job_of(*words.split()) for words in ("--device 1 --rays pipeline", "--frames 3", "--view depth")]
+    assert [job.mode for job in (*jobs, job_of("--samples", "2"))] == [*["realtime"] * 3, "reference"]
+    assert [realtime.frames_of(job, "discrete gpu") for job in jobs] == [(192, 192), (3, 3), (48, 1)]
 
 
 def test_oidn_that_does_not_load_is_done_without(oidn_that, capsys):

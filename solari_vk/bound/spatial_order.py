@@ -8,10 +8,13 @@ each halving by the surface area heuristic (MacDonald and Booth, "Heuristics for
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
+SHORT = 16  # rows of numbers that numpy reduces faster column by column
 THIN = 1e-3  # of a list's longest extent: by how much boxes are thicker where areas are compared, so that none is 0
 
 
@@ -52,26 +55,32 @@ def halved(starts: Indices, sizes: Indices) -> tuple[Indices, Indices]:
 def _split(boxes: NDArray[np.float32], order: Indices, starts: Indices, size: int) -> None:
     """Sort each run of `size` boxes (6, N) into a lower and an upper half along the run's best axis."""
     positions = starts[:, None] + np.arange(size)
-    found = boxes[:, positions]
-    rows, left = np.arange(len(starts))[:, None], size - size // 2
+    found = boxes.take(positions, axis=1)  # several times as fast as by index arrays
+    rows, left = size * np.arange(len(starts))[:, None], size - size // 2
+    flat = found.reshape(6, -1)
     longest = _extents(found).max(axis=0)
     longest[longest == 0] = 1
     best = least = None
     for low, high in zip(found[:3], found[3:], strict=True):
         chosen = np.argpartition(low + high, left - 1, axis=1)
-        parts = found[:, rows, chosen]
+        parts = flat.take(rows + chosen, axis=1)
         cost = left * _area(parts[:, :, :left], longest) + (size - left) * _area(parts[:, :, left:], longest)
         if best is None or least is None:
             best, least = chosen, cost
         better = cost < least
         best[better], least[better] = chosen[better], cost[better]
     assert best is not None
-    boxes[:, positions], order[positions] = found[:, rows, best], order[starts[:, None] + best]
+    boxes[:, positions], order[positions] = flat.take(rows + best, axis=1), order.take(starts[:, None] + best)
 
 
 def _extents(runs: NDArray[np.float32]) -> NDArray[np.float32]:
     """The extents (3, R) of the bounds of runs of boxes (6, R, K)."""
-    extents: NDArray[np.float32] = runs[3:].max(axis=2) - runs[:3].min(axis=2)
+    extents: NDArray[np.float32]
+    if runs.shape[2] < SHORT:
+        columns = np.moveaxis(runs, 2, 0)
+        extents = reduce(np.maximum, columns[:, 3:]) - reduce(np.minimum, columns[:, :3])
+    else:
+        extents = runs[3:].max(axis=2) - runs[:3].min(axis=2)
     return extents
 
 

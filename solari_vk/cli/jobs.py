@@ -165,7 +165,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "stop a still picture when its estimated error is this small: the root of relMSE, the mean square of what "
         "pixels are off relative to their luminance; 0.01 is 1 %%", "E", type=float,
     )
-    frames: int | None = option("frames after the warm-up (48, on graphics cards 240, or --average); pictures of an "
+    frames: int | None = option("frames after the warm-up (48, on graphics cards 192, or --average); pictures of an "
                                 "animation (48, or as many as its path has)", "N", type=positive)
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
     average: int | None = option("the picture is the mean of the last N frames (all); each picture of an animation is "

@@ -29,16 +29,18 @@ from solari_vk.sensors.sensor import Sensor
 from solari_vk.settings import Settings
 
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
-STILL_FRAMES, STILL_FRAMES_ON_GPUS = 48, 240
+STILL_FRAMES = 48
+# A frame takes few milliseconds there. Denoised frames are blotchy, in the mean of four times as many half as much.
+STILL_FRAMES_ON_CARDS = 192
 
 
-def frames_of(job: StillJob | MovieJob, kind: str = "cpu") -> tuple[int, int]:
+def frames_of(job: StillJob | MovieJob, kind: str) -> tuple[int, int]:
     """The frames of each picture after the warm-up, and how many of the last of them it is the mean of. kind: of the
     device, as its properties say."""
     viewing = job.view != "picture"
     if isinstance(job, MovieJob):
         return (1, 1) if viewing else (job.average or ANIMATION_AVERAGE,) * 2
-    still = STILL_FRAMES if kind == "cpu" else STILL_FRAMES_ON_GPUS
+    still = STILL_FRAMES_ON_CARDS if kind == "discrete gpu" and not viewing else STILL_FRAMES
     still = still if job.target_error is None else UNLIMITED
     frames = job.frames or (None if viewing else job.average) or still
     average = 1 if viewing else job.average or frames
@@ -61,7 +63,7 @@ def run(job: StillJob | MovieJob) -> int:
         movie.check_encoder(job.output)
     settings = job.make_settings()
     check_parts(job.aov, job.size, settings)
-    frames_of(job)  # says what is wrong before the scene is loaded
+    frames_of(job, "cpu")  # says what is wrong before the scene is loaded
     subject = load(job, clip=job.clip, time=job.time)
     if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
         return animation.run(job, subject, settings)
@@ -70,7 +72,7 @@ def run(job: StillJob | MovieJob) -> int:
         notes = CompileNotes()
         with open_device(job, notes) as device:
             print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
-            frames, _ = frames_of(job, device.properties.kind)
+            frames, average = frames_of(job, device.properties.kind)
             renderer = Renderer(device, subject.scene, job.size, settings, seed=job.seed)
             renderer.view, renderer.tonemap = job.view, job.tonemap
             if subject.clip is not None:
@@ -79,7 +81,7 @@ def run(job: StillJob | MovieJob) -> int:
                 _meter(renderer, cameras)
             count = renderer.frame_count + job.warm_up + frames * len(cameras)
             with Progress("frames", None if frames == UNLIMITED else count, job.time_limit, notes) as progress:
-                shooting = _Shooting(renderer, job, subject, targets, progress)
+                shooting = _Shooting(renderer, job, subject, targets, progress, frames, average)
                 written = shooting.run()
         if job.is_movie:
             movie.write_movie(job.output, written, job.fps)
@@ -117,10 +119,12 @@ class _Shooting:
     """Renders and writes the pictures of a job. The first one decides the exposure of all, if it is automatic."""
 
     def __init__(
-        self, renderer: Renderer, job: StillJob | MovieJob, subject: Subject, targets: list[Path], progress: Progress
-    ) -> None:
+        self, renderer: Renderer, job: StillJob | MovieJob, subject: Subject, targets: list[Path], progress: Progress,
+        frames: int, average: int,
+    ) -> None:  # fmt: skip
         self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
         self._cameras, self._targets = subject.cameras, targets
+        self._frames, self._average = frames, average
         self._exposure = animation.exposure(job, subject)
         self._written: list[Path] = []
         self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(targets) == 1 else None
@@ -133,14 +137,13 @@ class _Shooting:
 
     def run(self) -> list[Path]:
         """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
-        frames, average = frames_of(self._job, self._renderer.device.properties.kind)
         try:
             self._render(self._cameras[0], self._job.warm_up, averaged=0)
             for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):
                 if self._subject.clip is not None:
                     self._subject.clip.apply(self._subject.scene, number / self._job.fps)
                 self._begin_mean()
-                self._render(camera, frames, average)
+                self._render(camera, self._frames, self._average)
                 self._write(camera, target)
         except Stopped as stopped:
             print(stopped, file=sys.stderr)

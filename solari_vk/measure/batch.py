@@ -42,7 +42,7 @@ INTRO = (
     "`Renderer`; and after a cut of all views. In worlds, each view has a world of its own, whose blocks move in each "
     "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view. "
     f"At once: how many times as many views a second there are with {AT_ONCE} frames by `render_many`. "
-    "One view: pixels a second of the batch over those of a batch of one large view, which moves in the same way. "
+    "One view: pixels a second of the batch over those of one large view of about as many, from the first camera. "
     f"p95: the 95th percentile of a frame's time over the median, of {FEWEST_FRAMES} to {STEADY_FRAMES} frames in "
     f"{STEADY_SECONDS:g} s that follow the rounds.",
 )
@@ -54,7 +54,7 @@ Work = Callable[[], object]
 
 class Row(NamedTuple):
     """Works: `begin` a frame of a batch, a frame `together` with reading, AT_ONCE of them with `many`, the views of a
-    frame `alone`, one by one, and as many pixels as `one` view."""
+    frame `alone`, one by one, and about as many pixels as `one` view."""
 
     name: str
     begin: Work

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,8 @@ INTRO = (
     "out. Alone: the world cache is empty, as after a reset of a `Renderer`. In a batch: all views are cut in each "
     "frame and show the scene from new places, but share the world cache of earlier frames. The same places, with"
     " samples at the same positions in pixels, are measured in both. Light: without the pixels at edges of surfaces, "
-    "of which one frame has too few samples, whatever their light. Last of these in a batch that takes 4 paths a pixel "
-    "after a cut (`paths_short_history_samples=4`), with the time of a frame over that with 2, the default.",
+    "of which one frame has too few samples, whatever their light. With 4 paths: that light in a batch that takes 4 "
+    "paths a pixel after a cut (`paths_short_history_samples=4`), and its time over that with 2, the default.",
 )
 HEAD = ("scene", "frame 1 alone", "in a batch", "ratio", "light alone", "in a batch", "ratio", "with 4 paths", "ratio",
         "x time", "frame 8 alone", "path tracer, 4 samples")  # fmt: skip
@@ -80,8 +81,7 @@ def _errors(device: Device, name: str, views: int, size: tuple[int, int], sample
         return float(np.mean([true_relative_mse(*(found[mask] for found in of)) for *of, mask in each]))
 
     earlier = [[around(scene.camera, rng) for _ in range(views)] for _ in range(EARLIER)]
-    alone, shared, time = _cuts(device, binder, size, places, earlier, Settings())
-    _, more, longer_time = _cuts(device, binder, size, places, earlier, MORE_PATHS)
+    (alone, shared, time), (_, more, longer_time) = _cuts(device, binder, size, places, earlier)
     with Renderer(device, binder, size, seed=4) as renderer:
         later = np.stack([_later(renderer, camera) for camera in places])
     binder.destroy()
@@ -92,18 +92,21 @@ def _errors(device: Device, name: str, views: int, size: tuple[int, int], sample
 
 def _cuts(
     device: Device, binder: SceneBinder, size: tuple[int, int], places: Sequence[Camera],
-    earlier: Sequence[Sequence[Camera]], settings: Settings,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:  # fmt: skip
-    """What a batch shows of places after a cut, at first and after cuts to earlier places, and the time of one."""
-    options: dict[str, Any] = {"renderer": "realtime", "outputs": (), "seed": 4, "settings": settings}
-    with Batch(device, binder, size, len(places), **options) as batch:
+    earlier: Sequence[Sequence[Camera]],
+) -> list[tuple[NDArray[np.float32], NDArray[np.float32], float]]:  # fmt: skip
+    """For the default settings and MORE_PATHS: what a batch shows of places after a cut, at first and after cuts to
+    earlier places, and the time of one of these, in turns."""
 
-        def show(cameras: Sequence[Camera]) -> NDArray[np.float32]:
-            return np.asarray(batch.render(cameras, reset=True)["radiance"])
+    def show(batch: Batch, cameras: Sequence[Camera]) -> NDArray[np.float32]:
+        return np.asarray(batch.render(cameras, reset=True)["radiance"])
 
-        first = show(places)
-        times = [seconds(partial(show, cameras)) for cameras in earlier]
-        return first, show(places), float(np.median(times))
+    with ExitStack() as stack:
+        options: dict[str, Any] = {"renderer": "realtime", "outputs": (), "seed": 4}
+        batches = [stack.enter_context(Batch(device, binder, size, len(places), settings=settings, **options))
+                   for settings in (Settings(), MORE_PATHS)]  # fmt: skip
+        first = [show(batch, places) for batch in batches]
+        times = [[seconds(partial(show, batch, cameras)) for batch in batches] for cameras in earlier]
+        return list(zip(first, [show(batch, places) for batch in batches], np.median(times, axis=0), strict=True))
 
 
 def _later(renderer: Renderer, camera: Camera) -> NDArray[np.float32]:

@@ -158,8 +158,8 @@ class Settings(SeparatePasses, Hints):
         0.5, "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
     )
     world_cache_leak_prevention: str = _cache(
-        "divided", "How light is kept from leaking through walls: rays shorter than a cell ask the finest cells "
-        "(Solari); with divided, cells that a wall divides aren't used either; none: in no way.",
+        "divided", "How light is kept from leaking through walls. finest: with lighting=split, rays shorter than a "
+        "cell ask the finest cells (Solari); divided: cells that a wall divides aren't used either; none: in no way.",
         choices=("divided", "finest", "none"))  # fmt: skip
     world_cache_surfaces: str = _cache(
         "whole", "What surfaces are to the cache: their whole material, so that paths go on from mirrors and from what "

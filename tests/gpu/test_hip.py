@@ -139,11 +139,12 @@ def test_what_hip_lacks_is_said(device, amd, failing, said):
 
 
 def open_inodes():
-    """The inodes of the process' open files; each exported memory has one of its own."""
+    """Devices and inodes of the process' open files; each exported memory has its own."""
     found = set()
     for name in os.listdir("/proc/self/fd"):
         with contextlib.suppress(FileNotFoundError):  # the listed folder itself
-            found.add(os.stat(f"/proc/self/fd/{name}").st_ino)
+            status = os.stat(f"/proc/self/fd/{name}")
+            found.add((status.st_dev, status.st_ino))
     return found
 
 

@@ -34,14 +34,15 @@ WorldCacheResult query_cell_of_size(
 }
 
 // The same for a point that a ray of length `ray_t` found: a cell that is longer than the ray may reach around the
-// surface that the ray left, so that the finest cell size is used instead. INFINITY turns this rule off.
+// surface that the ray left, so that the finest cell size is used instead. INFINITY turns this rule off, as does the
+// setting world_cache_leak_prevention=none.
 WorldCacheResult query_world_cache(
     vec3 world_position, vec3 geometric_world_normal, float ray_t, uint lifetime, inout uint rng
 ) {
     if (frame_settings.world_cache == 0u) { return NO_CELL; }
     float cell_size = get_cell_size(world_position, rng);
-    bool too_long = ray_t < cell_size && world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_NONE;
-    if (too_long) { cell_size = world_cache_settings.cell_size; }
+    bool has_rule = world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_NONE;
+    if (has_rule && ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
     return query_cell_of_size(world_position, geometric_world_normal, cell_size, lifetime, rng);
 }
 

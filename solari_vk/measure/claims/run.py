@@ -23,8 +23,8 @@ LIGHT = ("gbuffer/", "world_cache/", "taa/", "solari019/", "display/compose")
 HEAD = ("claim", "post", "what is compared", "before", "after", "ratio", "asked", "verdict")
 INTRO = (
     "Each claim of the posts about Solari is a pair of settings of the preset `solari` (Bevy 0.19) with "
-    "`gbuffer=traced`; both take turns over the same seeds. A claim holds when the first number falls by the asked "
-    "factor, for the mean over seeds and for all of its 95 % interval (Student's t).",
+    "`gbuffer=traced`, but where the G-buffer is compared; both take turns over the same seeds. A claim holds when the "
+    "first number falls by the asked factor, for the mean over seeds and for all of its 95 % interval (Student's t).",
 )
 DATED_NOTE = (
     "What Bevy 0.17 and 0.18 did otherwise has no setting. These figures are of 2026-11-22, version 0.1.0, commit "

@@ -253,18 +253,20 @@ def test_cells_under_a_lamp(device, lamp):
 
 
 def test_short_rays_use_the_finest_cells(device):
-    """Rays that are shorter than the cells where they end use the finest ones; longer rays don't."""
+    """Rays that are shorter than the cells where they end use the finest ones; longer rays don't, nor any by choice."""
     camera, walls = sv.Camera.look_at((0, 0, 0), (0, 0, -1)), shapes.box((-1, -1, -1), (1, 1, 1), inward=True)
     scene = sv.Scene()
     scene.add(walls, sv.Material(base_color=rgb(0.5)))
     sizes = {}
-    for finest in 0.1, 1e-3:  # cells are 64 to 256 times as large where the walls are
-        settings = sv.Settings(lighting="paths", world_cache_cell_size=finest, world_cache_lod_distance=0.01)
+    for finest, rule in (0.1, "divided"), (0.1, "none"), (1e-3, "divided"):  # 64 to 256 times as large at the walls
+        options = {"world_cache_cell_size": finest, "world_cache_leak_prevention": rule}
+        settings = sv.Settings(lighting="paths", world_cache_lod_distance=0.01, **options)
         with CacheFrame(device, scene, settings, first_ray=1) as frame:
-            sizes[finest] = frame.run(camera=camera).cells()["bounds"][:, 3]
-    assert len(sizes[0.1]) > 10
-    np.testing.assert_allclose(sizes[0.1], 0.1, rtol=1e-6)
-    assert np.median(sizes[1e-3]) > 0.06
+            sizes[finest, rule] = frame.run(camera=camera).cells()["bounds"][:, 3]
+    assert len(sizes[0.1, "divided"]) > 10
+    np.testing.assert_allclose(sizes[0.1, "divided"], 0.1, rtol=1e-6)
+    assert np.median(sizes[0.1, "none"]) > 6
+    assert np.median(sizes[1e-3, "divided"]) > 0.06
 
 
 # ---- each check can fail ----------------------------------------------------------------------------
