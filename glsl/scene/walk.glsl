@@ -256,8 +256,8 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
-// Russian roulette from FIRST_ROULETTE_BOUNCE on: `carried` (the throughput) is the probability that a walk goes on.
-// Differs from Solari: it is clamped to 1, so that no energy is lost.
+// Russian roulette from FIRST_ROULETTE_BOUNCE on: `carried`, in proportion to the throughput, is the probability that a
+// walk goes on. Differs from Solari: it is clamped to 1, so that no energy is lost.
 bool survives(inout Walk walk, float carried, uint bounce, inout uint rng) {
     float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
     walk.throughput /= survival;

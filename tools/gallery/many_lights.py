@@ -1,6 +1,6 @@
 """A plain with 441 lamps and 8,000 boxes.
 
-Each surface chooses lamps by a tree, and the denoiser has little light to go by: most is a few samples a pixel.
+Each surface chooses among lamps by a tree of lights, which finds those that matter there.
 """
 
 from __future__ import annotations

@@ -59,6 +59,10 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     return true;
 }
 
+// The probability that a path goes on, over its throughput. With 1 the error times the time is more: by 36 % in
+// mirror_hall, 22 % in cornell_box and 2 % in shiny_floor; with 4 by 8, 4 and 5 % more than with 3.
+const float SURVIVAL = 3.0;
+
 // Adds a light sample at a surface, and samples the direction in which the walk leaves it. Returns whether it goes on.
 bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     SurfaceInteraction surface = vertex.surface;
@@ -77,7 +81,8 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     path.walk.mis_pdf = mis_pdf(path.walk.mis_pdf);
     path.walk.origin = ray_origin(surface, path.walk.direction);
     path.bounce += 1u;
-    bool goes_on = possible && survives(path.walk, max_component(path.walk.throughput), path.bounce, rng);
+    float carried = SURVIVAL * max_component(path.walk.throughput);
+    bool goes_on = possible && survives(path.walk, carried, path.bounce, rng);
 
     // last, when the surface isn't needed any more
     if (max_component(event.radiance) > 0.0) {
