@@ -74,18 +74,18 @@ def test_a_picture_is_compared_with_later_samples():
 
 def test_the_halves_of_a_mean_tell_its_error():
     """Also where points are so even that the mean's variance falls faster than 1 / count, as of Owen's sequences."""
-    truth = np.full(SIZE, LIGHT)
     for exponent in (0.5, 0.75):
         estimate, noise = ErrorEstimate(1), np.random.default_rng(4)
-        mean = truth
-        for count in (1, 2, 4, 8, 16, 32):  # each half of the samples is as good as a mean of half as many
-            before = mean
-            half = truth * (1 + count**-exponent * 0.3 * noise.standard_normal(SIZE))
-            mean = half if count == 1 else before + (half - before) * 0.5
-            estimate.look_at_mean(count, gray(mean))
+        off, share = np.zeros(SIZE), 0.0
+        for count in (1, 2, 4, 8, 16, 32):
+            # Both halves of the samples are as good as a mean of half as many, so they correlate if the mean is better.
+            variance = 0.09 * count ** (-2 * exponent)
+            off = share * off + np.sqrt(variance * (1 - share)) * noise.standard_normal(SIZE)
+            share = 2 ** (-2 * exponent)
+            estimate.look_at_mean(count, gray(LIGHT * (1 + off)))
             assert np.isinf(estimate.error) == (count == 1)
-        error = np.sqrt(((mean / truth - 1) ** 2).mean())
-        assert 0.9 < estimate.error / error < 1.4
+        error = np.sqrt((off**2).mean())
+        assert 0.85 < estimate.error / error < 1.15
 
 
 def test_means_over_larger_pixels():

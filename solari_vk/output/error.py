@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from solari_vk.output.tone_mapping import LUMINANCE
 
 BLOCK = 4
+STEEPEST = 1.6  # fall of the variance with the number of samples
 Floats = NDArray[np.float64]
 
 
@@ -53,20 +54,24 @@ class ErrorEstimate:
         self.error = math.inf
         self.next_count = first
         self._picture: NDArray[Any] | None = None
-        self._means: list[tuple[int, Floats]] = []  # numbers of samples of earlier looks, and the mean's luminance
+        # Numbers of samples of earlier looks, the mean's luminance, and its squared error as of independent samples.
+        self._means: list[tuple[int, Floats, float]] = []
         self._sums: list[tuple[int, Floats]] = []  # numbers of samples, and their sums: with the picture, and later
 
     def look_at_mean(self, count: int, mean: NDArray[Any]) -> None:
         """The picture is the mean (height, width, 3) of its samples.
 
-        Its variance is estimated from the means of about the first half and of the rest, since the variance of single
-        samples overestimates that of points of low-discrepancy sequences.
+        Its variance is estimated from the means of about the first half and of the rest. With independent samples it is
+        a quarter of their squared difference. Points of low-discrepancy sequences have variances that fall faster than
+        1 / N, as N^-p; halves then differ by (2^p - 1) times as much, squared. p is that of earlier estimates.
         """
-        light = luminance(mean)
+        light, square = luminance(mean), math.nan
         if self._means:
-            first, earlier = min(self._means, key=lambda look: abs(look[0] - count / 2))
-            self.error = error_of_mean(mean, (earlier - light) ** 2 * (first / (count - first)))
-        self._means = [look for look in self._means if look[0] >= count / 3] + [(count, light)]
+            first, earlier, before = min(self._means, key=lambda look: abs(look[0] - count / 2))
+            square = error_of_mean(mean, (earlier - light) ** 2 * (first / (count - first))) ** 2
+            fall = math.log(before / square) / math.log(count / first) if before > 0 and square > 0 else 1.0
+            self.error = math.sqrt(square / (2 ** min(max(fall, 1.0), STEEPEST) - 1))
+        self._means = [look for look in self._means if look[0] >= count / 3] + [(count, light, square)]
         self.next_count = math.ceil(1.25 * count)
 
     def look_at_other(self, count: int, mean: NDArray[Any], picture: Callable[[], NDArray[Any]]) -> None:

@@ -39,7 +39,7 @@ vec3 evaluate_diffuse(Diffuse diffuse, Specular specular, vec3 wo, vec3 wi) {
     vec3 value = diffuse.color * (INVERSE_PI * wi.z);
     if (lambertian_surfaces || specular.metallic == 1.0) { return value; }
     if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
-        // Differs from Solari, which mixes F0 with the base color: here metal has a share of its own, without this lobe.
+        // Differs from Solari, which mixes F0 with the base color: here metal has a share of its own.
         vec3 f0 = specular.dielectric_f0;
         return value * ((1.0 - fresnel(f0, wo.z)) * (1.0 - fresnel(f0, wi.z)));
     }
