@@ -39,6 +39,7 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
+from solari_vk.passes import pathtracer
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.scene.model import Camera, Scene
@@ -88,7 +89,7 @@ class Batch(BatchResults):
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
             self._cameras = np.zeros(self.views, record["current"])
             self._strip = self.size[0], self.size[1] * self.views
-            self._rows = passes.max_rows(self._strip)
+            self._rows = pathtracer.rows_of(self._strip, passes.MAX_PIXELS)
             self._labels_names = names
             self._names = (*LIGHT[renderer], *names)
             self._owned.callback(self._close_many)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
-SHORT = 16  # rows of numbers that numpy reduces faster column by column
+SHORT = 16  # numpy reduces rows of fewer numbers faster column by column
 THIN = 1e-3  # of a list's longest extent: by how much boxes are thicker where areas are compared, so that none is 0
 
 

@@ -30,7 +30,7 @@ from solari_vk.settings import Settings
 
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 STILL_FRAMES = 48
-# A frame takes few milliseconds there. Denoised frames are blotchy, in the mean of four times as many half as much.
+# Frames take few milliseconds there, and the mean of many shows less of the blotches that the denoiser leaves.
 STILL_FRAMES_ON_CARDS = 192
 
 

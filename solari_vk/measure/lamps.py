@@ -30,7 +30,7 @@ HEAD = ("emissive triangles", "meshes", "to the device, s", "moved, s", "reshape
 
 
 def run(select: str | None, triangles: int, markdown: Path | None, *, rays: str | None = None) -> None:
-    """Measure and report. triangles: their number, as `triangles` of a scene."""
+    """Measure and report. triangles: how many shine."""
     with measuring(select, rays, markdown, "Many emissive triangles", *INTRO) as (device, report):
         rows = []
         for parts in PARTS:
@@ -74,5 +74,5 @@ def _measured(device: Device, scene: Scene) -> tuple[str, ...]:
         lamp.mesh.positions = 1.001 * lamp.mesh.positions
         reshaped = device_seconds(device, binder.update)
     binder.destroy()
-    mean, half_width = interval(np.array(errors))
+    mean, half_width = interval(errors)
     return f"{bound:.2f}", f"{moved:.3f}", f"{reshaped:.3f}", f"{mean:.4f} ± {half_width:.4f}"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from solari_vk.output.tone_mapping import LUMINANCE
 
 BLOCK = 4
-STEEPEST = 1.6  # fall of the variance with the number of samples
+STEEPEST = 1.6  # p of a variance that falls as N^-p with the number of samples N: at most
 Floats = NDArray[np.float64]
 
 
@@ -54,7 +54,7 @@ class ErrorEstimate:
         self.error = math.inf
         self.next_count = first
         self._picture: NDArray[Any] | None = None
-        # Numbers of samples of earlier looks, the mean's luminance, and its squared error as of independent samples.
+        # Of earlier looks: the number of samples, the mean's luminance, and its squared error if p were 1.
         self._means: list[tuple[int, Floats, float]] = []
         self._sums: list[tuple[int, Floats]] = []  # numbers of samples, and their sums: with the picture, and later
 

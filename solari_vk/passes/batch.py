@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from solari_vk.gpu.frame.stages import Pass, Stage
-from solari_vk.passes.pathtracer import MAX_ROWS
 
 GEOMETRY = ("depth", "distance", "position", "geometric_normal", "instance_id", "primitive")
 """What the surface at each pixel's center gives without its material: `pathtracer.AOVS` says what those of a picture
@@ -18,11 +17,6 @@ MATERIALS = (
 """What needs the material of the surface; as in `pathtracer.AOVS`."""
 OUTPUTS = (*GEOMETRY, *MOTION, *MATERIALS)
 MAX_PIXELS = 1 << 23  # of a dispatch, whose first hits take about 6 ms on an H100; drivers end dispatches of seconds
-
-
-def max_rows(strip: tuple[int, int]) -> int:
-    """Rows of the strip of `views` in one dispatch."""
-    return min(strip[1], max(MAX_PIXELS // strip[0], 1), MAX_ROWS)
 
 
 def labels_stage(strip: tuple[int, int], rows: int, outputs: Collection[str], instance_capacity: int) -> Stage:

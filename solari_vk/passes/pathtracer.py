@@ -103,12 +103,17 @@ def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
     uniforms["path_sampling.filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
 
 
+def rows_of(size: tuple[int, int], pixels: int) -> int:
+    """Rows of a picture in one dispatch over so many pixels at most, but at least one row."""
+    return min(size[1], max(pixels // size[0], 1), MAX_ROWS)
+
+
 def max_rows(size: tuple[int, int], pixel_ms: float = 0.0) -> int:
     """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog.
 
     pixel_ms: the milliseconds of a sample of a pixel in another picture, if they are known: DISPATCH_MS then.
     """
-    rows = min(size[1], max(MAX_FIRST_PIXELS // size[0], 1), MAX_ROWS)
+    rows = rows_of(size, MAX_FIRST_PIXELS)
     return rows if not pixel_ms else min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))
 
 

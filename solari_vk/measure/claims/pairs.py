@@ -199,7 +199,7 @@ PAIRS = (
          ("light behind a thin wall over light before it",), _cut_room, (96, 64),
          {"world_cache_cell_size": 0.25, "world_cache_lod_sharpness": 1.0}, {}, _leak, 2.0,
          {**FEW, **INDIRECT, "world_cache_lod_distance": 2.0}),
-    Pair("light_leaks_rays", "0.19", "Rays that are shorter than a cell ask the finest cells. Three seeds don't tell.",
+    Pair("light_leaks_rays", "0.19", "Rays that are shorter than a cell ask the finest cells, which reduces leaks.",
          ("light behind a thin wall over light before it",), _cut_room, (96, 64),
          {"world_cache_leak_prevention": "none"}, {}, _leak, 1.0,
          {**FEW, **INDIRECT, "world_cache_lod_distance": 2.0}),
