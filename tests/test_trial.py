@@ -275,6 +275,14 @@ def test_meshes_are_in_the_world_with_the_uvs_of_their_texture():
     assert found["uvs"].tolist() == [[0.5, 0], [2.5, 0], [0.5, 3]]
 
 
+def test_double_sided_lamps_have_a_mesh_for_each_side(tmp_path):
+    lamp = sv.Instance(sv.Mesh(np.eye(3)), sv.Material(emissive=(1, 1, 1), double_sided=True))
+    translation.write(sv.Scene(lamp), tmp_path)
+    front, back = (np.load(tmp_path / f"mesh{i}.npz") for i in range(2))
+    assert back["triangles"].tolist() == front["triangles"][:, ::-1].tolist()
+    assert front["positions"] - back["positions"] == pytest.approx(np.full((3, 3), 1e-4 / np.sqrt(3)), rel=1e-2)
+
+
 def test_cameras_with_a_lens_are_refused(tmp_path):
     scene = sv.load(floor(tmp_path / "floor.glb"))
     for camera in (sv.Camera(aperture=0.1), sv.Camera(principal_point=(0.6, 0.5))):
@@ -433,14 +441,15 @@ def test_lights_have_our_units(judge, light, illuminance):
     assert seen == pytest.approx(0.5 * illuminance / np.pi * light.color, rel=0.01)
 
 
-def test_lamps_with_one_side_shine_on_the_front(judge):
+@pytest.mark.parametrize("both", [False, True])
+def test_lamps_shine_on_their_sides(judge, both):
     """A panel of radiance 1, seen from above, where it shines, and from below, in no other light."""
-    writer = GltfWriter()
-    quad(writer, [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], (0, 0, 0), emissiveFactor=[1, 1, 1])
+    writer, shining = GltfWriter(), {"emissiveFactor": [1, 1, 1], "doubleSided": both}
+    quad(writer, [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], (0, 0, 0), **shining)
     scene = sv.load(writer.save(judge.file))
     for height in (1, -1):
         seen = judge(scene, sv.Camera.look_at((0, height, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2))
-        assert seen == pytest.approx(max(height, 0), rel=1e-3)
+        assert seen == pytest.approx(1.0 if both else max(height, 0), rel=1e-3)
 
 
 def test_cycles_has_what_gltf_says(judge):

@@ -78,7 +78,6 @@ TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of trans
     ("iridescence", "left out", _with(lambda m: m.iridescence > 0)),
     ("diffuse transmission", "left out", _with(lambda m: m.diffuse_transmission > 0)),
     ("unlit", "left out: black there", _with(lambda m: m.unlit)),
-    ("both sides", "double-sided surfaces emit on their front alone", _with(lambda m: m.emits and m.double_sided)),
     ("uvs", "all textures of a material take the uvs, and one way to wrap, of the first", _with(_moves_uvs_apart)),
     ("vertex colors", "with a base color texture they are left out, as is their alpha",
      lambda scene: any(instance.mesh.colors is not None for instance in scene)),

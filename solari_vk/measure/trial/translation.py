@@ -23,6 +23,7 @@ from solari_vk.scene.objects import Instance
 WRAPS = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clamp"}
 FILTERS = {"linear": "bilinear", "nearest": "nearest"}
 LEAST_ETA = 1.001
+BEHIND = 1e-4  # of a lamp's extent
 USED = ("base_color_texture", "metallic_roughness_texture", "normal_texture", "emissive_texture")
 
 
@@ -31,9 +32,15 @@ def write(scene: Scene, folder: Path) -> None:
     materials = list(scene.materials)
     textures = _Textures(folder)
     shapes = []
-    for index, instance in enumerate(instance for instance in scene if instance.visible):
-        np.savez(folder / f"mesh{index}.npz", allow_pickle=False, **arrays(instance))
-        shapes.append({"file": f"mesh{index}.npz", "material": materials.index(instance.material)})
+    for instance in (instance for instance in scene if instance.visible):
+        material = instance.material
+        meshes = [arrays(instance)]
+        if material.emits and material.double_sided:
+            meshes.append(behind(meshes[0]))
+        for mesh in meshes:
+            file = f"mesh{len(shapes)}.npz"
+            np.savez(folder / file, allow_pickle=False, **mesh)
+            shapes.append({"file": file, "material": materials.index(material)})
     colored = {instance.material for instance in scene if instance.mesh.colors is not None}
     made = [translated(material, textures, material in colored) for material in materials]
     (folder / "mitsuba.json").write_text(json.dumps({"materials": made, "shapes": shapes}), encoding="utf-8")
@@ -56,6 +63,18 @@ def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
         found["colors"] = mesh.colors[:, :3] * instance.material.base_color
     return {name: np.ascontiguousarray(a, np.uint32 if name == "triangles" else np.float32)
             for name, a in found.items()}  # fmt: skip
+
+
+def behind(mesh: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The other side of a double-sided lamp, close behind it: emitters light one side there. mesh: as of `arrays`."""
+    triangles, positions = mesh["triangles"], mesh["positions"].astype(np.float64)
+    a, b, c = (positions[triangles[:, i]] for i in range(3))
+    normals = np.zeros_like(positions)
+    for i in range(3):
+        np.add.at(normals, triangles[:, i], np.cross(b - a, c - a))
+    moved = positions - BEHIND * np.ptp(positions, axis=0).max() * unit(normals)
+    found = {**mesh, "triangles": np.ascontiguousarray(triangles[:, ::-1]), "positions": moved.astype(np.float32)}
+    return found if "normals" not in mesh else {**found, "normals": -mesh["normals"]}
 
 
 def leading_texture(material: Material) -> Texture | None:
