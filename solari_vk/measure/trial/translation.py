@@ -31,7 +31,7 @@ def write(scene: Scene, folder: Path) -> None:
     """Write mitsuba.json and the arrays that it names into a folder."""
     materials = list(scene.materials)
     textures = _Textures(folder)
-    shapes = []
+    shapes: list[dict[str, Any]] = []
     for instance in (instance for instance in scene if instance.visible):
         material = instance.material
         meshes = [arrays(instance)]
