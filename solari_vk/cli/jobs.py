@@ -175,7 +175,7 @@ class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
         "of a JSON file", "orbit[:DEGREES]|file|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
-    samples: int | None = option("samples per pixel of each picture (256; with --denoise 64)", "N", type=positive)
+    samples: int | None = option("samples per pixel of each picture (256; with --denoise 48)", "N", type=positive)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "

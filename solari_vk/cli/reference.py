@@ -26,7 +26,7 @@ from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
 from solari_vk.output.movie import check_encoder
 
-SAMPLES, DENOISED_SAMPLES = 256, 64
+SAMPLES, DENOISED_SAMPLES = 256, 48
 
 
 @dataclass
