@@ -28,19 +28,20 @@ USED = ("base_color_texture", "metallic_roughness_texture", "normal_texture", "e
 
 
 def write(scene: Scene, folder: Path) -> None:
-    """Write mitsuba.json and the arrays that it names into a folder."""
+    """Write mitsuba.json and the arrays that it names into a folder: a mesh a material, since thousands of shapes take
+    minutes to load and compile there."""
     materials = list(scene.materials)
     textures = _Textures(folder)
-    shapes: list[dict[str, Any]] = []
+    groups: dict[tuple[int, frozenset[str]], list[dict[str, NDArray[Any]]]] = {}
     for instance in (instance for instance in scene if instance.visible):
         material = instance.material
-        meshes = [arrays(instance)]
-        if material.emits and material.double_sided:
-            meshes.append(behind(meshes[0]))
-        for mesh in meshes:
-            file = f"mesh{len(shapes)}.npz"
-            np.savez(folder / file, allow_pickle=False, **mesh)
-            shapes.append({"file": file, "material": materials.index(material)})
+        mesh = arrays(instance)
+        group = groups.setdefault((materials.index(material), frozenset(mesh)), [])
+        group += [mesh, behind(mesh)] if material.emits and material.double_sided else [mesh]
+    shapes = []
+    for index, ((material_index, _), meshes) in enumerate(groups.items()):
+        np.savez(folder / f"mesh{index}.npz", allow_pickle=False, **joined(meshes))
+        shapes.append({"file": f"mesh{index}.npz", "material": material_index})
     colored = {instance.material for instance in scene if instance.mesh.colors is not None}
     made = [translated(material, textures, material in colored) for material in materials]
     (folder / "mitsuba.json").write_text(json.dumps({"materials": made, "shapes": shapes}), encoding="utf-8")
@@ -63,6 +64,14 @@ def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
         found["colors"] = mesh.colors[:, :3] * instance.material.base_color
     return {name: np.ascontiguousarray(a, np.uint32 if name == "triangles" else np.float32)
             for name, a in found.items()}  # fmt: skip
+
+
+def joined(meshes: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """One mesh of several that have the same arrays."""
+    firsts = np.cumsum([0, *(len(mesh["positions"]) for mesh in meshes[:-1])])
+    parts = [{**mesh, "triangles": mesh["triangles"] + np.uint32(first)}
+             for mesh, first in zip(meshes, firsts, strict=True)]  # fmt: skip
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def behind(mesh: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
