@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry
+from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.table import Table, upload
 from solari_vk.bound.texture_table import TextureTable
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.scene.model import Mesh
+from solari_vk.scene.model import Mesh, TextureImage
 from solari_vk.scene.observed import Observable, Watcher
+from solari_vk.scene.on_device import OnDevice
 
 
 class RowsOfScene(Protocol):
@@ -39,10 +42,25 @@ class Assets:
         self.geometry = Geometry(device, self.layout, self.features, watcher)
         self.textures = TextureTable(device, self.layout["textures"], watcher)
         self.materials = MaterialTable(device, self.layout["materials"], self.textures, self.features, watcher)
+        self.given: tuple[GivenNumbers, ...] = self.geometry.given, self.textures.given
         posed = self.geometry.posed
         self.tables: tuple[Table, ...] = (
             self.geometry.table, *posed.tables, self.textures.table, self.materials.table
         )  # fmt: skip
+
+    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """What tensors give an object in use, in the device's memory; None for what the host must read."""
+        if isinstance(item, Mesh):
+            return self.geometry.take(item, fields)
+        if isinstance(item, TextureImage):
+            # Whether instances are opaque depends on alpha.
+            return None if self.materials.users_of_image(item) else self.textures.take(item, fields)
+        return None
+
+    def check_given(self) -> None:
+        """Raise SolariError for what was wrong in tensors, if the device has come to it."""
+        for given in self.given:
+            given.check()
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:

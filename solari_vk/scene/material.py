@@ -12,10 +12,11 @@ from solari_vk.errors import SolariError, warn
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.on_device import OnDevice
 
 
 @checked
-class TextureImage(Checked):
+class TextureImage(OnDevice):
     """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
 
     pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file; the attribute is always RGBA. Materials
@@ -26,6 +27,7 @@ class TextureImage(Checked):
     name: str = ""
 
     _converters = {"pixels": checks.pixels, "name": checks.text}
+    _on_device = ("pixels",)
 
     _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
 

@@ -1,0 +1,70 @@
+"""Objects of which tensors give some fields in memory of a device, where the host reads them only if it must."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.observed import Checked
+
+
+class DeviceArray(Protocol):
+    """Numbers in memory of a device."""
+
+    shape: tuple[int, ...]
+
+    def copy(self) -> NDArray[Any]:
+        """The numbers in the host's memory."""
+
+
+class OnDevice(Checked):
+    """Tensors that are assigned to some of the fields stay on the device of a watcher whose `take` takes them. Classes
+    have no defaults of these fields as attributes, in whose place `__getattr__` finds what a tensor gave."""
+
+    _on_device: ClassVar[tuple[str, ...]] = ()  # the fields
+    _given: ClassVar[Mapping[str, DeviceArray]] = {}  # by field: what a tensor gave
+
+    def update(self, **fields: Any) -> None:
+        """As of the other objects. Tensors stay on the device that takes them."""
+        fields = self._by_field(fields, self)
+        if self._ready and fields and fields.keys() <= set(self._on_device) and self._take(fields):
+            return
+        super().update(**fields)
+        if self._given:
+            object.__setattr__(self, "_given", {n: given for n, given in self._given.items() if n not in fields})
+
+    def _take(self, fields: Mapping[str, Any]) -> bool:
+        """Leave values of fields on a device, or return False."""
+        takers = [getattr(reference(), "take", None) for reference in self._watchers]
+        taken = next((found for take in takers if take is not None and (found := take(self, fields))), None)
+        if taken is None:
+            return False
+        for name in taken:
+            vars(self).pop(name, None)
+        object.__setattr__(self, "_given", {**self._given, **taken})
+        self._notify(self)
+        return True
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """What a tensor gave, in the host's memory."""
+            if name not in self._on_device or name not in self._given:
+                return super().__getattr__(name)
+            try:
+                value = self._converters[name](self._given[name].copy())
+            except ValueError as error:
+                raise SolariError(f"{self.describe()}: {name} {error}: a tensor gave them") from None
+            object.__setattr__(self, name, value)
+            return value
+
+    def held(self, name: str) -> Any:
+        """A field as it was given: a value, or what a device took of a tensor."""
+        return self._given[name] if name in self._given else getattr(self, name)
+
+    def __getstate__(self) -> dict[str, Any]:
+        on_host = {name: getattr(self, name) for name in self._given}
+        return {name: value for name, value in (super().__getstate__() | on_host).items() if name != "_given"}
