@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry
-from solari_vk.bound.given_numbers import GivenNumbers
+from solari_vk.bound.given_numbers import GivenNumbers, take
+from solari_vk.bound.given_textures import DTYPES
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.table import Table, upload
 from solari_vk.bound.texture_table import TextureTable
@@ -18,7 +19,7 @@ from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.scene.model import Mesh, TextureImage
+from solari_vk.scene.model import Material, Mesh, TextureImage
 from solari_vk.scene.observed import Observable, Watcher
 from solari_vk.scene.on_device import OnDevice
 
@@ -42,11 +43,17 @@ class Assets:
         self.geometry = Geometry(device, self.layout, self.features, watcher)
         self.textures = TextureTable(device, self.layout["textures"], watcher)
         self.materials = MaterialTable(device, self.layout["materials"], self.textures, self.features, watcher)
-        self.given: tuple[GivenNumbers, ...] = self.geometry.given, self.textures.given
+        self.given: tuple[GivenNumbers, ...] = (
+            self.geometry.given, self.textures.given, self.materials.given
+        )  # fmt: skip
         posed = self.geometry.posed
         self.tables: tuple[Table, ...] = (
             self.geometry.table, *posed.tables, self.textures.table, self.materials.table
         )  # fmt: skip
+
+    def take_all(self, values: Any) -> Taken | None:
+        """A tensor with what many objects get, whose parts `take` takes."""
+        return take(self._device, values, DTYPES)
 
     def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
         """What tensors give an object in use, in the device's memory; None for what the host must read."""
@@ -55,7 +62,7 @@ class Assets:
         if isinstance(item, TextureImage):
             # Whether instances are opaque depends on alpha.
             return None if self.materials.users_of_image(item) else self.textures.take(item, fields)
-        return None
+        return self.materials.take(item, fields) if isinstance(item, Material) else None
 
     def check_given(self) -> None:
         """Raise SolariError for what was wrong in tensors, if the device has come to it."""
@@ -94,7 +101,9 @@ class Assets:
         """Upload what has changed in tables; returns how many have other buffers now."""
         changed = [table for table in tables if table.marked]
         replaced = sum(table.replace() for table in changed)
+        materials = set(self.materials.table.marked)
         upload(self._device, changed)
+        self.materials.give(materials)
         if self.geometry.table in changed:
             self.geometry.given.write_bounds()
         return replaced

@@ -120,6 +120,10 @@ class SceneBinder(SceneRows):
         self._up_to_date.add(self if user is None else user)
         self._geometry.posed.note_seen(user, self.revision)
 
+    def take_all(self, values: Any) -> Taken | None:
+        """As of `Assets`."""
+        return self.assets.take_all(values)
+
     def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
         """What tensors give an object, as of `Assets.take`; None for a lamp's, which the host needs."""
         return None if self.lamps.emissions.use(item) else self.assets.take(item, fields)

@@ -43,7 +43,7 @@ def take(device: Device, value: Any, dtypes: Sequence[Any] = FLOATS) -> Taken | 
     if not is_takable(device, value):
         return None
     if isinstance(value, Taken):
-        return value
+        return value if value.dtype in dtypes else None
     try:
         return device.cuda_inputs.take(value, dtypes)
     except DeviceError:
@@ -91,9 +91,13 @@ class GivenNumbers:
         what, index = divmod(int(found[0]), 1 << 20)
         if what:
             found[0] = 0
-            later = " or a later one" if index == LAST else ""
-            raise SolariError(f"{self._where}{self._what[what - 1]} of {self._of} {index}{later} must {self._rule}, "
-                              "and wasn't in a tensor of an earlier frame")  # fmt: skip
+            said = self._said(self._what[what - 1], index)
+            raise SolariError(f"{said}, and wasn't in a tensor of an earlier frame")
+
+    def _said(self, what: str, index: int) -> str:
+        """What must follow a rule."""
+        later = " or a later one" if index == LAST else ""
+        return f"{self._where}{what} of {self._of} {index}{later} must {self._rule}"
 
     def destroy(self) -> None:
         """Free everything."""

@@ -139,8 +139,8 @@ class SceneRows:
             self._write_rows |= {user: None for user in users if user in self._uses}
 
     def _may_change_lights(self, item: Observable) -> bool:
-        if isinstance(item, Mesh) and isinstance(item.held("positions"), Taken):
-            return self.lamps.emissions.use(item)  # the host knows no new bounds of others
+        if isinstance(item, (Mesh, TextureImage)) and isinstance(item.held(item._on_device[0]), Taken):
+            return self.lamps.emissions.use(item)  # the host knows nothing new of others
         return not isinstance(item, (Instance, Material, Camera))
 
     def _take_up_instance(self, instance: Instance) -> None:

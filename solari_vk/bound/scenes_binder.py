@@ -53,6 +53,10 @@ class ScenesBinder:
             if scene.uses(users):
                 scene.note(changed)
 
+    def take_all(self, values: Any) -> Taken | None:
+        """As of `Assets`."""
+        return self.assets.take_all(values)
+
     def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
         """As of `SceneBinder`."""
         if any(scene.lamps.emissions.use(item) for scene in self._scenes):

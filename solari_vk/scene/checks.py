@@ -101,7 +101,8 @@ def pixels(value: Any) -> NDArray[np.uint8]:
         value = read_pixels(value)
     given = host_array(value)
     if given.dtype.kind == "f":
-        parts = given.astype(np.float32)
+        with np.errstate(over="ignore"):
+            parts = given.astype(np.float32)
         if not ((parts >= 0) & (parts <= 1)).all():
             raise ValueError("must lie between 0 and 1, or be integers of 8 bits")
         given = np.rint(parts * np.float32(255)).astype(np.uint8)
@@ -175,7 +176,7 @@ def number(
     def convert(value: Any) -> float | None:
         if value is None and optional:
             return None
-        number = float(value)
+        number = float(value.item() if isinstance(value, np.ndarray) and value.size == 1 else value)
         if not math.isfinite(number) or not low <= number <= high:
             limits = f"between {low:g} and {high:g}{unit and f' {unit}'}"
             raise ValueError(f"must be a finite number {limits}, not {shortened(str(value))}")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.host_array import host_array
 from solari_vk.scene.observed import Checked
 
 
@@ -18,6 +20,16 @@ class DeviceArray(Protocol):
 
     def copy(self) -> NDArray[Any]:
         """The numbers in the host's memory."""
+
+    def at(self, index: int) -> DeviceArray:
+        """A row."""
+
+
+def _on_some_device(objects: Sequence[Any], values: Any) -> DeviceArray | None:
+    """A tensor on the device of a watcher of objects; None for what the host must read."""
+    watchers = {id(found): found for item in objects for reference in item._watchers if (found := reference())}
+    takers = [taker for found in watchers.values() if (taker := getattr(found, "take_all", None)) is not None]
+    return next((taken for take in takers if (taken := take(values)) is not None), None)
 
 
 class OnDevice(Checked):
@@ -35,6 +47,32 @@ class OnDevice(Checked):
         super().update(**fields)
         if self._given:
             object.__setattr__(self, "_given", {n: given for n, given in self._given.items() if n not in fields})
+
+    @classmethod
+    def update_all(cls, objects: Iterable[Any], **fields: Any) -> None:
+        """Assign fields of several objects at once: row i of each array or tensor is of object i, such as
+        `Material.update_all(materials, base_color=colors)` with colors (N, 3). Of a tensor of a GPU one copy
+        serves all. Raises SolariError for another number of rows, and at the first object that refuses its row.
+        """
+        objects, rows = list(objects), dict[str, Any]()
+        for name, values in cls._by_field(fields).items():
+            rows[name] = _on_some_device(objects, values)
+            if rows[name] is None:
+                rows[name] = host_array(values)
+            if rows[name].shape[:1] != (len(objects),):
+                raise SolariError(f"{cls.__name__}.update_all: {name} must have {len(objects)} rows, one for each "
+                                  f"object, not the shape {rows[name].shape}")  # fmt: skip
+        for index, item in enumerate(objects):
+            if not isinstance(item, cls):
+                raise SolariError(f"{cls.__name__}.update_all: object {index} is a {type(item).__name__}")
+            own = {name: given[index] if isinstance(given, np.ndarray) else given.at(index)
+                   for name, given in rows.items()}  # fmt: skip
+            if not all(isinstance(given, np.ndarray) for given in rows.values()):
+                if own.keys() <= set(cls._on_device) and item._take(own):
+                    continue
+                rows = {name: given if isinstance(given, np.ndarray) else given.copy() for name, given in rows.items()}
+                own = {name: given[index] for name, given in rows.items()}
+            item.update(**own)
 
     def _take(self, fields: Mapping[str, Any]) -> bool:
         """Leave values of fields on a device, or return False."""
