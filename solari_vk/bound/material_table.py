@@ -23,7 +23,7 @@ from solari_vk.bound.table import Rows, Table
 from solari_vk.bound.texture_table import TextureTable
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.material import TEXTURES, UNLIT_RADIANCE
+from solari_vk.scene.material import LAYERS, TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
@@ -45,7 +45,7 @@ class MaterialTable:
         self._watcher = watcher
         self._textures_of: dict[Material, dict[str, Texture]] = {}
         self._to_write: dict[Material, None] = {}
-        self._written: dict[Material, dict[str, Any]] = {}  # the fields as they were given
+        self._written: dict[Material, int] = {}  # how many edits of the host its record has
         self._of_tensors: dict[Material, dict[str, Taken]] = {}  # the fields that the host's record lacks
         self._to_give: set[int] = set()  # rows of materials that have others of these
         self.given = GivenMaterials(device, self.table, self.rows)
@@ -80,7 +80,7 @@ class MaterialTable:
 
     def change(self, material: Material) -> list[Instance]:
         """Take note of an edit of a material; returns the instances whose records may depend on it."""
-        if material in self._written and self._differs_by_tensors(material, *self._fields(material)):
+        if self._differs_by_tensors(material):
             self._to_write[material] = None
             return []
         if material in self.rows:
@@ -119,23 +119,20 @@ class MaterialTable:
         """Write the records of new and changed materials; their textures must have rows."""
         self.table.reserve(self.rows.limit)
         for material in self._to_write:
-            fields, given = self._fields(material)
-            if self._differs_by_tensors(material, fields, given):
+            given = self.given.held_of(material) if material in self._written else {}  # the host reads a new one's
+            if not given.keys().isdisjoint(LAYERS):
+                self._features.note(material)  # another renderer's shaders may have had layers before
+            if self._differs_by_tensors(material):
                 self._to_give.add(self.rows[material])
             else:
                 self._write(material, given)
-            self._written[material], self._of_tensors[material] = fields, given
+            self._written[material], self._of_tensors[material] = material._host_edits, given
         self._to_write.clear()
 
-    def _fields(self, material: Material) -> tuple[dict[str, Any], dict[str, Taken]]:
-        """The fields of a material as they were given, and those that tensors gave. The host reads a new material's."""
-        given = self.given.held_of(material) if material in self._written else {}
-        return {name: given[name] if name in given else getattr(material, name) for name in Material._names}, given
-
-    def _differs_by_tensors(self, material: Material, fields: Mapping[str, Any], given: Mapping[str, Taken]) -> bool:
-        """Whether nothing but tensors gives other fields than when the record was written."""
-        before = self._written.get(material)
-        return before is not None and {name for name in fields if fields[name] is not before[name]} <= given.keys()
+    def _differs_by_tensors(self, material: Material) -> bool:
+        """Whether nothing but tensors of this device gives other fields than when the record was written."""
+        unchanged = self._written.get(material) == material._host_edits
+        return unchanged and len(self.given.held_of(material)) == len(material._given)
 
     def _write(self, material: Material, given: Mapping[str, Taken]) -> None:
         """Write a record but for what tensors gave."""

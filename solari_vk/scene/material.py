@@ -19,8 +19,11 @@ from solari_vk.scene.on_device import OnDevice
 class TextureImage(OnDevice):
     """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
 
-    pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file; the attribute is always RGBA. Materials
-    decide by the kind of the texture whether it is sRGB.
+    pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file, or as floats in [0, 1], of which 1 is the
+    code 255; the attribute is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
+
+    Pixels that are assigned as a tensor of a GPU, of the same height and width as before, stay on it where a renderer
+    of the same GPU has shown the image: reading the field then copies them to the host, and waits.
     """
 
     pixels: NDArray[np.uint8]
@@ -161,7 +164,8 @@ class Material(OnDevice):
     EV100 of 0 that cameras have by default. Only base color, alpha and double_sided count. It reflects nothing and
     gives no light to others. Mirrors and clear glass show it too; in rough reflections it is black.
 
-    Raises SolariError for values out of range.
+    Tensors of a GPU for colors and numbers that only shading depends on stay on it, as those of images do; `update_all`
+    takes one for many materials. Raises SolariError for values out of range.
     """
 
     _: KW_ONLY
@@ -315,9 +319,6 @@ class Material(OnDevice):
         return colored or textured or any(weight > 0 for weight in weights)
 
 
-for _name in Material._on_device:  # the defaults
-    if _name in vars(Material):
-        delattr(Material, _name)
 LIMITS: dict[str, tuple[float, float]] = {
     field.name: field.metadata["range"] for field in fields(Material) if "range" in field.metadata
 }

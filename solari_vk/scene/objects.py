@@ -158,9 +158,6 @@ class Mesh(OnDevice):
             object.__setattr__(self, "_default_triangles", every_three)
 
 
-del Mesh.normals  # the default
-
-
 @checked
 class Instance(Checked, Scaled):
     """A mesh with a material at a place in the world.

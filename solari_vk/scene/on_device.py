@@ -33,11 +33,11 @@ def _on_some_device(objects: Sequence[Any], values: Any) -> DeviceArray | None:
 
 
 class OnDevice(Checked):
-    """Tensors that are assigned to some of the fields stay on the device of a watcher whose `take` takes them. Classes
-    have no defaults of these fields as attributes, in whose place `__getattr__` finds what a tensor gave."""
+    """Tensors that are assigned to the fields `_on_device` stay on the device of a watcher whose `take` takes them. In
+    place of these fields `__getattr__` finds what a tensor gave."""
 
-    _on_device: ClassVar[tuple[str, ...]] = ()  # the fields
     _given: ClassVar[Mapping[str, DeviceArray]] = {}  # by field: what a tensor gave
+    _host_edits: ClassVar[int] = 0  # assignments that no device took
 
     def update(self, **fields: Any) -> None:
         """As of the other objects. Tensors stay on the device that takes them."""
@@ -45,6 +45,8 @@ class OnDevice(Checked):
         if self._ready and fields and fields.keys() <= set(self._on_device) and self._take(fields):
             return
         super().update(**fields)
+        if self._ready:
+            object.__setattr__(self, "_host_edits", self._host_edits + 1)
         if self._given:
             object.__setattr__(self, "_given", {n: given for n, given in self._given.items() if n not in fields})
 

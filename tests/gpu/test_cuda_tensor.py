@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 import pytest
-from test_given_materials import record_of, values_of, with_ball
-from test_given_textures import CAMERA, levels_of, random_pixels, textured
+from test_given_materials import CAMERA, record_of, values_of, with_ball
+from test_given_textures import levels_of, random_pixels, textured
 
 import solari_vk as sv
 from solari_vk.gpu.device import dlpack

@@ -69,10 +69,11 @@ def test_records_have_the_bits_of_the_host(gpu, monkeypatch):  # noqa: F811
 
 def frames_of(kind, device, scene):
     """What a renderer of a kind shows of a scene, frame by frame."""
-    if kind == "reference":
-        with sv.PathTracer(device, scene, SIZE) as tracer:
+    if kind in ("reference", "realtime"):
+        with (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE) as renderer:
             while True:
-                yield {"radiance": tracer.render(CAMERA, samples=2)["radiance"]}
+                frame = renderer.render(CAMERA, **({"samples": 2} if kind == "reference" else {}))
+                yield {"radiance": frame["radiance"]}
     scenes = [scene, sv.builtin("cornell_box")] if kind == "scenes" else scene
     worlds = {"worlds": 2} if kind == "worlds" else {}
     with sv.Batch(device, scenes, SIZE, 2, renderer="reference", outputs=["albedo"], **worlds) as batch:
@@ -163,6 +164,25 @@ def test_many_materials_take_one_tensor(gpu):  # noqa: F811
         fresh = sv.Material()
         sv.Material.update_all([paints[0], fresh], base_color=GpuTensor(gpu, colors[3:]))
         np.testing.assert_array_equal([paints[0].base_color, fresh.base_color], colors[3:])
+
+
+@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
+def test_other_renderers_show_the_same(gpu, device):  # noqa: F811
+    """Of the same device, also if their shaders have had no layers so far; and of one that doesn't see the tensor."""
+    scene, paint = with_ball(clearcoat=0.5)
+    other = sv.Scene(sv.Instance(sv.shapes.sphere(0.4, 12), paint))
+    with sv.PathTracer(gpu, scene, SIZE) as tracer, sv.PathTracer(device, scene, SIZE) as elsewhere:
+        paint.clearcoat = 0.0
+        with sv.PathTracer(gpu, other, SIZE) as second:
+            for shown in (tracer, elsewhere, second):
+                shown.binder.update()
+            assert "SCENE_LAYERS" not in second.binder.features
+            for clearcoat in (0.25, 0.75):
+                paint.clearcoat = GpuTensor(gpu, np.array(clearcoat))
+                for shown in (tracer, second, elsewhere):
+                    shown.binder.update()
+                    assert record_of(shown.binder, paint)["clearcoat"] == clearcoat
+            assert "SCENE_LAYERS" in second.binder.features
 
 
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)

@@ -9,14 +9,12 @@ from functools import partial
 import numpy as np
 import pytest
 from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
+from test_given_materials import CAMERA, SIZE, frames_of
 
 import solari_vk as sv
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.scene.checks import pixels as as_pixels
 from solari_vk.scene.images.mip_chain import mip_chain
-
-SIZE = (24, 16)
-CAMERA = sv.Camera.look_at((1, 1, -2.5), (1, 0.8, 1))
 
 
 def textured(size=(33, 18), **fields):
@@ -65,23 +63,8 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
         assert tracer.binder.version == version  # no frame is recorded anew
 
 
-def frames_of(kind, device, scene):
-    """What a renderer of a kind shows of a scene, frame by frame."""
-    if kind in ("batch", "worlds"):
-        scenes = scene if kind == "batch" else [scene, sv.builtin("cornell_box")]
-        with sv.Batch(device, scenes, SIZE, 2, renderer="reference", outputs=["albedo"]) as batch:
-            while True:
-                batch.render([CAMERA] * 2, samples=1)
-                yield {name: batch[name] for name in batch}
-    renderer = (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE)
-    with renderer:
-        while True:
-            frame = renderer.render(CAMERA, samples=1) if kind == "reference" else renderer.render(CAMERA)
-            yield {"radiance": frame["radiance"]}
-
-
 @pytest.mark.parametrize(("gpu", "kind"), [
-    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "reference"),
+    ("cuda", "batch"), ("hip", "batch"), ("cuda", "scenes"), ("cuda", "reference"),
     pytest.param("cuda", "realtime", marks=pytest.mark.slow),
 ], indirect=["gpu"])  # fmt: skip
 def test_tensors_show_what_arrays_show(gpu, kind):  # noqa: F811
