@@ -55,7 +55,7 @@ class SceneRows:
         self._taken: dict[Observable, None] = {}
         scene.watch(self)
         self._write_rows = dict[Instance, None]()
-        self._records_change = False  # by what was taken up
+        self._records_change = False  # but for those in _write_rows
 
     def note(self, changed: Observable) -> None:
         """Record that an object was added, removed or edited. The watched objects call this."""
@@ -128,9 +128,7 @@ class SceneRows:
             self._features.note(item)
         elif isinstance(item, Material):
             # Worlds of a batch have materials for instances that may have left the scene, and lamps of their own.
-            users = self.materials.change(item)
-            self._records_change |= bool(users)
-            self._write_rows |= {user: None for user in users if user in self._uses}
+            self._write_rows |= {user: None for user in self.materials.change(item) if user in self._uses}
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
             users = [instance for instance in users if instance in self._uses]  # the others are in other scenes
@@ -143,7 +141,6 @@ class SceneRows:
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
             users = [*self.lamps.emissions.change(item), *self.materials.users_of_image(item)]
-            self._records_change |= bool(users)
             self._write_rows |= {user: None for user in users if user in self._uses}
 
     def _may_change_lights(self, item: Observable) -> bool:
