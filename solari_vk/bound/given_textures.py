@@ -55,7 +55,8 @@ class GivenTextures(GivenNumbers):
         memory = self._memory(lights[0] + _LIGHT * sum(counts[2:3]))
         channels = 1 if len(given.shape) == 2 else given.shape[2]
         texels = {
-            **self._source(given, f"{what}: pixels"), "is_bytes": given.dtype == np.uint8, "bytes": given.address,
+            **self._source(given, f"{what}: pixels"), "is_bytes": given.dtype == np.uint8,
+            "words": given.address & ~3, "first_byte": given.address & 3,
             "channels": channels, "width": image.width, "height": image.height, "target": memory.address,
         }  # fmt: skip
         steps: list[tuple[str, tuple[int, int], dict[str, Any]]] = [("texels", (image.width, image.height), texels)]

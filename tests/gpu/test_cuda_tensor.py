@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from test_given_materials import CAMERA, record_of, values_of, with_ball
-from test_given_textures import levels_of, random_pixels, textured
+from test_given_textures import check_many_images, levels_of, random_pixels, textured
 
 import solari_vk as sv
 from solari_vk.gpu.device import dlpack
@@ -349,6 +349,10 @@ def test_given_texels_have_the_bits_of_the_host(device, cuda, size):
                     np.testing.assert_array_equal(found, expected, f"{dtype} {channels} {srgb}, level {level}")
         assert seconds < 0.1
         assert time.perf_counter() - start > 0.1
+
+
+def test_many_images_take_one_tensor(device, cuda):
+    check_many_images(device, lambda array: cuda.from_numpy(array).cuda())
 
 
 def test_given_numbers_of_materials_have_the_bits_of_the_host(device, cuda):

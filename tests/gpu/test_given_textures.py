@@ -106,6 +106,28 @@ def test_wrong_texels_are_said_later_and_not_shown(gpu):  # noqa: F811
 
 
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
+def test_many_images_take_one_tensor(gpu):  # noqa: F811
+    check_many_images(gpu, partial(GpuTensor, gpu))
+
+
+def check_many_images(device, wrap):
+    """Of one tensor, whose parts don't begin at whole words."""
+    scene, image = textured((5, 3))
+    images = [image, copy.copy(image), copy.copy(image)]
+    for place, other in enumerate(images[1:]):
+        paint = sv.Material(base_color_texture=other)
+        scene.add(sv.Instance(sv.shapes.sphere(0.1, 6), paint, position=(place, 0.4, 0)))
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        tracer.render(CAMERA, samples=1)
+        given = random_pixels((3, 5, 3, 3), np.uint8, 1)
+        sv.TextureImage.update_all(images, pixels=wrap(given))
+        tracer.binder.update()
+        for one, expected in zip(images, given, strict=True):
+            assert "pixels" not in vars(one)
+            np.testing.assert_array_equal(levels_of(tracer.binder, one, True)[0], as_pixels(expected))
+
+
+@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
 def test_equal_images_part(gpu):  # noqa: F811
     scene, image = textured()
     other = sv.TextureImage(image.pixels)

@@ -156,6 +156,7 @@ def test_colors_may_be_gray_and_textures_are_made_of_pixels():
     gray = np.full((2, 3), 7, np.uint8)
     material = Material(base_color_texture=gray, normal_texture=TextureImage(np.zeros((1, 1, 3), np.uint8)))
     assert material.base_color_texture.image.pixels.tolist() == [[[7, 7, 7, 255]] * 3] * 2
+    assert TextureImage(np.array([[0, 0.501, 1]])).pixels[0, :, 1].tolist() == [0, 128, 255]
     assert material.normal_texture.uv_transform.tolist() == np.eye(2, 3).tolist()
 
 

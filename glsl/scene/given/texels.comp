@@ -8,11 +8,12 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(push_constant, scalar) uniform Work {
     Floats floats;
     Doubles doubles;  // the same memory
-    Words bytes;      // the same memory
+    Words words;      // the same memory, of bytes
     Wrong wrong;
     Words target;
     uint is_double;
     uint is_bytes;
+    uint first_byte;  // of the first word
     uint what;
     uint channels;
     uint width;
@@ -23,7 +24,10 @@ const uint ONE = 0x3F800000u;  // the bits of 1.0: those of numbers below it are
 const uint MINUS_ZERO = 0x80000000u;
 
 uint code_at(uint at, inout bool right) {
-    if (work.is_bytes != 0u) { return work.bytes.at[at / 4u] >> 8u * (at % 4u) & 0xFFu; }
+    if (work.is_bytes != 0u) {
+        uint byte = at + work.first_byte;
+        return work.words.at[byte / 4u] >> 8u * (byte % 4u) & 0xFFu;
+    }
     float number = work.is_double != 0u ? float(work.doubles.at[at]) : work.floats.at[at];
     uint bits = floatBitsToUint(number);
     right = right && (bits <= ONE || bits == MINUS_ZERO);
