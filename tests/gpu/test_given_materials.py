@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from functools import partial
 
 import numpy as np
@@ -65,44 +64,6 @@ def test_records_have_the_bits_of_the_host(gpu, monkeypatch):  # noqa: F811
             np.testing.assert_array_equal(np.float32(getattr(paint, name)), np.float32(values_of(name, 3)), name)
     for expected, found in zip(given[:5], given[5:], strict=True):
         assert expected.tobytes() == found.tobytes(), (expected, found)
-
-
-def frames_of(kind, device, scene):
-    """What a renderer of a kind shows of a scene, frame by frame."""
-    if kind in ("reference", "realtime"):
-        with (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE) as renderer:
-            while True:
-                frame = renderer.render(CAMERA, **({"samples": 2} if kind == "reference" else {}))
-                yield {"radiance": frame["radiance"]}
-    scenes = [scene, sv.builtin("cornell_box")] if kind == "scenes" else scene
-    worlds = {"worlds": 2} if kind == "worlds" else {}
-    with sv.Batch(device, scenes, SIZE, 2, renderer="reference", outputs=["albedo"], **worlds) as batch:
-        if kind == "worlds":
-            batch.world_materials["ball"] = [scene.instances["ball"].material, sv.Material(base_color=0.1)]
-        while True:
-            batch.render([CAMERA] * 2, samples=1)
-            yield {name: batch[name] for name in batch}
-
-
-@pytest.mark.parametrize(("gpu", "kind"), [
-    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "scenes"), ("cuda", "reference"),
-], indirect=["gpu"])  # fmt: skip
-def test_tensors_show_what_arrays_show(gpu, kind):  # noqa: F811
-    shown, by_tensor = [], (1, 1, 0, 1)
-    for wrap in (lambda _: np.asarray, lambda frame: partial(GpuTensor, gpu) if by_tensor[frame] else np.asarray):
-        scene, paint = with_ball()
-        frames = frames_of(kind, gpu, scene)
-        taken = [next(frames)]
-        for frame in range(len(by_tensor)):
-            paint.base_color = wrap(frame)(values_of("base_color", 2 * frame))
-            paint.roughness = wrap(frame)(values_of("perceptual_roughness", frame))
-            taken.append(next(frames))
-        shown.append(taken)
-        frames.close()
-    assert not np.array_equal(*(frame[min(frame)] for frame in shown[1][:2]))
-    for frame, (expected, found) in enumerate(zip(*shown, strict=True)):
-        for name, values in expected.items():
-            np.testing.assert_array_equal(found[name], values, f"{name}, frame {frame}")
 
 
 def test_wrong_numbers_are_said_later_and_not_shown(gpu):  # noqa: F811
@@ -183,23 +144,3 @@ def test_other_renderers_show_the_same(gpu, device):  # noqa: F811
                     shown.binder.update()
                     assert record_of(shown.binder, paint)["clearcoat"] == clearcoat
             assert "SCENE_LAYERS" in second.binder.features
-
-
-@pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
-def test_the_host_waits_for_no_stream_and_edits_keep_no_memory(gpu):  # noqa: F811
-    scene, paint = with_ball()
-    late, live = threading.Event(), []
-    with sv.Batch(gpu, scene, SIZE, 1, outputs=["albedo"]) as batch:
-        for seed in range(6):  # makes what the first frames need
-            paint.base_color = GpuTensor(gpu, values_of("base_color", 2 * seed))
-            before = batch.render([CAMERA])["albedo"]
-            gpu.wait_idle()
-            gpu.poll()
-            live.append(gpu.objects_in_use)
-        assert len(set(live[3:])) == 1
-        gpu.library.stall(late)
-        paint.base_color = GpuTensor(gpu, values_of("base_color", 20))
-        batch.render([CAMERA])
-        assert not late.is_set()
-        late.set()
-        assert np.abs(batch["albedo"] - before).max() > 0.01

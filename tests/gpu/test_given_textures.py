@@ -1,4 +1,4 @@
-"""Texels that tensors of CUDA give, with a library that stands in for NVIDIA's on a software device."""
+"""Texels and colors that tensors of CUDA give, with a library that stands in for NVIDIA's on a software device."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
-from test_given_materials import CAMERA, SIZE, frames_of
+from test_given_materials import CAMERA, SIZE, values_of
 
 import solari_vk as sv
 from solari_vk.gpu.device.cuda_input import Taken
@@ -63,8 +63,25 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
         assert tracer.binder.version == version  # no frame is recorded anew
 
 
+def frames_of(kind, device, scene):
+    """What a renderer of a kind shows of a scene, frame by frame."""
+    if kind in ("reference", "realtime"):
+        with (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE) as renderer:
+            while True:
+                frame = renderer.render(CAMERA, **({"samples": 2} if kind == "reference" else {}))
+                yield {"radiance": frame["radiance"]}
+    scenes = [scene, sv.builtin("cornell_box")] if kind == "scenes" else scene
+    worlds = {"worlds": 2} if kind == "worlds" else {}
+    with sv.Batch(device, scenes, SIZE, 2, renderer="reference", outputs=["albedo"], **worlds) as batch:
+        if kind == "worlds":
+            batch.world_materials["ball"] = [scene.instances["ball"].material, sv.Material(base_color=0.1)]
+        while True:
+            batch.render([CAMERA] * 2, samples=1)
+            yield {name: batch[name] for name in batch}
+
+
 @pytest.mark.parametrize(("gpu", "kind"), [
-    ("cuda", "batch"), ("hip", "batch"), ("cuda", "scenes"), ("cuda", "reference"),
+    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "scenes"), ("cuda", "reference"),
     pytest.param("cuda", "realtime", marks=pytest.mark.slow),
 ], indirect=["gpu"])  # fmt: skip
 def test_tensors_show_what_arrays_show(gpu, kind):  # noqa: F811
@@ -74,7 +91,11 @@ def test_tensors_show_what_arrays_show(gpu, kind):  # noqa: F811
         frames = frames_of(kind, gpu, scene)
         taken = [next(frames)]
         for frame in range(len(by_tensor)):
-            image.pixels = wrap(frame)(random_pixels((33, 18, 3), (np.uint8, np.float32)[frame % 2], frame))
+            give = wrap(frame)
+            image.pixels = give(random_pixels((33, 18, 3), (np.uint8, np.float32)[frame % 2], frame))
+            paint = scene.instances["ball"].material
+            paint.base_color = give(values_of("base_color", 2 * frame))
+            paint.roughness = give(values_of("perceptual_roughness", frame))
             taken.append(next(frames))
         shown.append(taken)
         frames.close()
@@ -195,10 +216,11 @@ def test_texels_outlive_the_device():
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
 def test_the_host_waits_for_no_stream_and_edits_keep_no_memory(gpu):  # noqa: F811
     scene, image = textured()
-    late, live = threading.Event(), []
+    late, live, paint = threading.Event(), [], scene.instances["ball"].material
     with sv.Batch(gpu, scene, SIZE, 1, outputs=["albedo"]) as batch:
         for seed in range(6):  # makes what the first frames need
             image.pixels = GpuTensor(gpu, random_pixels((33, 18, 3), np.uint8, seed))
+            paint.base_color = GpuTensor(gpu, values_of("base_color", 2 * seed))
             before = batch.render([CAMERA])["albedo"]
             gpu.wait_idle()
             gpu.poll()
@@ -206,6 +228,7 @@ def test_the_host_waits_for_no_stream_and_edits_keep_no_memory(gpu):  # noqa: F8
         assert len(set(live[3:])) == 1
         gpu.library.stall(late)
         image.pixels = GpuTensor(gpu, random_pixels((33, 18, 3), np.uint8, 9))
+        paint.base_color = GpuTensor(gpu, values_of("base_color", 20))
         batch.render([CAMERA])
         assert not late.is_set()
         late.set()
