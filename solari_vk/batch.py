@@ -97,7 +97,7 @@ class Batch(BatchResults):
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
             self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
-            self._given: list[GivenNumbers] = [self.binder.assets.geometry.given]
+            self._given: list[GivenNumbers] = [*self.binder.assets.given]
             if isinstance(self._worlds, Worlds):
                 self._given.append(self._worlds.given_poses)
             self._bound = self._worlds.update()

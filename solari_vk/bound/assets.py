@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry
+from solari_vk.bound.given_numbers import GivenNumbers, take
+from solari_vk.bound.given_textures import DTYPES
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.table import Table, upload
 from solari_vk.bound.texture_table import TextureTable
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.scene.model import Mesh
+from solari_vk.scene.model import Material, Mesh, TextureImage
 from solari_vk.scene.observed import Observable, Watcher
+from solari_vk.scene.on_device import OnDevice
 
 
 class RowsOfScene(Protocol):
@@ -39,10 +43,31 @@ class Assets:
         self.geometry = Geometry(device, self.layout, self.features, watcher)
         self.textures = TextureTable(device, self.layout["textures"], watcher)
         self.materials = MaterialTable(device, self.layout["materials"], self.textures, self.features, watcher)
+        self.given: tuple[GivenNumbers, ...] = (
+            self.geometry.given, self.textures.given, self.materials.given
+        )  # fmt: skip
         posed = self.geometry.posed
         self.tables: tuple[Table, ...] = (
             self.geometry.table, *posed.tables, self.textures.table, self.materials.table
         )  # fmt: skip
+
+    def take_all(self, values: Any) -> Taken | None:
+        """A tensor with what many objects get, whose parts `take` takes."""
+        return take(self._device, values, DTYPES)
+
+    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """What tensors give an object in use, in the device's memory; None for what the host must read."""
+        if isinstance(item, Mesh):
+            return self.geometry.take(item, fields)
+        if isinstance(item, TextureImage):
+            # Whether instances are opaque depends on alpha.
+            return None if self.materials.users_of_image(item) else self.textures.take(item, fields)
+        return self.materials.take(item, fields) if isinstance(item, Material) else None
+
+    def check_given(self) -> None:
+        """Raise SolariError for what was wrong in tensors, if the device has come to it."""
+        for given in self.given:
+            given.check()
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -76,7 +101,9 @@ class Assets:
         """Upload what has changed in tables; returns how many have other buffers now."""
         changed = [table for table in tables if table.marked]
         replaced = sum(table.replace() for table in changed)
+        materials = set(self.materials.table.marked)
         upload(self._device, changed)
+        self.materials.give(materials)
         if self.geometry.table in changed:
             self.geometry.given.write_bounds()
         return replaced

@@ -25,6 +25,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.scene.model import Mesh, Scene
 from solari_vk.scene.observed import Observable
+from solari_vk.scene.on_device import OnDevice
 
 
 class SceneBinder(SceneRows):
@@ -91,7 +92,7 @@ class SceneBinder(SceneRows):
         about to do so again.
         """
         self._device.check_open()
-        self._geometry.given.check()
+        self.assets.check_given()
         self.version += self.traced.keep_previous(bool(self._previous_users))
         if not self._changed and not self._first:
             self.assets.show(user)
@@ -119,9 +120,13 @@ class SceneBinder(SceneRows):
         self._up_to_date.add(self if user is None else user)
         self._geometry.posed.note_seen(user, self.revision)
 
-    def take_vertices(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
-        """What tensors give a mesh, as of `Geometry.take`; None for a lamp's, which the host needs."""
-        return None if self.lamps.emissions.use(mesh) else self._geometry.take(mesh, fields)
+    def take_all(self, values: Any) -> Taken | None:
+        """As of `Assets`."""
+        return self.assets.take_all(values)
+
+    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """What tensors give an object, as of `Assets.take`; None for a lamp's, which the host needs."""
+        return None if self.lamps.emissions.use(item) else self.assets.take(item, fields)
 
     def note_feature(self, item: Observable) -> None:
         """Take note of what another world has in place of an object of the scene."""

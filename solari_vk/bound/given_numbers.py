@@ -6,6 +6,7 @@ device has got so far raises the error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import dlpack
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.device.cuda_input import FLOATS, Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.kernel import Kernel
 
@@ -23,7 +24,9 @@ LAST = (1 << 20) - 1  # the index of what comes after as many others, or more
 
 
 def is_takable(device: Device, value: Any) -> bool:
-    """Whether `take` asks the device's CUDA for a value."""
+    """Whether `take` asks the device's CUDA for a value, or has taken it."""
+    if isinstance(value, Taken):
+        return value.device is device
     if isinstance(value, np.ndarray) or not hasattr(value, "__dlpack_device__"):
         return False
     if device.closed or device.lost:  # a renderer of it may be left, and ask
@@ -35,12 +38,14 @@ def is_takable(device: Device, value: Any) -> bool:
     return kind in (dlpack.CUDA, dlpack.ROCM) and "shaderFloat64" in device.features
 
 
-def take(device: Device, value: Any) -> Taken | None:
+def take(device: Device, value: Any, dtypes: Sequence[Any] = FLOATS) -> Taken | None:
     """A tensor in the device's memory. None for all that the host must read."""
     if not is_takable(device, value):
         return None
+    if isinstance(value, Taken):
+        return value if value.dtype in dtypes else None
     try:
-        return device.cuda_inputs.take(value)
+        return device.cuda_inputs.take(value, dtypes)
     except DeviceError:
         if "cuda_inputs" in vars(device):
             raise
@@ -86,9 +91,13 @@ class GivenNumbers:
         what, index = divmod(int(found[0]), 1 << 20)
         if what:
             found[0] = 0
-            later = " or a later one" if index == LAST else ""
-            raise SolariError(f"{self._where}{self._what[what - 1]} of {self._of} {index}{later} must {self._rule}, "
-                              "and wasn't in a tensor of an earlier frame")  # fmt: skip
+            said = self._said(self._what[what - 1], index)
+            raise SolariError(f"{said}, and wasn't in a tensor of an earlier frame")
+
+    def _said(self, what: str, index: int) -> str:
+        """What must follow a rule."""
+        later = " or a later one" if index == LAST else ""
+        return f"{self._where}{what} of {self._of} {index}{later} must {self._rule}"
 
     def destroy(self) -> None:
         """Free everything."""

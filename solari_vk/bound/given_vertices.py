@@ -21,7 +21,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.checks import LARGEST_COORDINATE
-from solari_vk.scene.objects import ON_DEVICE, Mesh
+from solari_vk.scene.objects import Mesh
 
 MAX_REFITS = 8  # fewer than of poses, since nothing tells how far the vertices moved
 MAX_BOXES = 256
@@ -69,7 +69,7 @@ class GivenVertices(GivenNumbers):
     def fits(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
         """Whether a mesh whose arrays were some now has others that tensors of this device gave."""
         new = {name: value for name, value in now.items() if value is not before[name]}
-        return new.keys() <= set(ON_DEVICE) and all(
+        return new.keys() <= set(Mesh._on_device) and all(
             isinstance(value, Taken) and value.device is self._device for value in new.values()
         )
 

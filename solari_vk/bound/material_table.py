@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,13 @@ from solari_vk.bound.constants import (
     NO_INDEX,
 )
 from solari_vk.bound.features import Features
+from solari_vk.bound.given_materials import GivenMaterials
 from solari_vk.bound.material_record import NUMBERS
 from solari_vk.bound.table import Rows, Table
 from solari_vk.bound.texture_table import TextureTable
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.material import TEXTURES, UNLIT_RADIANCE
+from solari_vk.scene.material import LAYERS, TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
@@ -42,6 +45,10 @@ class MaterialTable:
         self._watcher = watcher
         self._textures_of: dict[Material, dict[str, Texture]] = {}
         self._to_write: dict[Material, None] = {}
+        self._written: dict[Material, int] = {}  # how many edits of the host its record has
+        self._of_tensors: dict[Material, dict[str, Taken]] = {}  # the fields that the host's record lacks
+        self._to_give: set[int] = set()  # rows of materials that have others of these
+        self.given = GivenMaterials(device, self.table, self.rows)
 
     @property
     def by_row(self) -> dict[int, Material]:
@@ -58,13 +65,24 @@ class MaterialTable:
         """Undo one `acquire`."""
         if self.rows.release(material, user):
             material.unwatch(self._watcher)
-            self._to_write.pop(material, None)
+            for known in (self._to_write, self._written, self._of_tensors):
+                known.pop(material, None)
             self.emitting.discard(material)
             for slot, texture in self._textures_of.pop(material).items():
                 self._textures.release(texture, TEXTURES[slot], material)
 
+    def take(self, material: Material, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """Tensors of numbers of a material; None for what the host must read: of new materials, and what shaders may
+        not have."""
+        if material not in self._written:
+            return None
+        return self.given.take(material, fields, "SCENE_LAYERS" in self._features.constants)
+
     def change(self, material: Material) -> list[Instance]:
-        """Take note of an edit of a material; returns the instances that use it."""
+        """Take note of an edit of a material; returns the instances whose records may depend on it."""
+        if self._differs_by_tensors(material):
+            self._to_write[material] = None
+            return []
         if material in self.rows:
             self._take_up(material)
         return self.rows.users(material)
@@ -101,27 +119,53 @@ class MaterialTable:
         """Write the records of new and changed materials; their textures must have rows."""
         self.table.reserve(self.rows.limit)
         for material in self._to_write:
-            self._features.note(material)
-            row = self.rows[material]
-            record = self.table.records[row]
-            for name in NUMBERS:
-                record[name] = getattr(material, name)
-            textures = self._textures_of[material]
-            for slot, srgb in TEXTURES.items():
-                record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
-            record["reflectance"] = material.relative_reflectance
-            if material.unlit:
-                record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
-            record["flags"] = (
-                MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * (material.solid and material.transmits)
-                | MATERIAL_WALL * material.is_wall | MATERIAL_UNLIT * material.unlit | _ALPHA_FLAGS[material.alpha_mode]
-            )  # fmt: skip
-            (self.emitting.add if material.emits else self.emitting.discard)(material)
-            self.table.mark([row])
+            given = self.given.held_of(material) if material in self._written else {}  # the host reads a new one's
+            if not given.keys().isdisjoint(LAYERS):
+                self._features.note(material)  # another renderer's shaders may have had layers before
+            if self._differs_by_tensors(material):
+                self._to_give.add(self.rows[material])
+            else:
+                self._write(material, given)
+            self._written[material], self._of_tensors[material] = material._host_edits, given
         self._to_write.clear()
+
+    def _differs_by_tensors(self, material: Material) -> bool:
+        """Whether nothing but tensors of this device gives other fields than when the record was written."""
+        unchanged = self._written.get(material) == material._host_edits
+        return unchanged and len(self.given.held_of(material)) == len(material._given)
+
+    def _write(self, material: Material, given: Mapping[str, Taken]) -> None:
+        """Write a record but for what tensors gave."""
+        self._features.note(material)
+        row = self.rows[material]
+        record = self.table.records[row]
+        for name in NUMBERS:
+            if name not in given:
+                record[name] = material.relative_reflectance if name == "reflectance" else getattr(material, name)
+        textures = self._textures_of[material]
+        for slot, srgb in TEXTURES.items():
+            record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
+        if material.unlit:
+            record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
+        record["flags"] = (
+            MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * (material.solid and material.transmits)
+            | MATERIAL_WALL * material.is_wall | MATERIAL_UNLIT * material.unlit | _ALPHA_FLAGS[material.alpha_mode]
+        )  # fmt: skip
+        (self.emitting.add if material.emits else self.emitting.discard)(material)
+        self.table.mark([row])
+
+    def give(self, uploaded: Set[int]) -> None:
+        """Have numbers of tensors in the records that have other ones, or were uploaded without them."""
+        rows = self._to_give | uploaded
+        if rows:
+            self.given.write({
+                material: given for material, given in self._of_tensors.items() if given and self.rows[material] in rows
+            })  # fmt: skip
+        self._to_give.clear()
 
     def destroy(self) -> None:
         """Free everything."""
+        self.given.destroy()
         self.table.destroy()
         for material in self.rows:
             material.unwatch(self._watcher)

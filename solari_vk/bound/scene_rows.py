@@ -30,7 +30,8 @@ class SceneRows:
     """The instances and lights of a scene as records. assets: what it may share with other scenes. table: where the
     records are. traced, lights: these as rays and light samples find them.
 
-    `revision` increases with each change of the scene, `light_revision` with those that lists of lights may depend on,
+    `revision` increases with each change of the scene, `record_revision` with those that records of instances or lights
+    may depend on, `light_revision` with those that lists of lights may depend on,
     but for materials' emission, `blended_changes` with those of blended instances.
     """
 
@@ -38,7 +39,7 @@ class SceneRows:
         self, device: Device, scene: Scene, assets: Assets, table: MakeTable, traced: TracedRecords, lights: LightList
     ) -> None:
         self.scene = scene
-        self.revision = self.light_revision = self.blended_changes = 0
+        self.revision = self.record_revision = self.light_revision = self.blended_changes = 0
         self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self.assets, self.traced, self.lights = assets, traced, lights  # as of the latest `write`
         self.materials, self._geometry = assets.materials, assets.geometry
@@ -54,6 +55,7 @@ class SceneRows:
         self._taken: dict[Observable, None] = {}
         scene.watch(self)
         self._write_rows = dict[Instance, None]()
+        self._records_change = False  # but for those in _write_rows
 
     def note(self, changed: Observable) -> None:
         """Record that an object was added, removed or edited. The watched objects call this."""
@@ -92,6 +94,8 @@ class SceneRows:
         if self.revision and not (self._taken or self._write_rows):
             return
         self.revision += 1
+        self.record_revision += self._records_change or bool(self._write_rows)
+        self._records_change = False
         self._update_instances()
         self.lights.update(self.traced.lit_area)
 
@@ -107,6 +111,7 @@ class SceneRows:
 
     def _take_up(self, item: Observable) -> None:
         self.light_revision += self._may_change_lights(item)
+        self._records_change |= not isinstance(item, (Material, Texture, TextureImage))
         if isinstance(item, Instance):
             used = self._uses.get(item)
             self._take_up_instance(item)
@@ -139,8 +144,8 @@ class SceneRows:
             self._write_rows |= {user: None for user in users if user in self._uses}
 
     def _may_change_lights(self, item: Observable) -> bool:
-        if isinstance(item, Mesh) and isinstance(item.held("positions"), Taken):
-            return self.lamps.emissions.use(item)  # the host knows no new bounds of others
+        if isinstance(item, (Mesh, TextureImage)) and isinstance(item.held(item._on_device[0]), Taken):
+            return self.lamps.emissions.use(item)  # the host knows nothing new of others
         return not isinstance(item, (Instance, Material, Camera))
 
     def _take_up_instance(self, instance: Instance) -> None:

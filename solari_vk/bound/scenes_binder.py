@@ -17,8 +17,9 @@ from solari_vk.bound.table import HostTable
 from solari_vk.bound.traced_instances import TracedRecords
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.model import Camera, Instance, Mesh, Scene
+from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observed import Observable
+from solari_vk.scene.on_device import OnDevice
 
 
 class ScenesBinder:
@@ -52,11 +53,15 @@ class ScenesBinder:
             if scene.uses(users):
                 scene.note(changed)
 
-    def take_vertices(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+    def take_all(self, values: Any) -> Taken | None:
+        """As of `Assets`."""
+        return self.assets.take_all(values)
+
+    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
         """As of `SceneBinder`."""
-        if any(scene.lamps.emissions.use(mesh) for scene in self._scenes):
+        if any(scene.lamps.emissions.use(item) for scene in self._scenes):
             return None
-        return self.assets.geometry.take(mesh, fields)
+        return self.assets.take(item, fields)
 
     @property
     def scene(self) -> Scene:
@@ -113,7 +118,7 @@ class ScenesBinder:
         self._device.check_open()
         assets = self.assets
         posed = assets.geometry.posed
-        assets.geometry.given.check()
+        assets.check_given()
         if self.revision and not any(scene.changed for scene in self._scenes):
             assets.show(user)
         else:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
 
 from solari_vk.bound.content import content_of
+from solari_vk.bound.given_numbers import is_takable, take
+from solari_vk.bound.given_textures import DTYPES, GivenTextures
 from solari_vk.bound.table import Rows, Table
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.sampler import Sampler
@@ -40,9 +43,10 @@ class TextureTable:
         self._descriptors: Rows[DescriptorKey] = Rows()
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
         self._to_upload: dict[ImageKey, None] = {}
-        self._unlinked = False
+        self._replaced = False  # something of `bound`
         self._to_link: dict[tuple[Texture, bool], None] = {}
         self.bound: list[tuple[Image, Sampler]]
+        self.given = GivenTextures(device)
         # Fills unused elements of `bound`, because every element must be valid.
         self._white = device.image(1, 1, _FORMATS[False], "white texture")
         with device.uploads() as uploads:
@@ -77,11 +81,20 @@ class TextureTable:
                 if image[0] is changed:
                     self._to_upload[image] = None
 
+    def take(self, image: TextureImage, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """A tensor of an image's size that gives its pixels; None for what the host must read."""
+        pixels, size = fields["pixels"], image.held("pixels").shape[:2]
+        if (image, True) not in self._images and (image, False) not in self._images:
+            return None
+        if not is_takable(self._device, pixels) or tuple(pixels.shape) not in (size, (*size, 3), (*size, 4)):
+            return None
+        given = take(self._device, pixels, DTYPES)
+        return None if given is None else {"pixels": given}
+
     def update(self) -> bool:
         """Upload new and changed images; returns whether `bound` has changed."""
-        if not self._to_link and not self._to_upload and not self._unlinked:
+        if not self._to_link and not self._to_upload and not self._replaced:
             return False
-        self._unlinked = False
         self.table.reserve(self.rows.limit)
         for key in self._to_link:
             self._link(key)
@@ -90,6 +103,9 @@ class TextureTable:
                 self._upload(needed, uploads)
         self._to_link.clear()
         self._to_upload.clear()
+        if not self._replaced:
+            return False
+        self._replaced = False
         self.bound = [self._blank] * max(self._descriptors.limit, 1)
         for descriptor in self._descriptors:
             pixels, srgb, options = descriptor
@@ -100,6 +116,7 @@ class TextureTable:
     def _link(self, key: tuple[Texture, bool]) -> None:
         """Point a row at its image and sampler."""
         texture, srgb = key
+        self._replaced = True
         options = {
             "wrap_u": _WRAP[texture.wrap_u],
             "wrap_v": _WRAP[texture.wrap_v],
@@ -124,7 +141,7 @@ class TextureTable:
         descriptor = self._linked.pop(key, None)
         if descriptor is None:
             return
-        self._unlinked = True
+        self._replaced = True
         self._descriptors.release(descriptor, key)
         image = descriptor[:2]
         if self._image_users.release(image, key):
@@ -137,6 +154,11 @@ class TextureTable:
     def _upload(self, key: ImageKey, uploads: Uploads) -> None:
         source, srgb = key
         before = self._images.get(key)
+        held = source.held("pixels")
+        if before is not None and isinstance(held, Taken) and self.given.fits(before, held):
+            self._receive(key, held)
+            return
+        self._replaced = True
         # What was edited is not compared, so that edits take no time for that.
         content: Hashable = (content_of(source.pixels), srgb) if before is None else object()
         if equal := self._contents.users(content):
@@ -151,6 +173,17 @@ class TextureTable:
             self._drop(key, before, self._content_of[key])
         self._images[key], self._content_of[key] = image, content
 
+    def _receive(self, key: ImageKey, given: Taken) -> None:
+        """Have a tensor's texels in an image, which is a new one if others share the earlier one."""
+        source, srgb = key
+        image, content = self._images[key], self._content_of[key]
+        is_shared = len(self._contents.users(content)) > 1
+        self._images[key] = self.given.write(source.describe(), image, given, srgb, in_place=not is_shared)
+        self._content_of[key] = object()
+        self._contents.acquire(self._content_of[key], key)
+        self._contents.release(content, key)
+        self._replaced |= is_shared
+
     def _drop(self, key: ImageKey, image: Image, content: Hashable) -> None:
         """Free an image unless it is another key's too."""
         if self._contents.release(content, key):
@@ -160,6 +193,7 @@ class TextureTable:
         """Free everything."""
         for image in {*self._images.values(), self._white}:
             image.destroy()
+        self.given.destroy()
         self.table.destroy()
         for texture, _ in self.rows:
             texture.unwatch(self._watcher)

@@ -51,7 +51,7 @@ class Worlds(WorldTables):
         self.lights = WorldLights(binder, count)
         self._lit = LightsOfWorlds(device, binder, count)
         self._binder = binder
-        self._seen = -1  # the revision of the scene that was written
+        self._seen = -1  # the `record_revision` of the scene that was written
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
         self._surfaces: dict[Instance, Differing] = {}  # of `materials`
         self._blended: dict[Instance, tuple[Any, ...]] = {}  # in some world by `materials`, with what they looked like
@@ -86,7 +86,7 @@ class Worlds(WorldTables):
             self._show_addresses([tlas.address, (previous or tlas).address])
             return self.version
         own = self.transforms, self.materials, self.lights
-        edited = self._seen != self._binder.revision
+        edited = self._seen != self._binder.record_revision
         if edited or any(given.changed for given in own):
             self._seen = -1  # until all is written
             for given in own:
@@ -105,7 +105,7 @@ class Worlds(WorldTables):
             if (edited or bodies or self.transforms.changed or self.materials.changed
                     or not _same(lamp_rows, self._lit.lamp_rows)):  # fmt: skip
                 self._write(self._differing(bodies), moved_only=not (edited or lit or bodies))
-            self._seen = self._binder.revision
+            self._seen = self._binder.record_revision
             for given in own:
                 given.changed.clear()
         self._share_lights()
@@ -183,7 +183,7 @@ class Worlds(WorldTables):
         binder, traced, worlds = self._binder, self._binder.traced, self.count
         lamp_rows = self._lit.lamp_rows
         given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
-        kept = binder.revision, (*given,), (*lamp_rows,)
+        kept = binder.record_revision, (*given,), (*lamp_rows,)
         on_device = [instance for instance, own in differing.items() if isinstance(own.transforms, Taken)]
         changed = self.transforms.changed
         if moved_only and self._kept is not None and self._kept[0] == kept and changed.issubset(on_device):

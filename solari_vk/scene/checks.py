@@ -93,13 +93,19 @@ def _zero_or_one(value: Any, choices: str) -> int:
 
 
 def pixels(value: Any) -> NDArray[np.uint8]:
-    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image, or from
-    the path of a file."""
+    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image, of 8
+    bits or of floats in [0, 1], or from the path of a file."""
     if isinstance(value, (str, os.PathLike)):
         from solari_vk.scene.images.image_files import read_pixels
 
         value = read_pixels(value)
     given = host_array(value)
+    if given.dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            parts = given.astype(np.float32)
+        if not ((parts >= 0) & (parts <= 1)).all():
+            raise ValueError("must lie between 0 and 1, or be integers of 8 bits")
+        given = np.rint(parts * np.float32(255)).astype(np.uint8)
     if given.ndim == 2:
         given = np.stack([given] * 3, axis=-1)
     if given.ndim == 3 and given.shape[2] == 3:
@@ -107,7 +113,7 @@ def pixels(value: Any) -> NDArray[np.uint8]:
     try:
         found: NDArray[np.uint8] = array(None, None, 4, dtype=np.uint8)(given)
     except ValueError as error:
-        raise ValueError(f"{error}: give 8-bit pixels (height, width[, 3 or 4])") from None
+        raise ValueError(f"{error}: give 8-bit pixels, or floats, (height, width[, 3 or 4])") from None
     return found
 
 
@@ -170,7 +176,7 @@ def number(
     def convert(value: Any) -> float | None:
         if value is None and optional:
             return None
-        number = float(value)
+        number = float(value.item() if isinstance(value, np.ndarray) and value.size == 1 else value)
         if not math.isfinite(number) or not low <= number <= high:
             limits = f"between {low:g} and {high:g}{unit and f' {unit}'}"
             raise ValueError(f"must be a finite number {limits}, not {shortened(str(value))}")

@@ -12,20 +12,25 @@ from solari_vk.errors import SolariError, warn
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.on_device import OnDevice
 
 
 @checked
-class TextureImage(Checked):
+class TextureImage(OnDevice):
     """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
 
-    pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file; the attribute is always RGBA. Materials
-    decide by the kind of the texture whether it is sRGB.
+    pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file, or as floats in [0, 1], of which 1 is the
+    code 255; the attribute is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
+
+    Pixels that are assigned as a tensor of a GPU, of the same height and width as before, stay on it where a renderer
+    of the same GPU has shown the image: reading the field then copies them to the host, and waits.
     """
 
     pixels: NDArray[np.uint8]
     name: str = ""
 
     _converters = {"pixels": checks.pixels, "name": checks.text}
+    _on_device = ("pixels",)
 
     _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
 
@@ -79,6 +84,7 @@ UNLIT_RADIANCE = 1.2
 LARGEST_REFLECTANCE = 1e4  # F0 is 1 from 2.5 on; textures may multiply a larger one by little
 LARGEST_THICKNESS = 1e6  # nanometers, of films
 LARGEST_DISPERSION = 100.0
+LAYERS = ("reflectance", "specular", "clearcoat", "sheen_color", "anisotropy")  # by which `has_layers` may be true
 LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
 
 
@@ -92,12 +98,12 @@ def _number(default: float, low: float, high: float, unit: str = "", glsl: str =
 
 
 def _color(default: float, high: float = 1.0, glsl: str = "vec3") -> Any:
-    metadata = {"converter": checks.color(0, high), "glsl": glsl}
+    metadata = {"converter": checks.color(0, high), "glsl": glsl, "range": (0, high)}
     return field(default_factory=lambda: np.full(3, default, np.float32), metadata=metadata)
 
 
 def _span(low_default: float, high_default: float, low: float, high: float, unit: str) -> Any:
-    metadata = {"converter": checks.span(low, high, unit), "glsl": "vec2"}
+    metadata = {"converter": checks.span(low, high, unit), "glsl": "vec2", "range": (low, high)}
     return field(default_factory=lambda: np.array((low_default, high_default), np.float32), metadata=metadata)
 
 
@@ -115,7 +121,7 @@ _OF_TRIMESH = {
 
 
 @checked
-class Material(Checked):
+class Material(OnDevice):
     """A metallic-roughness surface, as in glTF.
 
     Colors are linear, (3,); one number stands for gray. base_color, metallic and perceptual_roughness are in [0, 1].
@@ -158,7 +164,8 @@ class Material(Checked):
     EV100 of 0 that cameras have by default. Only base color, alpha and double_sided count. It reflects nothing and
     gives no light to others. Mirrors and clear glass show it too; in rough reflections it is black.
 
-    Raises SolariError for values out of range.
+    Tensors of a GPU for colors and numbers that only shading depends on stay on it, as those of images do; `update_all`
+    takes one for many materials. Raises SolariError for values out of range.
     """
 
     _: KW_ONLY
@@ -214,6 +221,11 @@ class Material(Checked):
     name: str = ""
 
     _aliases = {"roughness": "perceptual_roughness"}
+    _on_device = (
+        "base_color", "metallic", "perceptual_roughness", "normal_scale", "reflectance", "specular",
+        "diffuse_transmission_color", "clearcoat", "clearcoat_roughness", "clearcoat_normal_scale", "sheen_color",
+        "sheen_roughness", "anisotropy", "anisotropy_rotation", "iridescence_ior", "iridescence_thickness",
+    )  # fmt: skip
     _converters = {
         "name": checks.text,
         "alpha_mode": checks.one_of(checks.ALPHA_MODES),
@@ -271,7 +283,12 @@ class Material(Checked):
     @property
     def relative_reflectance(self) -> NDArray[np.float64]:
         """The reflectance, (3,), that gives the same F0 with an ior of 1.5: F0 is 0.16 times its square."""
-        return np.asarray(self.reflectance * (5 * (self.ior - 1) / (self.ior + 1)))
+        return np.asarray(self.reflectance * self.reflectance_scale)
+
+    @property
+    def reflectance_scale(self) -> float:
+        """What `relative_reflectance` is for a reflectance of 1."""
+        return 5 * (self.ior - 1) / (self.ior + 1)
 
     @property
     def transmits(self) -> bool:
@@ -286,12 +303,15 @@ class Material(Checked):
     @property
     def is_wall(self) -> bool:
         """Whether the material is thin glass that rays may pass straight, since it is smooth, at least in places."""
-        smooth = self.perceptual_roughness**2 <= MIRROR_ROUGHNESS or self.metallic_roughness_texture is not None
-        return self.transmission > 0 and not (self.solid or self.unlit) and smooth and self.alpha_mode == "opaque"
+        if self.transmission == 0 or self.solid or self.unlit or self.alpha_mode != "opaque":
+            return False
+        return self.perceptual_roughness**2 <= MIRROR_ROUGHNESS or self.metallic_roughness_texture is not None
 
     @property
     def has_layers(self) -> bool:
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
+        if not self._given.keys().isdisjoint(LAYERS):
+            return True  # tensors give these where shaders have layers
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
         # Without layers the G-buffer holds the reflectance as one number in [0, 1].
         colored = bool(np.ptp(self.reflectance) > 0 or self.relative_reflectance.max() > 1)
@@ -299,9 +319,11 @@ class Material(Checked):
         return colored or textured or any(weight > 0 for weight in weights)
 
 
-RANGES: dict[str, tuple[float, float]] = {
+LIMITS: dict[str, tuple[float, float]] = {
     field.name: field.metadata["range"] for field in fields(Material) if "range" in field.metadata
 }
+"""The smallest and the largest value of each number of a material, and of the numbers of colors and spans."""
+RANGES = {field.name: LIMITS[field.name] for field in fields(Material) if isinstance(field.default, float)}
 """The smallest and the largest value of each number of a material."""
 TEXTURES: dict[str, bool] = {
     field.name: field.metadata["srgb"] for field in fields(Material) if "srgb" in field.metadata

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, field
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +23,8 @@ from solari_vk.scene.deformation import Deformation, check_pose
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.on_device import OnDevice
 from solari_vk.scene.placement import PARTS, Scaled, resolved
-
-
-class DeviceArray(Protocol):
-    """Numbers in memory of a device."""
-
-    shape: tuple[int, ...]
-
-    def copy(self) -> NDArray[np.float64]:
-        """The numbers in the host's memory."""
-
-
-ON_DEVICE = ("positions", "normals")  # what of a mesh a tensor may give without the host
 
 
 def _positions(value: Any) -> FloatArray:
@@ -49,7 +38,7 @@ def _positions(value: Any) -> FloatArray:
 
 
 @checked
-class Mesh(Checked):
+class Mesh(OnDevice):
     """Triangles in object space, whose front faces are counter-clockwise.
 
     positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
@@ -87,7 +76,7 @@ class Mesh(Checked):
         "tangents": checks.array(None, 4, optional=True),
         "deformation": checks.instance_of(lambda: Deformation, optional=True),
     }
-    _given: ClassVar[Mapping[str, DeviceArray]] = {}  # by field: what a tensor gave
+    _on_device = ("positions", "normals")
     _default_triangles: ClassVar[NDArray[np.uint32] | None] = None
     _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
 
@@ -98,43 +87,6 @@ class Mesh(Checked):
             least = 1.0 if self.colors is None or self.colors.shape[1] == 3 else float(self.colors[:, 3].min())
             object.__setattr__(self, "_least_alpha", (self.colors, least))
         return self._least_alpha[1]
-
-    def update(self, **fields: Any) -> None:
-        """As of the other objects. Tensors stay on the device that takes them."""
-        fields = self._by_field(fields, self)
-        if self._ready and fields.keys() <= set(ON_DEVICE) and fields:
-            takers = [getattr(reference(), "take_vertices", None) for reference in self._watchers]
-            taken = next((found for take in takers if take is not None and (found := take(self, fields))), None)
-            if taken is not None:
-                for name in taken:
-                    vars(self).pop(name, None)
-                object.__setattr__(self, "_given", {**self._given, **taken})
-                self._notify(self)
-                return
-        super().update(**fields)
-        if self._given:
-            object.__setattr__(self, "_given", {n: given for n, given in self._given.items() if n not in fields})
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """What a tensor gave, in the host's memory."""
-            if name not in ON_DEVICE or name not in self._given:
-                return super().__getattr__(name)
-            try:
-                array = self._converters[name](self._given[name].copy())
-            except ValueError as error:
-                raise SolariError(f"{self.describe()}: {name} {error}: a tensor gave them") from None
-            object.__setattr__(self, name, array)
-            return array
-
-    def held(self, name: str) -> Any:
-        """A field as it was given: an array, or what a device took of a tensor."""
-        return self._given[name] if name in self._given else getattr(self, name)
-
-    def __getstate__(self) -> dict[str, Any]:
-        on_host = {name: getattr(self, name) for name in self._given}
-        return {name: value for name, value in (super().__getstate__() | on_host).items() if name != "_given"}
 
     def _row_count(self, name: str) -> int | None:
         held = vars(self).get(name, self._given.get(name))
@@ -204,9 +156,6 @@ class Mesh(Checked):
             every_three.setflags(write=False)
             object.__setattr__(self, "triangles", every_three)
             object.__setattr__(self, "_default_triangles", every_three)
-
-
-del Mesh.normals  # the default, in whose place `__getattr__` finds what a tensor gave
 
 
 @checked

@@ -110,8 +110,8 @@ class GpuTensor:
 
     def __dlpack__(self, *, stream):
         assert stream == (1 if self._place[0] == dlpack.CUDA else 0)
-        kept = self._array
-        return dlpack.capsule(kept.ctypes.data, kept.shape, kept.dtype, self._place, lambda: kept.fill(np.nan))
+        kept, unlike = self._array, np.nan if self._array.dtype.kind == "f" else 99
+        return dlpack.capsule(kept.ctypes.data, kept.shape, kept.dtype, self._place, lambda: kept.fill(unlike))
 
     def __array__(self, *_, **__):
         raise TypeError("it is on a GPU")

@@ -9,10 +9,14 @@ import time
 
 import numpy as np
 import pytest
+from test_given_materials import CAMERA, record_of, values_of, with_ball
+from test_given_textures import check_many_images, levels_of, random_pixels, textured
 
 import solari_vk as sv
 from solari_vk.gpu.device import dlpack
 from solari_vk.gpu.device.cuda import Cuda, CudaMemory
+from solari_vk.scene.checks import pixels as as_pixels
+from solari_vk.scene.images.mip_chain import mip_chain
 
 SIZE = (40, 24)
 
@@ -316,6 +320,97 @@ def test_a_thousand_edits_by_tensors_keep_no_memory(device, cuda):
             batch["motion_vectors"]
             cuda.cuda.synchronize()
             device.wait_idle()
+            used.append((cuda.cuda.mem_get_info()[0], device.objects_in_use))
+    assert max(free for free, _ in used[1:]) - min(free for free, _ in used[1:]) < 8 << 20
+    assert len({objects for _, objects in used[1:]}) == 1
+
+
+@pytest.mark.parametrize("size", [(33, 18), (256, 512), (7, 1), (1025, 771)])
+def test_given_texels_have_the_bits_of_the_host(device, cuda, size):
+    """In all levels; no host waits for a late stream, and no later change of the tensor is seen."""
+    scene, image = textured(size)
+    kinds = [((4,), np.uint8), ((3,), np.float32), ((), np.float64), ((3,), np.uint8), ((4,), np.float32)]
+    with cuda.cuda.stream(cuda.cuda.Stream()), sv.PathTracer(device, scene, SIZE) as tracer:
+        tracer.render(CAMERA, samples=1)
+        for seed, (channels, dtype) in enumerate(kinds):
+            array = random_pixels((*size, *channels), dtype, seed)
+            given = cuda.from_numpy(array).cuda()
+            if seed == len(kinds) - 1:
+                cuda.cuda._sleep(400_000_000)  # clocks
+            start = time.perf_counter()
+            image.pixels = given
+            tracer.binder.update()
+            seconds = time.perf_counter() - start
+            given.zero_()
+            assert "pixels" not in vars(image)
+            for srgb in (True, False):
+                for level, expected in enumerate(mip_chain(as_pixels(array), srgb)):
+                    found = levels_of(tracer.binder, image, srgb)[level]
+                    np.testing.assert_array_equal(found, expected, f"{dtype} {channels} {srgb}, level {level}")
+        assert seconds < 0.1
+        assert time.perf_counter() - start > 0.1
+
+
+def test_many_images_take_one_tensor(device, cuda):
+    check_many_images(device, lambda array: cuda.from_numpy(array).cuda())
+
+
+def test_given_numbers_of_materials_have_the_bits_of_the_host(device, cuda):
+    records = []
+    for on_card in (False, True):
+        scene, paint = with_ball(clearcoat=0.5, ior=1.7)
+        others = [sv.Material(name=f"other {index}") for index in range(3)]
+        for other in others:
+            scene.add(sv.Instance(sv.shapes.sphere(0.1, 8), other, position=(1, 1.5, 0)))
+        with cuda.cuda.stream(cuda.cuda.Stream()), sv.PathTracer(device, scene, SIZE) as tracer:
+            tracer.render(CAMERA, samples=1)
+            for seed in range(4):
+                arrays = {name: values_of(name, seed) for name in paint._on_device}
+                colors = np.random.default_rng(seed).random((3, 3)).astype(np.float32)
+                if on_card:
+                    arrays = {name: cuda.tensor(array).cuda() for name, array in arrays.items()}
+                    colors = cuda.from_numpy(colors).cuda()
+                    cuda.cuda._sleep(400_000_000)  # clocks
+                start = time.perf_counter()
+                for name, array in arrays.items():
+                    setattr(paint, name, array)
+                sv.Material.update_all(others, base_color=colors)
+                tracer.binder.update()
+                seconds = time.perf_counter() - start
+                if on_card:
+                    [array.zero_() for array in (*arrays.values(), colors)]
+                    assert not vars(paint).keys() & set(paint._on_device)
+                records += [record_of(tracer.binder, material).tobytes() for material in (paint, *others)]
+            assert not on_card or (seconds < 0.1 and time.perf_counter() - start > 0.1)
+    assert records[:16] == records[16:]
+
+
+@pytest.mark.parametrize("kind", ["uint8", "float32", "on the host", "colors"])
+def test_edits_of_surfaces_keep_no_memory(device, cuda, kind):
+    """Of a texture of 1024 x 1024 texels, or of the colors of 100 materials."""
+    gc.collect()  # what earlier tests have left in use
+    scene, image = textured((1024, 1024))
+    paints = [sv.Material() for _ in range(100)]
+    for paint in paints:
+        scene.add(sv.Instance(sv.shapes.sphere(0.01, 4), paint, position=(1, 1.5, 0)))
+    given = cuda.rand((100 if kind == "colors" else 1024, *((3,) if kind == "colors" else (1024, 3)))).cuda()
+    given = given if kind in ("float32", "colors") else (given * 255).to(cuda.uint8)
+    given, used = given.cpu().numpy() if kind == "on the host" else given, []
+    count = 5 if kind == "on the host" else 100
+    with sv.Batch(device, scene, SIZE, 1, outputs=["albedo"]) as batch:
+        batch.render([CAMERA])
+        for _ in range(5):
+            start = time.perf_counter()
+            for _ in range(count):
+                if kind == "colors":
+                    sv.Material.update_all(paints, base_color=given)
+                else:
+                    image.pixels = given
+                batch.render([CAMERA])
+            device.wait_idle()
+            print(f"{kind}: {(time.perf_counter() - start) / count * 1e3:.3f} ms an edit and frame")
+            batch["albedo"]
+            cuda.cuda.synchronize()
             used.append((cuda.cuda.mem_get_info()[0], device.objects_in_use))
     assert max(free for free, _ in used[1:]) - min(free for free, _ in used[1:]) < 8 << 20
     assert len({objects for _, objects in used[1:]}) == 1

@@ -95,12 +95,12 @@ REFUSED = [
     (mesh, {"indices": [[0, 1, 2]], "faces": [[0, 1, 2]]}, "Mesh: indices and faces name the same field"),
     (mesh, {"_default_triangles": None}, r"no field '_default_triangles'; .*there are positions, triangles"),
     (TextureImage, {"pixels": np.zeros((0, 4, 4), np.uint8)}, "at least one pixel"),
-    (TextureImage, {"pixels": np.zeros((2, 2, 2), np.uint8)}, r"shape \(N, N, 4\).*: give 8-bit pixels"),
+    (TextureImage, {"pixels": np.zeros((2, 2, 2), np.uint8)}, r"shape \(N, N, 4\).*: give 8-bit pixels, or floats"),
     (Texture, {"image": PIXEL, "wrap_u": "wrap"}, "wrap_u must be one of repeat, mirrored_repeat, clamp_to_edge, not"),
     (Material, {"metallic": 1.5}, "metallic must be a finite number between 0 and 1, not 1.5"),
     (Material, {"roughness": 0, "perceptual_roughness": 0}, "name the same field: give one"),
     (Material, {"base_color": [0, 0, 1.1]}, "base_color must lie between 0 and 1"),
-    (Material, {"base_color_texture": np.ones((2, 2, 3))}, "integers, not float64: give 8-bit pixels"),
+    (Material, {"base_color_texture": np.full((2, 2, 3), 200.0)}, "between 0 and 1, or be integers of 8 bits"),
     (Material, {"normal_texture": TRIANGLE}, "must be a Texture, an array of pixels or a path, not list"),
     (Instance, {"mesh": None, "material": Material()}, "mesh must be a Mesh, not NoneType"),
     (DirectionalLight, {"direction": [0, 0, 0]}, "direction must not be zero"),
@@ -156,6 +156,7 @@ def test_colors_may_be_gray_and_textures_are_made_of_pixels():
     gray = np.full((2, 3), 7, np.uint8)
     material = Material(base_color_texture=gray, normal_texture=TextureImage(np.zeros((1, 1, 3), np.uint8)))
     assert material.base_color_texture.image.pixels.tolist() == [[[7, 7, 7, 255]] * 3] * 2
+    assert TextureImage(np.array([[0, 0.501, 1]])).pixels[0, :, 1].tolist() == [0, 128, 255]
     assert material.normal_texture.uv_transform.tolist() == np.eye(2, 3).tolist()
 
 

@@ -10,6 +10,7 @@
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Floats { float at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Doubles { double at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Made { float at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Words { uint at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Wrong { uint at[]; };  // `what` and an index
 
 uint wrong_thing(uint what, uint index) { return what << 20 | min(index, 0xFFFFFu); }

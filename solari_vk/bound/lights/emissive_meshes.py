@@ -15,6 +15,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.emission import Sums, luminance_sums, mean_luminances
 from solari_vk.scene.model import Instance, Mesh, Texture, TextureImage
+from solari_vk.scene.observed import Observable
 
 Key = tuple[Mesh, Texture | None]
 # The least luminance of a triangle over its light's mean. Where the mean over a triangle's box misses the triangle's
@@ -87,9 +88,9 @@ class Emissions:
                 users += self._users.users(key)
         return users
 
-    def use(self, mesh: Mesh) -> bool:
-        """Whether an instance emits by the triangles of a mesh."""
-        return any(used is mesh for used, _ in self._users)
+    def use(self, item: Observable) -> bool:
+        """Whether an instance emits by the triangles of a mesh, or as an image says."""
+        return any(mesh is item or (texture is not None and texture.image is item) for mesh, texture in self._users)
 
     def _drop(self, key: Key) -> None:
         emission = self._emissions.pop(key, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import weakref
 from collections.abc import Callable, Sequence
@@ -20,6 +21,8 @@ from solari_vk.gpu.device.cuda_tensor import NO_SYNC, CudaTensors, Place
 from solari_vk.gpu.device.places import Lease, Places
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.device.work_queue import WorkQueue
+
+FLOATS = (np.float32, np.float64)
 
 
 class _Way:
@@ -49,7 +52,7 @@ class Taken:
         self.shape, self.dtype, self.strides = shape, dtype, strides
         self._lease: Lease[_Way] | None = lease
         self._begin = begin
-        self._on_host: NDArray[np.float64] | None = None
+        self._on_host: NDArray[Any] | None = None
         lease.place.taken.add(self)
 
     @property
@@ -77,12 +80,12 @@ class Taken:
         shape, strides = ((*given[:axis], *given[axis + 1 :]) for given in (self.shape, self.strides))
         return Taken(self._held, shape, self.dtype, strides, begin)
 
-    def copy(self) -> NDArray[np.float64]:
-        """The numbers in the host's memory. Waits for all work submitted so far."""
+    def copy(self) -> NDArray[Any]:
+        """The numbers in the host's memory, floats as float64. Waits for all work submitted so far."""
         if self._on_host is not None:
             return self._on_host.copy()
         values = np.ndarray(self.shape, self.dtype, self._buffer.read(), self._begin, self.strides)
-        return values.astype(np.float64)
+        return values.astype(np.float64 if self.dtype.kind == "f" else self.dtype)
 
     def keep_on_host(self) -> None:
         """Have the numbers in the host's memory alone, or nowhere if the device is lost."""
@@ -107,10 +110,10 @@ class CudaInputs:
             undo.callback(self._places.close)
             device.share(device.own(undo.pop_all().close))
 
-    def take(self, value: Any) -> Taken | None:
+    def take(self, value: Any, dtypes: Sequence[Any] = FLOATS) -> Taken | None:
         """A copy of a tensor as it is when the work is done that its stream has now. Neither the host nor later work of
-        the stream waits, but with HIP the host. None for a tensor of another device, or of numbers that aren't floats
-        in one piece of memory."""
+        the stream waits, but with HIP the host. None for a tensor of another device, or of numbers that aren't of these
+        dtypes in one piece of memory."""
         if self._device.closed:
             raise DeviceError(f"{self._device.name} {self._device.closed_how}")
         cuda = self._tensors.cuda
@@ -122,20 +125,21 @@ class CudaInputs:
         stream = cuda.default_stream if known is None else known
         capsule = value.__dlpack__(stream=stream if known is None else NO_SYNC)
         source, shape, dtype = dlpack.described(capsule)
-        if dtype not in (np.float32, np.float64) or not source:
+        if dtype is None or dtype not in dtypes or not source:
             return None
         strides = np.empty(shape, dtype).strides
-        size = shape[0] * strides[0]
-        way = self._places.take(size)
+        size = math.prod(shape) * dtype.itemsize
+        room = -(-size // 4) * 4  # shaders read bytes by four
+        way = self._places.take(room)
         try:
             way.await_read(stream)
             cuda.copy(way.place.memory.address, source, size, stream)
             way.await_read = self._tensors.submit(way.copying.commands, self._after(stream))
         except BaseException:
-            self._places.give_back(way, size)
+            self._places.give_back(way, room)
             raise
         self._device.retire(partial(_do_nothing, capsule))  # its memory, when the copy is done
-        return Taken(self._places.lend(way, size), shape, dtype, strides)
+        return Taken(self._places.lend(way, room), shape, dtype, strides)
 
     def keep_on_host(self) -> None:
         """Have what is taken, and what anybody still has, in the host's memory: the device is about to be closed."""

@@ -19,12 +19,13 @@ LINEAR_OF_SRGB = _srgb_to_linear()
 # The sRGB codes of 2^16 linear values: fine enough that every 8-bit code is reproduced.
 _STEPS = 2**16 - 1
 _MIDDLES = ((LINEAR_OF_SRGB[1:].astype(np.float64) + LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)
-_SRGB_OF_LINEAR = np.searchsorted(_MIDDLES, np.arange(_STEPS + 1)).astype(np.uint8)
+CODE_OF_LIGHT = np.searchsorted(_MIDDLES, np.arange(_STEPS + 1)).astype(np.uint8)
+LIGHT_OF_CODE = LINEAR_OF_SRGB * np.float32(_STEPS)
 
 
 def srgb_of_linear(light: NDArray[np.floating[Any]]) -> Pixels:
     """The sRGB codes of linear values in [0, 1]."""
-    codes: Pixels = _SRGB_OF_LINEAR[np.rint(light * _STEPS).astype(np.uint16)]
+    codes: Pixels = CODE_OF_LIGHT[np.rint(light * _STEPS).astype(np.uint16)]
     return codes
 
 
@@ -47,8 +48,7 @@ def mip_chain(pixels: Pixels, srgb: bool) -> list[Pixels]:
 def _to_light(pixels: Pixels, srgb: bool) -> NDArray[np.float32]:
     if not srgb:
         return pixels.astype(np.float32)
-    light = np.take(LINEAR_OF_SRGB, pixels)
-    light *= _STEPS
+    light = np.take(LIGHT_OF_CODE, pixels)
     light[..., 3] = pixels[..., 3]
     return light
 
@@ -57,7 +57,7 @@ def _from_light(light: NDArray[np.float32], srgb: bool) -> Pixels:
     rounded = light + np.float32(0.5)
     if not srgb:
         return rounded.astype(np.uint8)
-    pixels = np.take(_SRGB_OF_LINEAR, rounded.astype(np.uint16))
+    pixels = np.take(CODE_OF_LIGHT, rounded.astype(np.uint16))
     pixels[..., 3] = rounded[..., 3]
     return pixels
 
