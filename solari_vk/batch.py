@@ -233,7 +233,7 @@ class Batch(BatchResults):
         moves = moves_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         shown = cameras_of(frames, self.views, cameras, self.device)
-        written = [self._read(of_frame, options).kept() for of_frame in shown]
+        written = [self._read(of_frame, options) for of_frame in shown]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
         if self._labels is not None:
@@ -264,6 +264,7 @@ class Batch(BatchResults):
         table.upload()
 
     def _find_labels(self, frame: SceneFrame) -> None:
+        frame.apply_edits()
         self._bound = show_worlds(frame, self._worlds, self._bound)
         if self._orders.update():
             frame.bind(self._orders.buffers)

@@ -30,9 +30,8 @@ Size = tuple[int, int]
 
 
 def show_worlds(frame: SceneFrame, worlds: WorldTables, bound: int) -> int:
-    """Have a frame, which has the worlds' resources of a version, show what the scene and the worlds are now; returns
-    the version that it has then."""
-    frame.apply_edits()
+    """Have a frame, which has the scene's edits and the worlds' resources of a version, show what the worlds are now;
+    returns the version that it has then."""
     version = worlds.update()
     if bound != version:
         frame.bind(worlds.resources)
@@ -78,6 +77,7 @@ class ViewTracer(_WorldsRenderer, PathTracer):
         """Trace new pictures with this many samples per pixel."""
         self._begin_picture()
         self._warn_of_darkness()
+        self._frame.apply_edits()
         self._show_worlds()
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:
@@ -150,8 +150,8 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         """Render the next frame. cut (N,): views without a history. keeps_cache: whether the world cache is that of
         earlier frames."""
         self._has_lens = bool(written.lenses)
-        self._show_worlds()
         self._prepare()
+        self._show_worlds()
         known = self._worlds.known_lights or [Known.of(self.binder.lights)]
         self._changes.update(known, self.settings.world_cache_cell_size)
         try:

@@ -19,6 +19,7 @@ from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.mirror import Mirror
 from solari_vk.gpu.frame.packing import packing
 from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.scene import checks
@@ -37,7 +38,7 @@ class Written(NamedTuple):
     """The cameras of a frame."""
 
     records: NDArray[Any]
-    """(N,): struct Camera, of pictures that are rendered in their size."""
+    """(N,): struct Camera, of pictures that are rendered in their size. The same object has the same values."""
     lenses: list[Camera]
     """Those with a lens, which is a feature of the shaders."""
     apertures: dict[int, Camera]
@@ -48,12 +49,9 @@ class Written(NamedTuple):
     """(N, 2): from the principal point to the middle of the picture, in its pixels."""
     exposure: Floats
     """(N,)"""
-    poses: Taken | None = None
-    """Poses in a tensor of the device, which a shader writes to the records; None where the records have them."""
-
-    def kept(self) -> Written:
-        """The same with records of its own."""
-        return self._replace(records=self.records.copy())
+    poses: Taken | tuple[Floats, Floats] | None = None
+    """The records' world_from_view and view_from_world, or poses in a tensor of the device, of which a shader makes
+    these; None where the records have them."""
 
 
 class ViewTable:
@@ -70,9 +68,10 @@ class ViewTable:
         self.records = self._memory[self._begin :].view(layout.element)
         self.shared["columns"], self.shared["world_parts"] = columns, world_parts
         self._device = device
-        self.buffer = device.buffer(self._memory.nbytes, "views")
+        self._mirror = Mirror(device, self._memory, "views")
+        self.buffer = self._mirror.buffer
         self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
-        self._shown = False
+        self._shown: NDArray[Any] | None = None  # the records of the latest frame
         self.given_poses = GivenPoses(device, "Batch.render", "view")
         self._poses: Taken | None = None
         self._earlier: Buffer | None = None  # cameras of tensors, of the latest frame that had one
@@ -88,16 +87,20 @@ class ViewTable:
     def show(self, cameras: Written, cut: NDArray[np.bool_], samples: Mapping[str, Any] | None = None) -> None:
         """Make these the cameras of the next frame, and those so far the previous ones, but for views that are cut.
         samples: fields that differ from those of `cameras.records`, such as `samples_of` returns them."""
+        first, poses, now = self._shown is None, cameras.poses, self.records["current"]
+        self._had_tensor, self._poses = self._poses is not None, poses if isinstance(poses, Taken) else None
         self._previous[:] = self._current
-        self._current[:] = cameras.records.view(np.uint8).reshape(self._current.shape)
-        now = self.records["current"]
+        if cameras.records is not self._shown:
+            self._shown = cameras.records
+            self._current[:] = cameras.records.view(np.uint8).reshape(self._current.shape)
+        if poses is not None:
+            now["world_from_view"], now["view_from_world"] = (0, 0) if isinstance(poses, Taken) else poses
         for name, values in (samples or {}).items():
             now[name] = values
-        if not self._shown:
+        if first:
             self._previous[:] = self._current
         elif cut.any():
             self._previous[cut] = self._current[cut]
-        self._shown, self._had_tensor, self._poses = True, self._poses is not None, cameras.poses
         if self._poses is not None:  # tells cameras.comp, when this is the previous camera, that it was a tensor's
             now["world_from_view"][:, 0, 0] = 1
 
@@ -105,7 +108,7 @@ class ViewTable:
         """Have the device see the records, in the next submission. ball: with the one around the cameras."""
         if ball and self._poses is None:
             self._find_ball()
-        self.buffer.upload(self._memory)
+        self._mirror.upload()
         if self._poses is None and not self._had_tensor:
             return
         count, layout, shared = len(self.records), self.records.dtype.fields, self.shared.dtype.fields
@@ -131,9 +134,9 @@ class ViewTable:
     def destroy(self) -> None:
         """Free everything."""
         self.given_poses.destroy()
-        for buffer in (self.buffer, self._earlier):
-            if buffer is not None:
-                buffer.destroy()
+        self._mirror.destroy()
+        if self._earlier is not None:
+            self._earlier.destroy()
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
@@ -188,13 +191,14 @@ def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
     return np.fromiter(map(function, numbers.tolist()), np.float64, len(numbers))
 
 
-def write_poses(records: NDArray[Any], rows: Floats, crossed: Floats, volume: Floats) -> None:
-    """Write what `check_transforms` returned of poses; glsl/scene/given/cameras.comp does the same."""
-    crossed /= volume  # a row of the inverse is the cross product of the other two axes, over the volume of all three
-    moved = crossed * rows[:, 3:]
-    records["world_from_view"] = rows.transpose(2, 1, 0)
-    records["view_from_world"][:, :3] = crossed.transpose(2, 0, 1)
-    records["view_from_world"][:, 3] = (-moved[0] - moved[1] - moved[2]).T
+def camera_matrices(rows: Floats, crossed: Floats, volume: Floats) -> tuple[Floats, Floats]:
+    """world_from_view and view_from_world (N, 4, 3) of poses, of which `check_transforms` returned the rest;
+    glsl/scene/given/cameras.comp does the same."""
+    inverse = np.empty((4, *crossed.shape[1:]))
+    np.divide(crossed, volume, out=inverse[:3])  # a row has the cross product of the other two axes
+    moved = inverse[:3] * rows[:, 3:]
+    inverse[3] = -moved[0] - moved[1] - moved[2]
+    return rows.transpose(2, 1, 0), inverse.transpose(2, 0, 1)
 
 
 def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> Written:
@@ -277,34 +281,27 @@ class Cameras:
     """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels."""
 
     def __init__(self, dtype: np.dtype[Any], count: int, size: tuple[int, int]) -> None:
-        self._records = np.zeros(count, dtype)
-        self._size = size
-        self._pinholes: Written | None = None  # what the records have beside poses
-        self._seen: dict[str, Any] = {}  # what these were made from
+        self._dtype, self._count, self._size = dtype, count, size
+        self._pinholes: Written | None = None  # the latest
+        self._seen: dict[str, Any] = {}  # what they were made from
 
     def read(self, cameras: Any, options: Mapping[str, Any]) -> Written:
-        """The records of Camera objects or of an array of poses; of a tensor's, all but the poses. They are these until
-        the next call. options: fov, vertical_fov, K, near and ev100 of `Batch.render`; None for what isn't given."""
-        records, count = self._records, len(self._records)
+        """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
+        `Batch.render`; None for what isn't given."""
         given = {name: value for name, value in options.items() if value is not None}
-        found = camera_list(cameras, count)
+        found = camera_list(cameras, self._count)
         if found is not None:
             if given:
                 raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
-            self._pinholes = None
-            return write_cameras(records, found, self._size)
+            return write_cameras(np.zeros(self._count, self._dtype), found, self._size)
         if isinstance(cameras, Taken):
-            written = self._with_pinholes(given)
-            records["world_from_view"] = records["view_from_world"] = 0
-            return written._replace(poses=cameras)
-        poses = check_transforms(array(cameras, "cameras", (count, 4, 4)))
-        written = self._with_pinholes(given)
-        write_poses(records, *poses)
-        return written
+            return self._pinholes_of(given)._replace(poses=cameras)
+        poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
+        return self._pinholes_of(given)._replace(poses=poses)
 
-    def _with_pinholes(self, given: Mapping[str, Any]) -> Written:
-        """Write pinhole cameras, unless the records have them already."""
-        count, matrices = len(self._records), {"K": ((len(self._records), 3, 3), (3, 3))}
+    def _pinholes_of(self, given: Mapping[str, Any]) -> Written:
+        """Pinhole cameras without poses: the latest, where they were made from the same numbers."""
+        count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
         numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
         seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
         if self._pinholes is not None and seen == self._seen:
@@ -321,12 +318,12 @@ class Cameras:
         check_all((near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
                   f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m", "near")  # fmt: skip
         check_all(np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
-        exposure, records = _each(exposure_of, ev100), self._records
-        records.view(np.uint8)[:] = 0
+        records = np.zeros(count, self._dtype)
         records["size"] = records["picture_size"] = self._size
         records["tan_half_fov"], records["near"] = half, near
         records["jitter"] = records["principal_shift"] = shift
         records["focus_distance"] = DEFAULTS.focus_distance
         records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
-        self._seen, self._pinholes = seen, Written(records, [], {}, np.zeros((count, 2)), shift, exposure)
+        self._seen = seen
+        self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, _each(exposure_of, ev100))
         return self._pinholes
