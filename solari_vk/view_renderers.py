@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.bound.lights.world_changes import Known, WorldChanges
-from solari_vk.bound.projection import SEED_STRIDE
 from solari_vk.bound.view_table import ViewTable, Written, samples_of
 from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
@@ -165,15 +164,16 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self.frame_count += 1
 
     def _write_views(self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
-        offsets, wide = np.zeros((1, 2)), seeds.astype(np.int64)
+        offsets = np.zeros((1, 2))
         if self.settings.jitter:
-            offsets = self._offsets[(self.frame_count + 7 * wide) % len(self._offsets)]
-        numbers = self.frame_count + SEED_STRIDE * wide
-        self.views.show(written, cut, samples_of(written, self.size, self._built_render_size, offsets, numbers))
-        change = self._change * CHANGE_DECAY
-        change[change <= MIN_CHANGE] = 0.0
-        newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
-        self._change = np.where(cut, 0.0, np.maximum(change, newest))
+            offsets = self._offsets[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._offsets)]
+        size = self._built_render_size
+        self.views.show(written, cut, samples_of(written, self.size, size, offsets, self.frame_count, seeds))
+        if self._change.any() or self._changes.newest.any():
+            change = self._change * CHANGE_DECAY
+            change[change <= MIN_CHANGE] = 0.0
+            newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
+            self._change = np.where(cut, 0.0, np.maximum(change, newest))
         frame = self.views.records["frame"]
         self._worlds.number(self.views)
         frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.given_poses import KEPT_FLOATS, GivenPoses
-from solari_vk.bound.projection import FIELDS, Projection, lens_point
+from solari_vk.bound.projection import FIELDS, SEED_STRIDE, Projection, lens_point
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
@@ -140,11 +140,12 @@ class ViewTable:
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
-    """Finite numbers of one of these shapes, from numpy, lists, or what has __array__ or __dlpack__ in host memory."""
+    """Finite numbers of one of these shapes, from numpy, lists, or what has __array__ or __dlpack__ in host memory.
+    They may be the value itself."""
     try:
         if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
             value = np.from_dlpack(value)
-        given: Floats = checks.real(value, np.float64)
+        given: Floats = np.asarray(checks.real(value), np.float64)
         if given.shape not in shapes:
             raise ValueError(f"must have the shape {' or '.join(map(str, shapes))}, not {given.shape}")
         checks.refuse_not_finite(given)
@@ -168,9 +169,10 @@ def check_transforms(
     `Camera.transform`. Returns their rows with axes of length 1 (3, 4, N), the cross products of the axes, of which
     (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
     names = what, where, of
-    check_all(given[:, 3] == (0, 0, 0, 1), "be affine, with the last row 0 0 0 1", *names)
+    rows = np.array(given.transpose(1, 2, 0), order="C")
+    check_all(rows[3].T == (0, 0, 0, 1), "be affine, with the last row 0 0 0 1", *names)
     check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
-    rows = np.array(given[:, :3].transpose(1, 2, 0), order="C")
+    rows = rows[:3]
     squares = rows[:, :3] * rows[:, :3]
     lengths = np.sqrt(squares[0] + squares[1] + squares[2])
     lengths[lengths == 0] = np.inf  # which leaves no volume
@@ -223,18 +225,19 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
 
 
 def samples_of(
-    written: Written, size: tuple[int, int], render_size: tuple[int, int], offsets: Floats, numbers: NDArray[np.int64],
+    written: Written, size: tuple[int, int], render_size: tuple[int, int], offsets: Floats, frame: int,
+    seeds: NDArray[np.uint32],
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of records (N,) whose samples are moved by offsets (N, 2) in pixels of what is rendered for pictures
-    of this size, and to the points of apertures of these numbers (N,). `CameraUniforms.write_projection` does the same
-    for one camera."""
+    of this size, and to the points of apertures of a frame with these seeds (N,). `Renderer` does the same for one
+    camera."""
     scale = np.divide(render_size, size)
     shift = written.principal_shift * scale
     samples = {"size": render_size, "jitter": written.jitter * scale + offsets + shift, "principal_shift": shift}
     if written.apertures:
         samples["lens_offset"] = points = np.zeros_like(shift)
         for index, camera in written.apertures.items():
-            points[index] = lens_point(camera, int(numbers[index]))
+            points[index] = lens_point(camera, frame + SEED_STRIDE * int(seeds[index]))
     return samples
 
 
