@@ -87,7 +87,7 @@ class Batch(BatchResults):
             record = self._layout.element
             assert record is not None
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
-            self._cameras = np.zeros(self.views, record["current"])
+            self._cameras = view_table.Cameras(record["current"], self.views, self.size)
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = pathtracer.rows_of(self._strip, passes.MAX_PIXELS)
             self._labels_names = names
@@ -175,24 +175,21 @@ class Batch(BatchResults):
         self._check_open()
         self._check_tensors()
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
-        current = self._cameras  # the same memory in each frame, which costs less than new memory
-        current.view(np.uint8)[:] = 0
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = self._write(current, poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
+        written = self._read(poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
         cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
-        self._render(current, written, samples, self._checked_seeds(seeds), cut, begins_anew)
+        self._render(written, samples, self._checked_seeds(seeds), cut, begins_anew)
         return self
 
-    def _write(self, current: NDArray[Any], cameras: Any, options: Mapping[str, Any]) -> view_table.Written:
-        """Write the records (N,) of cameras, which are zero."""
-        written = view_table.write(current, cameras, self.size, options)
+    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_table.Written:
+        written = self._cameras.read(cameras, options)
         if self._realtime is not None:
             check_realtime(cameras)
         return written
 
     def _render(
-        self, current: NDArray[Any], written: view_table.Written, samples: int, seeds: NDArray[np.uint32],
-        cut: NDArray[np.bool_], reset_cache: bool,
+        self, written: view_table.Written, samples: int, seeds: NDArray[np.uint32], cut: NDArray[np.bool_],
+        reset_cache: bool,
     ) -> None:  # fmt: skip
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
@@ -200,14 +197,14 @@ class Batch(BatchResults):
             self.binder.update()  # which the worlds' records depend on, and what features they have on these
             self._worlds.update()
         if self._labels is not None or self._paths is not None:
-            self._show(current, written, cut, seeds)
+            self._show(written, cut, seeds)
         if self._labels is not None:
             self._find_labels(self._labels)
         self._rendered = True
         if self._paths is not None:
             self._paths.trace(samples)
         if self._realtime is not None:
-            self._realtime.render_views(current, written, cut, seeds, not reset_cache)
+            self._realtime.render_views(written, cut, seeds, not reset_cache)
 
     @checked_keywords()
     def render_many(
@@ -235,9 +232,8 @@ class Batch(BatchResults):
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         moves = moves_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        current = np.zeros((frames, self.views), self._cameras.dtype)
         shown = cameras_of(frames, self.views, cameras, self.device)
-        written = [self._write(records, of_frame, options) for records, of_frame in zip(current, shown, strict=True)]
+        written = [self._read(of_frame, options) for of_frame in shown]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
         if self._labels is not None:
@@ -249,8 +245,7 @@ class Batch(BatchResults):
             for index in range(frames):
                 for instance, given in moves[index]:
                     self.transforms.replace(instance, given)
-                self._render(current[index], written[index], samples, numbers[index], cuts[index],
-                             begins_anew and index == 0)  # fmt: skip
+                self._render(written[index], samples, numbers[index], cuts[index], begins_anew and index == 0)
                 results = {name: self._result(name) for name in names}
                 if index == 0 and (self._many is None or not self._many.holds(results, frames)):
                     self._close_many()
@@ -260,17 +255,16 @@ class Batch(BatchResults):
         assert self._many is not None
         return self._many
 
-    def _show(
-        self, current: NDArray[Any], written: view_table.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
-    ) -> None:
+    def _show(self, written: view_table.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
         self._worlds.number(table)
-        table.show(current, cut, written.poses)
+        table.show(written, cut)
         table.records["frame"]["seed"] = seeds
         table.upload()
 
     def _find_labels(self, frame: SceneFrame) -> None:
+        frame.apply_edits()
         self._bound = show_worlds(frame, self._worlds, self._bound)
         if self._orders.update():
             frame.bind(self._orders.buffers)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.bound.lights.world_changes import Known, WorldChanges
-from solari_vk.bound.projection import SEED_STRIDE
-from solari_vk.bound.view_table import ViewTable, Written, write_samples
+from solari_vk.bound.view_table import ViewTable, Written, samples_of
 from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
 from solari_vk.frame import SceneFrame
@@ -23,16 +22,15 @@ from solari_vk.passes import pathtracer, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.picture_renderer import PictureRenderer
 from solari_vk.reference import PathTracer
-from solari_vk.renderer import Renderer
+from solari_vk.renderer import THIS_FRAME, Renderer
 from solari_vk.scene.model import Scene
 
 Size = tuple[int, int]
 
 
 def show_worlds(frame: SceneFrame, worlds: WorldTables, bound: int) -> int:
-    """Have a frame, which has the worlds' resources of a version, show what the scene and the worlds are now; returns
-    the version that it has then."""
-    frame.apply_edits()
+    """Have a frame, which has the scene's edits and the worlds' resources of a version, show what the worlds are now;
+    returns the version that it has then."""
     version = worlds.update()
     if bound != version:
         frame.bind(worlds.resources)
@@ -78,6 +76,7 @@ class ViewTracer(_WorldsRenderer, PathTracer):
         """Trace new pictures with this many samples per pixel."""
         self._begin_picture()
         self._warn_of_darkness()
+        self._frame.apply_edits()
         self._show_worlds()
         pathtracer.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:
@@ -99,8 +98,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self._blended_before = np.zeros(1, np.int64)
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         self._changes = WorldChanges(device, worlds.count)
-        self._ball = device.buffer(16, "camera_ball")
-        owned = self.views, self._changes.buffer, self._ball
+        owned = self.views, self._changes.buffer
         try:
             super().__init__(device, binder, size, **options)
         except BaseException:
@@ -109,6 +107,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
             raise
         for one in owned:
             self._owned.callback(one.destroy)
+        self._all_views = self._frame.uniforms.writer("all_views", THIS_FRAME[:5])
 
     @property
     def gbuffer(self) -> str:
@@ -132,8 +131,12 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         return over_views(super()._stages(picture))
 
     def _inputs(self) -> dict[str, Any]:
-        own = {"views": self.views.buffer, "world_changes": self._changes.buffer, "camera_ball": self._ball}
+        own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
         return super()._inputs() | own | dict(self._worlds.resources)
+
+    def _note_build(self) -> None:
+        super()._note_build()
+        self._offsets = np.array(self._jitters)
 
     def _write_settings(self) -> None:
         super()._write_settings()
@@ -141,19 +144,18 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
 
     def render_views(
-        self, current: NDArray[Any], written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32],
-        keeps_cache: bool,
-    ) -> None:  # fmt: skip
-        """Render the next frame. current (N,): records of the cameras, as view_table.write made them, which are
-        changed. cut (N,): views without a history. keeps_cache: whether the world cache is that of earlier frames."""
+        self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
+    ) -> None:
+        """Render the next frame. cut (N,): views without a history. keeps_cache: whether the world cache is that of
+        earlier frames."""
         self._has_lens = bool(written.lenses)
-        self._show_worlds()
         self._prepare()
+        self._show_worlds()
         known = self._worlds.known_lights or [Known.of(self.binder.lights)]
         self._changes.update(known, self.settings.world_cache_cell_size)
         try:
-            self._write_views(current, written, cut | (not self._has_history), seeds)
-            self._write_shared(written, current, keeps_cache and self._has_history)
+            self._write_views(written, cut if self._has_history else np.ones_like(cut), seeds)
+            self._write_shared(keeps_cache and self._has_history)
             self._has_history = True
             self._frame.submit_applied()
         except BaseException:
@@ -161,43 +163,34 @@ class ViewRenderer(_WorldsRenderer, Renderer):
             raise
         self.frame_count += 1
 
-    def _write_views(
-        self, current: NDArray[Any], written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
-    ) -> None:
+    def _write_views(self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         offsets = np.zeros((1, 2))
         if self.settings.jitter:
-            offsets = np.array(self._jitters)[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._jitters)]
-        numbers = self.frame_count + SEED_STRIDE * seeds.astype(np.int64)
-        own = write_samples(current, written, self.size, self._built_render_size, offsets, numbers)
-        self.views.show(current, cut, written.poses)
-        change = self._change * CHANGE_DECAY
-        change[change <= MIN_CHANGE] = 0.0
-        newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
-        self._change = np.where(cut, 0.0, np.maximum(change, newest))
+            offsets = self._offsets[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._offsets)]
+        size = self._built_render_size
+        self.views.show(written, cut, samples_of(written, self.size, size, offsets, self.frame_count, seeds))
+        if self._change.any() or self._changes.newest.any():
+            change = self._change * CHANGE_DECAY
+            change[change <= MIN_CHANGE] = 0.0
+            newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
+            self._change = np.where(cut, 0.0, np.maximum(change, newest))
         frame = self.views.records["frame"]
         self._worlds.number(self.views)
         frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
         frame["exposure"], frame["lighting_change"] = written.exposure, self._change
         blended = self._worlds.blended_changes != self._blended_before
         frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
-        frame["sample_offset"], frame["picture_shift"] = offsets, own - self._own_jitter
-        self._own_jitter = own
-        self.views.upload(self._ball)
+        frame["sample_offset"], frame["picture_shift"] = offsets, written.jitter - self._own_jitter
+        self._own_jitter = written.jitter
+        self.views.upload(ball=True)
 
-    def _write_shared(self, written: Written, current: NDArray[Any], keeps_cache: bool) -> None:
+    def _write_shared(self, keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""
         if not keeps_cache:
             self._changes.clear()
         self._changes.upload()
-        if written.poses is None:
-            places = np.ascontiguousarray(current["world_from_view"][:, 3].T, np.float64)
-            center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
-            distances = np.sqrt(np.square(places - center[:, None]).sum(axis=0))
-            self._ball.upload(np.array([*center, distances.max()], np.float32))
-        self._frame.uniforms.update_declared({
-            "all_views.index": self.frame_count & 0xFFFFFFFF, "all_views.seed": self.seed,
-            "all_views.has_history": keeps_cache, "all_views.lighting_change": self._changes.change.max(),
-        })  # fmt: skip
+        change = self._changes.change.max()
+        self._all_views.write(self.frame_count & 0xFFFFFFFF, self.seed, keeps_cache, 0.0, change)
         self._blended_before = self._worlds.blended_changes
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:

@@ -256,11 +256,17 @@ def test_arrays_give_the_numbers_of_cameras(kind):
             camera.update(fov=float(fov[index]))
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
-    one_by_one, together = np.zeros((2, count), element)
-    assert view_table.write(one_by_one, cameras, size, {}).lenses == []
-    view_table.write(together, poses, size, {kind: K if kind == "K" else fov})
+    reader = view_table.Cameras(element, count, size)
+    one_by_one, together = reader.read(cameras, {}), reader.read(poses, {kind: K if kind == "K" else fov})
+    assert one_by_one.lenses == []
+    found = together.records.copy()
+    found["world_from_view"], found["view_from_world"] = together.poses
     for name in element.names:
-        np.testing.assert_array_equal(together[name], one_by_one[name], err_msg=name)
+        np.testing.assert_array_equal(found[name], one_by_one.records[name], err_msg=name)
+    same = reader.read(poses, {kind: np.array(K if kind == "K" else fov)})  # equal lenses aren't made again
+    assert same.records is together.records
+    other = reader.read(poses, {kind: K[::-1] if kind == "K" else fov[::-1], "near": 0.5})
+    assert other.records["near"][0] == 0.5 != same.records["near"][0]
 
 
 class Tensor:

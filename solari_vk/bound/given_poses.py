@@ -7,7 +7,6 @@ from typing import Any
 from solari_vk.bound.given_numbers import GivenNumbers, is_takable, take
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
-from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 
@@ -30,11 +29,11 @@ class GivenPoses(GivenNumbers):
 
     def write(
         self, given: Taken | None, what: str, count: int, first: tuple[int, int, int], second: tuple[int, int, int],
-        kernel: str = "transforms", previous: int = 0, ball: Buffer | None = None,
+        kernel: str = "transforms", previous: int = 0, ball: int = 0,
     ) -> None:  # fmt: skip
         """Have a kernel of glsl/scene/given write matrices (count, 4, 4) just before the next submission. first,
-        second: where its records are: an address, and in floats the place and the step from one to the next. ball:
-        gets the one around the first, which are cameras."""
+        second: where its records are: an address, and in floats the place and the step from one to the next. ball: the
+        address that gets the one around the first, which are cameras; 0 for none."""
         source = self._noting(what) if given is None else {
             **self._source(given, what), "step": given.strides[0] // given.dtype.itemsize
         }  # fmt: skip
@@ -45,8 +44,8 @@ class GivenPoses(GivenNumbers):
             "previous": previous, "is_given": given is not None,
         }  # fmt: skip
         steps = [(self._kernel(kernel), count, pushed)]
-        if ball is not None:
-            steps.append((self._kernel("camera_ball"), 1, pushed | {"second": ball.address}))
+        if ball:
+            steps.append((self._kernel("camera_ball"), 1, pushed | {"second": ball}))
         vk = self._device.vk
 
         def record(commands: Any) -> None:

@@ -19,13 +19,16 @@ class TriangleOrders:
     def __init__(self, device: Device, binder: SceneBinder) -> None:
         self._device = device
         self._binder = binder
+        self._seen = 0  # the revision of the scene
         self._orders: dict[int, NDArray[np.int64]] | None = None
         self.buffers: dict[str, Buffer] = {}
         """Both by name, as of the latest `update`."""
 
     def update(self) -> bool:
         """Apply the binder's latest update; returns whether the buffers are other ones now."""
-        orders = self._binder.triangle_orders
+        if self._orders is not None and self._seen == self._binder.revision:
+            return False
+        self._seen, orders = self._binder.revision, self._binder.triangle_orders
         known = self._orders
         if known is not None and orders.keys() == known.keys() and all(orders[row] is known[row] for row in orders):
             return False

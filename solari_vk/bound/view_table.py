@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.given_poses import KEPT_FLOATS, GivenPoses
-from solari_vk.bound.projection import FIELDS, Projection, lens_point
+from solari_vk.bound.projection import FIELDS, SEED_STRIDE, Projection, lens_point
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.mirror import Mirror
 from solari_vk.gpu.frame.packing import packing
 from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.scene import checks
@@ -29,12 +30,15 @@ from solari_vk.scene.model import Camera
 Floats = NDArray[np.float64]
 DEFAULTS = Camera()
 LARGEST_EV100 = 100.0
+_AGAIN = np.ix_([0, 1, 2, 0, 1], [0, 1, 2, 0, 1])  # the rows and columns of axes, and the first two again
 NARROWEST, WIDEST = 1e-4, math.pi - 1e-4  # vertical fields of view of a Camera, in radians
 
 
 class Written(NamedTuple):
-    """What is known of cameras beside their records."""
+    """The cameras of a frame."""
 
+    records: NDArray[Any]
+    """(N,): struct Camera, of pictures that are rendered in their size. The same object has the same values."""
     lenses: list[Camera]
     """Those with a lens, which is a feature of the shaders."""
     apertures: dict[int, Camera]
@@ -45,8 +49,9 @@ class Written(NamedTuple):
     """(N, 2): from the principal point to the middle of the picture, in its pixels."""
     exposure: Floats
     """(N,)"""
-    poses: Taken | None = None
-    """Poses in a tensor of the device, which a shader writes to the records; None where the records have them."""
+    poses: Taken | tuple[Floats, Floats] | None = None
+    """The records' world_from_view and view_from_world, or poses in a tensor of the device, of which a shader makes
+    these; None where the records have them."""
 
 
 class ViewTable:
@@ -55,16 +60,18 @@ class ViewTable:
 
     def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 1) -> None:
         assert layout.element is not None
-        self.records = np.zeros(count, layout.element)
+        assert layout.dtype is not None
         self._begin = layout.element_offset
+        self._memory = np.zeros(self._begin + count * layout.element.itemsize, np.uint8)
+        self.shared = self._memory[: self._begin].view(layout.dtype)
+        """What all views share (1,)."""
+        self.records = self._memory[self._begin :].view(layout.element)
+        self.shared["columns"], self.shared["world_parts"] = columns, world_parts
         self._device = device
-        self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
-        self._shared = columns, world_parts
-        self._shared_seen: tuple[int, ...] = ()
-        self.has_own_lights = False
-        """Whether each world has lights of its own."""
+        self._mirror = Mirror(device, self._memory, "views")
+        self.buffer = self._mirror.buffer
         self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
-        self._shown = False
+        self._shown: NDArray[Any] | None = None  # the records of the latest frame
         self.given_poses = GivenPoses(device, "Batch.render", "view")
         self._poses: Taken | None = None
         self._earlier: Buffer | None = None  # cameras of tensors, of the latest frame that had one
@@ -77,31 +84,36 @@ class ViewTable:
         rows = self.records.view(np.uint8).reshape(len(self.records), layout.itemsize)
         return rows[:, begin : begin + dtype.itemsize]
 
-    def show(self, current: NDArray[Any], cut: NDArray[np.bool_], poses: Taken | None = None) -> None:
+    def show(self, cameras: Written, cut: NDArray[np.bool_], samples: Mapping[str, Any] | None = None) -> None:
         """Make these the cameras of the next frame, and those so far the previous ones, but for views that are cut.
-        poses: of a tensor, which are 0 in `current`."""
-        now = current.view(np.uint8).reshape(self._current.shape)
-        if self._shown:
+        samples: fields that differ from those of `cameras.records`, such as `samples_of` returns them."""
+        first, poses, now = self._shown is None, cameras.poses, self.records["current"]
+        self._had_tensor, self._poses = self._poses is not None, poses if isinstance(poses, Taken) else None
+        self._previous[:] = self._current
+        if cameras.records is not self._shown:
+            self._shown = cameras.records
+            self._current[:] = cameras.records.view(np.uint8).reshape(self._current.shape)
+        if poses is not None:
+            now["world_from_view"], now["view_from_world"] = (0, 0) if isinstance(poses, Taken) else poses
+        for name, values in (samples or {}).items():
+            now[name] = values
+        if first:
             self._previous[:] = self._current
-            self._previous[cut] = now[cut]
-        else:
-            self._previous[:] = now
-        self._current[:] = now
-        self._shown, self._had_tensor, self._poses = True, self._poses is not None, poses
-        if poses is not None:  # tells cameras.comp, when this is the previous camera, that it was a tensor's
-            self.records["current"]["world_from_view"][:, 0, 0] = 1
+        elif cut.any():
+            self._previous[cut] = self._current[cut]
+        if self._poses is not None:  # tells cameras.comp, when this is the previous camera, that it was a tensor's
+            now["world_from_view"][:, 0, 0] = 1
 
-    def upload(self, ball: Buffer | None = None) -> None:
-        """Have the device see the records, in the next submission. ball: gets the one around cameras of tensors."""
-        shared = (*self._shared, int(self.has_own_lights))
-        if shared != self._shared_seen:
-            self._shared_seen = shared
-            self.buffer.upload(np.array(shared, np.uint32))
-        self.buffer.upload(self.records, self._begin)
+    def upload(self, *, ball: bool = False) -> None:
+        """Have the device see the records, in the next submission. ball: with the one around the cameras."""
+        if ball and self._poses is None:
+            self._find_ball()
+        self._mirror.upload()
         if self._poses is None and not self._had_tensor:
             return
-        count, layout = len(self.records), self.records.dtype.fields
+        count, layout, shared = len(self.records), self.records.dtype.fields, self.shared.dtype.fields
         assert layout is not None
+        assert shared is not None
         if self._earlier is None:
             self._earlier = self._device.buffer(4 * KEPT_FLOATS * count, "cameras of tensors")
         (camera, begin), previous = layout["current"][:2], layout["previous"][1]
@@ -109,23 +121,31 @@ class ViewTable:
         self.given_poses.write(
             self._poses, "the pose", count, (self.buffer.address, place // 4, self.records.itemsize // 4),
             (self._earlier.address, 0, KEPT_FLOATS), "cameras", (previous - begin) // 4,
-            None if self._poses is None else ball,
+            self.buffer.address + shared["ball_center"][1] if ball and self._poses is not None else 0,
         )  # fmt: skip
+
+    def _find_ball(self) -> None:
+        places = np.array(self.records["current"]["world_from_view"][:, 3].T, np.float64, order="C")
+        center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
+        away = places - center[:, None]
+        self.shared["ball_center"] = center
+        self.shared["ball_radius"] = math.sqrt((away * away).sum(axis=0).max())
 
     def destroy(self) -> None:
         """Free everything."""
         self.given_poses.destroy()
-        for buffer in (self.buffer, self._earlier):
-            if buffer is not None:
-                buffer.destroy()
+        self._mirror.destroy()
+        if self._earlier is not None:
+            self._earlier.destroy()
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
-    """Finite numbers of one of these shapes, from numpy, lists, or what has __array__ or __dlpack__ in host memory."""
+    """Finite numbers of one of these shapes, from numpy, lists, or what has __array__ or __dlpack__ in host memory.
+    They may be the value itself."""
     try:
         if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
             value = np.from_dlpack(value)
-        given: Floats = checks.real(value, np.float64)
+        given: Floats = np.asarray(checks.real(value), np.float64)
         if given.shape not in shapes:
             raise ValueError(f"must have the shape {' or '.join(map(str, shapes))}, not {given.shape}")
         checks.refuse_not_finite(given)
@@ -142,17 +162,28 @@ def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batc
         raise SolariError(f"{where}: {what} of {of} {wrong[0]} must {rule}{more}")
 
 
-def check_transforms(given: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view") -> None:
-    """Raise SolariError unless all matrices (N, 4, 4) are affine and invertible: the rules of `Camera.transform`."""
+def check_transforms(
+    given: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view"
+) -> tuple[Floats, Floats, Floats]:
+    """Raise SolariError unless all finite matrices (N, 4, 4) are affine and invertible: the rules of
+    `Camera.transform`. Returns their rows with axes of length 1 (3, 4, N), the cross products of the axes, of which
+    (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
     names = what, where, of
-    check_all(np.isfinite(given), "be finite", *names)
-    check_all(given[:, 3] == (0, 0, 0, 1), "be affine, with the last row 0 0 0 1", *names)
+    rows = np.array(given.transpose(1, 2, 0), order="C")
+    check_all(rows[3].T == (0, 0, 0, 1), "be affine, with the last row 0 0 0 1", *names)
     check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
-    (a, b, c), (d, e, f), (g, h, i) = np.ascontiguousarray(np.moveaxis(given[:, :3, :3], 0, -1))
-    volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)
-    lengths = np.sqrt((a * a + d * d + g * g) * (b * b + e * e + h * h) * (c * c + f * f + i * i))
+    rows = rows[:3]
+    squares = rows[:, :3] * rows[:, :3]
+    lengths = np.sqrt(squares[0] + squares[1] + squares[2])
+    lengths[lengths == 0] = np.inf  # which leaves no volume
+    rows[:, :3] /= lengths
+    again = rows[_AGAIN]
+    crossed = again[1:4, 1:4] * again[2:, 2:] - again[2:, 1:4] * again[1:4, 2:]
+    parts = rows[:, 0] * crossed[:, 0]
+    volume = parts[0] + parts[1] + parts[2]
     rule = "be invertible: no axis may have a scale of 0, and the axes may not lie in one plane"
-    check_all(np.abs(volume) > 1e-9 * lengths, rule, *names)
+    check_all(np.abs(volume) > 1e-9, rule, *names)
+    return rows, crossed, volume
 
 
 def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
@@ -162,28 +193,14 @@ def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
     return np.fromiter(map(function, numbers.tolist()), np.float64, len(numbers))
 
 
-def write_lenses(records: NDArray[Any], half: Floats, principal_shift: Floats, near: Floats) -> None:
-    """Write pinhole cameras (N,) but for their poses. half (N, 2): half the picture in focal lengths. principal_shift
-    (N, 2): from the principal point to the middle of the picture, in pixels."""
-    records["tan_half_fov"], records["near"] = half, near
-    records["jitter"] = records["principal_shift"] = principal_shift
-    records["focus_distance"] = DEFAULTS.focus_distance
-    records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
-
-
-def write_poses(records: NDArray[Any], poses: Floats) -> None:
-    """Write checked poses (N, 4, 4); glsl/scene/given/cameras.comp does the same."""
-    (a, b, c, x), (d, e, f, y), (g, h, i, z) = np.ascontiguousarray(np.moveaxis(poses[:, :3], 0, -1))
-    p, q, r = (np.sqrt(u * u + v * v + w * w) for u, v, w in ((a, d, g), (b, e, h), (c, f, i)))
-    a, d, g, b, e, h, c, f, i = a / p, d / p, g / p, b / q, e / q, h / q, c / r, f / r, i / r
-    volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)
-    j, k, m = (e * i - h * f) / volume, (h * c - b * i) / volume, (b * f - e * c) / volume
-    n, o, p = (f * g - i * d) / volume, (i * a - c * g) / volume, (c * d - f * a) / volume
-    q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
-    shift = (-j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z)
-    columns = (a, d, g, b, e, h, c, f, i, x, y, z), (j, n, q, k, o, r, m, p, s, *shift)
-    for name, numbers in zip(("world_from_view", "view_from_world"), columns, strict=True):
-        records[name] = np.stack(numbers, -1).reshape(-1, 4, 3)
+def camera_matrices(rows: Floats, crossed: Floats, volume: Floats) -> tuple[Floats, Floats]:
+    """world_from_view and view_from_world (N, 4, 3) of poses, of which `check_transforms` returned the rest;
+    glsl/scene/given/cameras.comp does the same."""
+    inverse = np.empty((4, *crossed.shape[1:]))
+    np.divide(crossed, volume, out=inverse[:3])  # a row has the cross product of the other two axes
+    moved = inverse[:3] * rows[:, 3:]
+    inverse[3] = -moved[0] - moved[1] - moved[2]
+    return rows.transpose(2, 1, 0), inverse.transpose(2, 0, 1)
 
 
 def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> Written:
@@ -191,7 +208,7 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
     offsets = np.zeros((2, len(cameras), 2))
-    written = Written([], {}, offsets[0], offsets[1], np.zeros(len(cameras)))
+    written = Written(records, [], {}, offsets[0], offsets[1], np.zeros(len(cameras)))
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
@@ -207,24 +224,26 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
     return written
 
 
-def write_samples(
-    records: NDArray[Any], written: Written, size: tuple[int, int], render_size: tuple[int, int], offsets: Floats,
-    numbers: NDArray[np.int64],
-) -> Floats:  # fmt: skip
-    """Move the samples of records (N,) by offsets (N, 2) in pixels of what is rendered for pictures of this size, and
-    to the points of apertures of these numbers (N,). Returns the offsets of the user's own (N, 2).
-    `CameraUniforms.write_projection` does the same for one camera."""
+def samples_of(
+    written: Written, size: tuple[int, int], render_size: tuple[int, int], offsets: Floats, frame: int,
+    seeds: NDArray[np.uint32],
+) -> dict[str, Any]:  # fmt: skip
+    """The fields of records (N,) whose samples are moved by offsets (N, 2) in pixels of what is rendered for pictures
+    of this size, and to the points of apertures of a frame with these seeds (N,). `Renderer` does the same for one
+    camera."""
     scale = np.divide(render_size, size)
     shift = written.principal_shift * scale
-    records["size"] = render_size
-    records["jitter"], records["principal_shift"] = written.jitter * scale + offsets + shift, shift
-    for index, camera in written.apertures.items():
-        records["lens_offset"][index] = lens_point(camera, int(numbers[index]))
-    return written.jitter
+    samples = {"size": render_size, "jitter": written.jitter * scale + offsets + shift, "principal_shift": shift}
+    if written.apertures:
+        samples["lens_offset"] = points = np.zeros_like(shift)
+        for index, camera in written.apertures.items():
+            points[index] = lens_point(camera, frame + SEED_STRIDE * int(seeds[index]))
+    return samples
 
 
 def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """`half` and `principal_shift` of `write_poses` from vertical fields of view (N,) in radians."""
+    """Half the picture in focal lengths, and from the principal point to the middle of the picture in its pixels, both
+    (N, 2), of vertical fields of view (N,) in radians."""
     check_all((fov >= NARROWEST) & (fov <= WIDEST), f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians",
               "the vertical field of view")  # fmt: skip
     half_height = _each(math.tan, fov / 2)
@@ -233,7 +252,7 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
 
 
 def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """`half` and `principal_shift` of `write_poses` from matrices (N, 3, 3), as `Camera.from_opencv` reads them."""
+    """As `of_fov`, of matrices (N, 3, 3) as `Camera.from_opencv` reads them."""
     fx, fy, cx, cy = K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]
     plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
     check_all(plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
@@ -261,36 +280,53 @@ def camera_list(cameras: Any, views: int) -> list[Camera] | None:
     return list(cameras)
 
 
-def write(records: NDArray[Any], cameras: Any, size: tuple[int, int], options: Mapping[str, Any]) -> Written:
-    """Write the records (N,) of Camera objects or of an array of poses; of a tensor's, all but the poses. size: of a
-    view in pixels. options: fov, vertical_fov, K, near and ev100 of `Batch.render`; None for what isn't given."""
-    count = len(records)
-    given = {name: value for name, value in options.items() if value is not None}
-    found = camera_list(cameras, count)
-    records["size"] = records["picture_size"] = size
-    if found is not None:
-        if given:
-            raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
-        return write_cameras(records, found, size)
-    near, ev100 = given.pop("near", DEFAULTS.near), given.pop("ev100", DEFAULTS.ev100)
-    if len(given) > 1:
-        raise SolariError(f"Batch.render: give one of {', '.join(given)}")
-    if not isinstance(cameras, Taken):
-        poses = array(cameras, "cameras", (count, 4, 4))
-        check_transforms(poses)
-        write_poses(records, poses)
-    if "K" in given:
-        matrices = array(given["K"], "K", (count, 3, 3), (3, 3))
-        half, shift = of_matrices(np.broadcast_to(matrices, (count, 3, 3)), size)
-    else:
-        name, value = next(iter(given.items()), ("vertical_fov", DEFAULTS.vertical_fov))
-        fov = np.broadcast_to(array(value, name, (count,), ()), count)
-        half, shift = of_fov(fov * (math.pi / 180) if name == "fov" else fov, size)
-    nears = np.broadcast_to(array(near, "near", (count,), ()), count)
-    check_all((nears >= 1e-9) & (nears <= checks.LARGEST_COORDINATE),
-              f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m", "near")  # fmt: skip
-    exposures = np.broadcast_to(array(ev100, "ev100", (count,), ()), count)
-    check_all(np.abs(exposures) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
-    write_lenses(records, half, shift, nears)
-    poses_on_device = cameras if isinstance(cameras, Taken) else None
-    return Written([], {}, np.zeros((count, 2)), shift, _each(exposure_of, exposures), poses_on_device)
+class Cameras:
+    """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels."""
+
+    def __init__(self, dtype: np.dtype[Any], count: int, size: tuple[int, int]) -> None:
+        self._dtype, self._count, self._size = dtype, count, size
+        self._pinholes: Written | None = None  # the latest
+        self._seen: dict[str, Any] = {}  # what they were made from
+
+    def read(self, cameras: Any, options: Mapping[str, Any]) -> Written:
+        """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
+        `Batch.render`; None for what isn't given."""
+        given = {name: value for name, value in options.items() if value is not None}
+        found = camera_list(cameras, self._count)
+        if found is not None:
+            if given:
+                raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
+            return write_cameras(np.zeros(self._count, self._dtype), found, self._size)
+        if isinstance(cameras, Taken):
+            return self._pinholes_of(given)._replace(poses=cameras)
+        poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
+        return self._pinholes_of(given)._replace(poses=poses)
+
+    def _pinholes_of(self, given: Mapping[str, Any]) -> Written:
+        """Pinhole cameras without poses: the latest, where they were made from the same numbers."""
+        count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
+        numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
+        seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
+        if self._pinholes is not None and seen == self._seen:
+            return self._pinholes
+        near, ev100 = (np.broadcast_to(numbers.pop(name, getattr(DEFAULTS, name)), count) for name in ("near", "ev100"))
+        if len(numbers) > 1:
+            raise SolariError(f"Batch.render: give one of {', '.join(numbers)}")
+        if "K" in numbers:
+            half, shift = of_matrices(np.broadcast_to(numbers["K"], (count, 3, 3)), self._size)
+        else:
+            name, value = next(iter(numbers.items()), ("vertical_fov", DEFAULTS.vertical_fov))
+            fov = np.broadcast_to(value, count)
+            half, shift = of_fov(fov * (math.pi / 180) if name == "fov" else fov, self._size)
+        check_all((near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
+                  f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m", "near")  # fmt: skip
+        check_all(np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
+        records = np.zeros(count, self._dtype)
+        records["size"] = records["picture_size"] = self._size
+        records["tan_half_fov"], records["near"] = half, near
+        records["jitter"] = records["principal_shift"] = shift
+        records["focus_distance"] = DEFAULTS.focus_distance
+        records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
+        self._seen = seen
+        self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, _each(exposure_of, ev100))
+        return self._pinholes

@@ -70,7 +70,7 @@ class WorldTables:
 
     def number(self, table: ViewTable) -> None:
         """Write to the records of views which world each shows: as many views to each, one after the other."""
-        table.has_own_lights = self.known_lights is not None
+        table.shared["has_own_lights"] = self.known_lights is not None
         if self.count > 1:
             records = table.records
             records["previous_first_instance"] = records["first_instance"]

@@ -7,10 +7,6 @@
 #include "passes/rows.glsl"
 
 #ifdef MANY_VIEWS
-layout(set = 1, scalar) restrict readonly buffer CameraBallBlock {  // around the cameras of all views
-    vec3 center;
-    float radius;
-} camera_ball;
 layout(set = 1, scalar) buffer WorldCacheWorldsBlock { uint at[]; } world_cache_worlds;  // which has the cell
 const uint WORLD_SALT = 0x9E3779B9u;
 #endif

@@ -16,7 +16,7 @@ const uint EMPTY_CELL = 0u;  // no key's checksum
 // camera is nearer.
 float distance_from_cameras(vec3 world_position) {
 #ifdef MANY_VIEWS
-    return max(distance(world_position, camera_ball.center) - camera_ball.radius, 0.0);
+    return max(distance(world_position, views.ball_center) - views.ball_radius, 0.0);
 #else
     return distance(world_position, camera.world_from_view[3]);
 #endif

@@ -43,6 +43,7 @@ class WorldChanges:
         """The same of recent frames; it decays."""
         self._worlds = worlds
         self._seen: list[Known] = []
+        self._uploaded = b""
         self._recent: list[RecentChanges] = []
 
     def update(self, known: Sequence[Known], cell_size: float) -> None:
@@ -95,4 +96,6 @@ class WorldChanges:
             if recent.records.size:
                 record["count"] = len(recent.records)
                 record["at"][: len(recent.records)] = recent.records
-        self.buffer.upload(records)
+        if self._uploaded != (shown := records.tobytes()):
+            self._uploaded = shown
+            self.buffer.upload(shown)

@@ -1,0 +1,53 @@
+"""A buffer that gets the same array again and again, by commands that are recorded once."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.recorded import Recorded
+
+
+class Mirror:
+    """Has a buffer show an array of bytes, which may change at any time, as of the latest `upload`."""
+
+    def __init__(self, device: Device, memory: NDArray[np.uint8], name: str) -> None:
+        self.buffer = device.buffer(memory.nbytes, name)
+        self._device, self._memory = device, memory
+        self._ways: list[tuple[Buffer, Recorded]] = []  # each a copy that is in flight while others are prepared
+        self._free: list[tuple[memoryview, raw.CData]] = []  # what the device no longer uses, with its commands
+
+    def upload(self) -> None:
+        """Copy the array now, and to the buffer at the head of the next submission. Raises DeviceError for a device
+        that is closed."""
+        self._device.check_open()
+        way = self._free.pop() if self._free else self._make_way()
+        way[0][:] = self._memory.data
+        self._device.submit_with_next(way[1])
+        self._device.retire(partial(self._free.append, way))
+
+    def _make_way(self) -> tuple[memoryview, raw.CData]:
+        vk, size = self._device.vk, self._memory.nbytes
+        staging = self._device.buffer(size, f"staging of {self.buffer.name}", host=True)
+
+        def record(commands: raw.CData) -> None:
+            vk.vkCmdPipelineBarrier2(commands, full_barrier())
+            staging.record_copy(commands, self.buffer.handle, size=size)
+            vk.vkCmdPipelineBarrier2(commands, full_barrier())
+
+        recorded = Recorded(self._device, record, f"upload of {self.buffer.name}")
+        self._ways.append((staging, recorded))
+        return staging.view(np.uint8).data, recorded.commands
+
+    def destroy(self) -> None:
+        """Free everything when the work submitted so far is done. Safe to call twice."""
+        for way in self._ways:
+            for owned in way:
+                owned.destroy()
+        self.buffer.destroy()
