@@ -167,14 +167,19 @@ class Geometry:
         return self.centers[shape], self.half_sizes[shape]
 
     def _update_meshes(self, revision: int) -> list[Any]:
-        geometries = {}
-        with self._device.uploads() as uploads:
-            for mesh in self._to_upload:
-                self._features.note(mesh)
-                before = self._uploaded.get(mesh, {}).get("positions")
-                geometries[mesh] = self._upload(mesh, uploads, revision)
-                if self._uploaded[mesh]["positions"] is not before:
-                    self._moved.add(mesh)
+        geometries: dict[Mesh, TriangleGeometry] = {}
+        try:
+            with self._device.uploads() as uploads:
+                for mesh in self._to_upload:
+                    self._features.note(mesh)
+                    before = self._uploaded.get(mesh, {}).get("positions")
+                    geometries[mesh] = self._upload(mesh, uploads, revision)
+                    if self._uploaded[mesh]["positions"] is not before:
+                        self._moved.add(mesh)
+        except BaseException:  # nothing that was staged is on the device
+            for mesh in geometries:
+                del self._uploaded[mesh]
+            raise
         traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
         builds = {mesh: (self._content_of[mesh], mesh in self._met_once) for mesh in traced if mesh not in self.given}
         self.blases |= self.structures.build(traced, builds, self._moved)

@@ -92,14 +92,13 @@ class WorldTables:
 
     def _uploaded(self, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
         size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
-        if buffer is None or buffer.size != size:
-            made = self._device.buffer(size, name)
-            if buffer is not None:
-                buffer.destroy()
-            buffer = made
-        if records.nbytes:
-            buffer.upload(records)
-        return buffer
+        with self._device.undone_on_error():
+            uploaded = buffer if buffer is not None and buffer.size == size else self._device.buffer(size, name)
+            if records.nbytes:
+                uploaded.upload(records)
+        if buffer is not None and buffer is not uploaded:
+            buffer.destroy()
+        return uploaded
 
     def _prepare(self, records: NDArray[Any], counts: Sequence[int]) -> None:
         """Have structures for records (W, N), of which worlds have the first of these counts."""

@@ -1,10 +1,16 @@
 """Scenes on the device."""
 
+import itertools
+
 import numpy as np
 import pytest
+from support.failing import failing
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.uploads import Uploads
 
 
 @pytest.fixture
@@ -30,3 +36,30 @@ def bound(device):
     kept = free()
     yield make
     assert free() == kept
+
+
+@pytest.fixture
+def each_failed_upload(any_device, monkeypatch):
+    """each_failed_upload(make) -> a binder of a scene of `make()` for each upload of its first update, which failed.
+
+    Data goes through staging memory. Nothing of a binder may be left.
+    """
+
+    def each(make):
+        with Device(validation=True, staging=True) as device:
+            for count in itertools.count():
+                binder = SceneBinder(device, make())
+                with monkeypatch.context() as patch:
+                    failing(patch, Uploads, "buffer", count)
+                    try:
+                        binder.update()
+                    except SolariError:
+                        yield binder
+                    else:
+                        break
+                binder.destroy()
+                device.wait_idle()
+                assert device.objects_in_use == 0
+        assert count > 4
+
+    return each

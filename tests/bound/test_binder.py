@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+from support.failing import failing
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import NO_INDEX
@@ -147,19 +148,6 @@ def assert_mirrors(binder, scene):
     assert sorted(traced["custom_index_and_mask"] & 0xFFFFFF) == sorted(binder.instances)
 
 
-def failing(patch, owner, name, calls):
-    """Make a call of one of the binder's parts fail: that after `calls` calls which work."""
-    function, left = getattr(owner, name), [calls]
-
-    def call(*arguments, **options):
-        left[0] -= 1
-        if left[0] == -1:
-            raise SolariError("out of memory")
-        return function(*arguments, **options)
-
-    patch.setattr(owner, name, call)
-
-
 PARTS = [(Uploads, "buffer"), (Table, "_runs"), (Tlas, "_record")]
 RNGS = st.integers(0, 99).map(np.random.default_rng)
 ANY = st.integers(0, 99)
@@ -271,10 +259,15 @@ class Edits(RuleBasedStateMachine):
             binder.destroy()
 
 
-@pytest.mark.usefixtures("bound")  # which fails if anything is left
-@pytest.mark.parametrize("examples", [25, pytest.param(200, marks=pytest.mark.slow)])
-def test_random_edits_are_mirrored(device, examples):
-    run_state_machine_as_test(lambda: Edits(device), settings=settings(max_examples=examples, stateful_step_count=40))
+@pytest.mark.parametrize(("examples", "staging"), [(25, False), pytest.param(200, True, marks=pytest.mark.slow)])
+def test_random_edits_are_mirrored(any_device, examples, staging):
+    """With mapped memory, and where all data waits in staging memory for its copy."""
+    with Device(validation=True, staging=staging) as device:
+        run_state_machine_as_test(
+            lambda: Edits(device), settings=settings(max_examples=examples, stateful_step_count=40)
+        )
+        device.wait_idle()
+        assert device.objects_in_use == 0
 
 
 @pytest.mark.parametrize(("part", "count"), [(PARTS[0], 16), (PARTS[2], 2)])
@@ -290,6 +283,12 @@ def test_what_was_never_uploaded_can_be_removed(rng, scene, binder, monkeypatch,
             binder.update()
     scene.remove(added)
     assert_mirrors(binder, scene)
+
+
+def test_whichever_upload_fails_is_made_again(rng, each_failed_upload):
+    lamp = Material(emissive=2, base_color_texture=make_texture(rng))
+    for binder in each_failed_upload(lambda: Scene(Instance(make_mesh(rng), lamp), Instance(sphere(0.5, 12), lamp))):
+        assert_mirrors(binder, binder.scene)
 
 
 def test_a_small_change_uploads_little(rng, scene, binder, monkeypatch):

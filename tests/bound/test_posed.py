@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -270,6 +272,14 @@ class Poses(RuleBasedStateMachine):
 @pytest.mark.parametrize("examples", [40, pytest.param(200, marks=pytest.mark.slow)])
 def test_random_edits(device, examples):
     run_state_machine_as_test(lambda: Poses(device), settings=settings(max_examples=examples, stateful_step_count=40))
+
+
+def test_whichever_upload_fails_is_made_again(each_failed_upload):
+    mesh, rest = tube(4, targets=2)
+    joints, weights = bent(rest, 0.5), [0.3, 0]
+    pose = functools.partial(sv.Instance, mesh, joint_matrices=joints, morph_weights=weights)
+    for binder in each_failed_upload(lambda: sv.Scene(pose(sv.Material(emissive=1)))):
+        compare(vertices(binder, binder.scene.instances[0]), expected(mesh, joints, weights))
 
 
 def test_lights_follow_poses(bound):

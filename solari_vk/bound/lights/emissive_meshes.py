@@ -115,8 +115,9 @@ class Emissions:
         clusters, choices = Clusters(mesh, triangles, areas, weights), None
         if weights.max() > weights.min() * (1 + 1e-4) and len(clusters.starts) < len(triangles):
             table = alias_tables(weights, clusters.starts, self._row)
-            choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
-            choices.upload(table)
+            with self._device.undone_on_error():
+                choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
+                choices.upload(table)
         return Emission(area, len(triangles), choices, joint_areas, clusters if len(clusters.starts) > 1 else None)
 
     def end_update(self) -> None:

@@ -102,7 +102,11 @@ class ScenePoses:
         found = [shape for shape in self._changed if shape in self._rows]
         for shape in found:
             if shape.buffer is None:
-                self._make(shape, base(shape.mesh), packed(shape.mesh))
+                try:
+                    self._make(shape, base(shape.mesh), packed(shape.mesh))
+                except BaseException:  # what was made so far is of no use
+                    shape.destroy()
+                    raise
                 shape.revisions = [-1, -1]
             elif shape not in self._to_do:
                 self._keep_seen(shape)
@@ -238,11 +242,12 @@ class ScenePoses:
         if deformation.targets is not None:
             added = (deformation.targets, deformation.target_normals, deformation.target_tangents)
             parts.append(np.concatenate([part for part in added if part is not None], axis=2))
-        buffer = self._device.buffer(max(sum(part.nbytes for part in parts), 4), "deformation")
-        offset = 0
-        for part in parts:
-            buffer.upload(part, offset)
-            offset += part.nbytes
+        with self._device.undone_on_error():
+            buffer = self._device.buffer(max(sum(part.nbytes for part in parts), 4), "deformation")
+            offset = 0
+            for part in parts:
+                buffer.upload(part, offset)
+                offset += part.nbytes
         return buffer
 
     def _write_record(self, shape: PosedMesh, base: int) -> None:

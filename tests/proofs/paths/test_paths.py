@@ -206,11 +206,11 @@ PATH, VERTEX = "passes/paths/path.glsl", "passes/paths/vertex.glsl"
 one, several, cached = (functools.partial(brief, kind) for kind in ("one", "several", "cached"))
 test_a_seeded_bug_is_noticed = bug_tests({
     # light samples without MIS weight, hits without it
-    ONE: (one, Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, 1e9 * expected_candidates);")),
+    ONE: (one, Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light, 1e9 * expected_candidates);")),
     ONE_TILES: (one, Bug("scene/walk.glsl", "hit_light_pdf(Receiver", "return 0.0;")),
     # several light samples are weighted as one
     SEVERAL_TILES: (several, Bug(
-        VERTEX, "evaluate_next_event", "return correct(vertex, light_sample, min(expected_candidates, 1.0));")),
+        VERTEX, "evaluate_next_event", "return correct(vertex, light, min(expected_candidates, 1.0));")),
     # the diffuse lobe is in the cache and followed
     CACHED: (cached, Bug(PATH, "look_up_world_cache", "bool goes_on = correct(path, surface); "
                          "path.specular_only = false; return goes_on;")),

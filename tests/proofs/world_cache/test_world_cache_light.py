@@ -294,5 +294,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
         MAP, "get_cell_size", "return min(correct(world_position, rng), world_cache_settings.cell_size);")),
     "cells under a lamp: light samples weighted as one": (functools.partial(test_cells_under_a_lamp, lamp="near"), Bug(
         "passes/paths/vertex.glsl", "evaluate_next_event",
-        "return correct(vertex, light_sample, min(expected_candidates, 1.0));")),
+        "return correct(vertex, light, min(expected_candidates, 1.0));")),
 })  # fmt: skip
