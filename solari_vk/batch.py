@@ -22,13 +22,14 @@ from solari_vk.batch_options import (
     checked_worlds,
 )
 from solari_vk.batch_results import BatchResults
-from solari_vk.bound import view_table
+from solari_vk.bound import view_cameras
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.scene_worlds import SceneWorlds
 from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
+from solari_vk.bound.view_table import ViewTable
 from solari_vk.bound.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.worlds import Worlds
 from solari_vk.errors import SolariError, checked_keywords
@@ -87,7 +88,7 @@ class Batch(BatchResults):
             record = self._layout.element
             assert record is not None
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
-            self._cameras = view_table.Cameras(record["current"], self.views, self.size)
+            self._cameras = view_cameras.Cameras(record["current"], self.views, self.size)
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = pathtracer.rows_of(self._strip, passes.MAX_PIXELS)
             self._labels_names = names
@@ -109,7 +110,7 @@ class Batch(BatchResults):
                 self._owned.callback(self._realtime.close)
                 self._given.append(self._realtime.views.given_poses)
             if names or renderer == "reference":
-                self._table = view_table.ViewTable(device, self._layout, self.views)
+                self._table = ViewTable(device, self._layout, self.views)
                 self._owned.callback(self._table.destroy)
                 self._given.append(self._table.given_poses)
             if renderer == "reference":
@@ -181,14 +182,14 @@ class Batch(BatchResults):
         self._render(written, samples, self._checked_seeds(seeds), cut, begins_anew)
         return self
 
-    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_table.Written:
+    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.Written:
         written = self._cameras.read(cameras, options)
         if self._realtime is not None:
             check_realtime(cameras)
         return written
 
     def _render(
-        self, written: view_table.Written, samples: int, seeds: NDArray[np.uint32], cut: NDArray[np.bool_],
+        self, written: view_cameras.Written, samples: int, seeds: NDArray[np.uint32], cut: NDArray[np.bool_],
         reset_cache: bool,
     ) -> None:  # fmt: skip
         if written.lenses and LENSES not in self.binder.features:
@@ -255,7 +256,7 @@ class Batch(BatchResults):
         assert self._many is not None
         return self._many
 
-    def _show(self, written: view_table.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+    def _show(self, written: view_cameras.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
         self._worlds.number(table)
@@ -292,7 +293,7 @@ class Batch(BatchResults):
             return self._seeds
         if self._paths is None and self._realtime is None:
             raise SolariError("Batch.render: labels have no seeds: make the batch with renderer='reference'")
-        given = view_table.array(seeds, "seeds", (self.views,))
+        given = view_cameras.array(seeds, "seeds", (self.views,))
         whole = (given == np.floor(given)) & (given >= 0) & (given < 2**32)
-        view_table.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")
+        view_cameras.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")
         return given.astype(np.uint32)

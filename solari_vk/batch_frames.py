@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound import view_table
+from solari_vk.bound import view_cameras
 from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.given_poses import taken
 from solari_vk.bound.scene_worlds import SceneWorlds
@@ -162,7 +162,7 @@ def cameras_of(frames: int, views: int, cameras: Any, device: Device) -> Sequenc
     if isinstance(cameras, Taken):
         return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
     shape = views, 4, 4
-    poses = view_table.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
+    poses = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
     return list(np.broadcast_to(poses, (frames, *shape)))
 
 
@@ -175,7 +175,7 @@ def moves_of(frames: int, worlds: Worlds | SceneWorlds, transforms: Any) -> list
         own, what, shape = worlds.transforms, f"transforms of {key}", (frames, worlds.count, 4, 4)
         tensor = own.taken(values, what, shape, where=WHERE)
         parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
-                 else view_table.array(values, what, shape, where=WHERE))  # fmt: skip
+                 else view_cameras.array(values, what, shape, where=WHERE))  # fmt: skip
         for of_frame, part in zip(moves, parts, strict=True):
             of_frame.append(own.checked(key, part))
     return moves
@@ -201,5 +201,5 @@ def seeds_of(frames: int, views: int, seeds: Any) -> Sequence[Any]:
     """The seeds of each frame, None for those that the batch has."""
     if seeds is None:
         return [None] * frames
-    given = view_table.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
+    given = view_cameras.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
     return list(np.broadcast_to(given, (frames, views)))

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.bound.lights.world_changes import Known, WorldChanges
-from solari_vk.bound.view_table import ViewTable, Written, samples_of
+from solari_vk.bound.view_cameras import Written
+from solari_vk.bound.view_table import ViewTable, samples_of
 from solari_vk.bound.world_tables import WorldTables
 from solari_vk.errors import SolariError
 from solari_vk.frame import SceneFrame

@@ -11,7 +11,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.batch import SHADER
-from solari_vk.bound import view_table
+from solari_vk.bound import view_cameras
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
 from solari_vk.cli import main
@@ -256,7 +256,7 @@ def test_arrays_give_the_numbers_of_cameras(kind):
             camera.update(fov=float(fov[index]))
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
-    reader = view_table.Cameras(element, count, size)
+    reader = view_cameras.Cameras(element, count, size)
     one_by_one, together = reader.read(cameras, {}), reader.read(poses, {kind: K if kind == "K" else fov})
     assert one_by_one.lenses == []
     found = together.records.copy()

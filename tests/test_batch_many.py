@@ -78,6 +78,18 @@ def test_frames_are_those_of_calls(device, submissions, renderer, worlds):
             np.testing.assert_array_equal(np.from_dlpack(many.tensor(name)), many[name])
 
 
+@pytest.mark.parametrize(("renderer", "outputs"), [("labels", ["depth"]), ("realtime", [])])
+def test_a_frame_of_a_still_scene_is_one_submission(device, submissions, renderer, outputs):
+    options = OPTIONS[renderer] | {"renderer": renderer, "outputs": outputs}
+    with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, **options) as batch:
+        for poses in poses_of():
+            batch.render(poses, fov=50)
+        submissions.clear()
+        for _ in range(2):
+            batch.render(poses_of(1)[0], fov=50)
+        assert submissions == [1, 1]
+
+
 def test_the_same_cameras_in_all_frames(device):
     """Poses, or cameras, of all frames; or cameras of each. Only the first frame is cut."""
     cameras = [sv.Camera(transform=pose, fov=50) for pose in poses_of(1)[0]]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.given_poses import taken
-from solari_vk.bound.view_table import array, check_transforms
+from solari_vk.bound.view_cameras import array, check_transforms
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +19,7 @@ from solari_vk.gpu.device import raw, uploads
 from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Allocator
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import texel_layout
+from solari_vk.gpu.device.mirror import Mirror
 
 MIB = 1 << 20
 
@@ -315,6 +317,31 @@ def test_uploads_are_ordered_with_submitted_work(path_device: Device) -> None:
     source.upload(np.full(MIB, 2, np.uint8))  # the copy, which may still run, must not read this
     assert (target.read() == 1).all()
     assert (source.read() == 2).all()
+
+
+def test_a_mirror_shows_its_array_as_of_each_upload(own_device: Device) -> None:
+    """Also where several uploads are in flight, whose memory is used again afterwards."""
+    memory, uses = np.zeros(1000, np.uint8), []
+    shown = own_device.buffer(4 * memory.nbytes, "shown")
+    before = own_device.objects_in_use
+    mirror = Mirror(own_device, memory, "mirrored")
+    for turn in range(3):
+        with own_device.gathered():
+            for index in range(4):
+                memory[:] = 10 * turn + index
+                mirror.upload()
+                copy = partial(mirror.buffer.record_copy, target=shown.handle, size=1000, begin=1000 * index)
+                own_device.start(copy)
+        memory[:] = 255
+        np.testing.assert_array_equal(shown.read().reshape(4, -1).T - 10 * turn, [range(4)] * 1000)
+        uses.append(own_device.memory.bytes_used)
+    assert uses[0] == uses[2]
+    mirror.destroy()
+    own_device.wait_idle()
+    assert own_device.objects_in_use == before
+    own_device.close()
+    with pytest.raises(DeviceError, match="closed"):
+        mirror.upload()
 
 
 def test_staging_is_bounded(any_device: None) -> None:

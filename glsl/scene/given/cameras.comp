@@ -1,5 +1,5 @@
-// Writes a tensor's poses to the records of cameras, as write_poses of solari_vk/bound/view_table.py does it: the same
-// operations in the same order on doubles.
+// Writes a tensor's poses to the records of cameras, as camera_matrices of solari_vk/bound/view_cameras.py makes them:
+// the same operations in the same order on doubles.
 #version 460
 #include "scene/given/matrices.glsl"
 

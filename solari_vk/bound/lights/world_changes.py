@@ -43,12 +43,15 @@ class WorldChanges:
         """The same of recent frames; it decays."""
         self._worlds = worlds
         self._seen: list[Known] = []
-        self._uploaded = b""
+        self._uploaded = False  # whether the buffer has the changes
         self._recent: list[RecentChanges] = []
 
     def update(self, known: Sequence[Known], cell_size: float) -> None:
         """Compare with the lights of the previous frame. known: for each world, or one for all. cell_size: of the world
         cache, in meters."""
+        if self._seen and self._is_still(known):
+            return
+        self._uploaded = False
         if not self._seen:
             self._seen = [*known]
             self._recent = [RecentChanges() for _ in known]
@@ -68,6 +71,13 @@ class WorldChanges:
         if len(known) < count:
             self._join()
 
+    def _is_still(self, known: Sequence[Known]) -> bool:
+        """Whether no light has changed recently."""
+        if len(known) != len(self._seen) or self.change.any() or self.newest.any():
+            return False
+        pairs = ((a, b) for both in zip(self._seen, known, strict=True) for a, b in zip(*both, strict=True))
+        return not any(len(recent.records) for recent in self._recent) and all(a is b for a, b in pairs)
+
     def _spread(self, count: int) -> None:
         """Go over from lights that worlds share to those of their own."""
         if count > len(self._seen):
@@ -84,18 +94,19 @@ class WorldChanges:
 
     def clear(self) -> None:
         """Forget all changes so far."""
-        self.change = np.zeros(len(self.change))
+        self.change, self._uploaded = np.zeros(len(self.change)), False
         for recent in self._recent:
             recent.clear()
 
     def upload(self) -> None:
         """Have the next submission see the changes."""
+        if self._uploaded:
+            return
         records = np.zeros(len(self.change), WORLD)
         records["share"] = self.change
         for record, recent in zip(records, self._recent, strict=True):
             if recent.records.size:
                 record["count"] = len(recent.records)
                 record["at"][: len(recent.records)] = recent.records
-        if self._uploaded != (shown := records.tobytes()):
-            self._uploaded = shown
-            self.buffer.upload(shown)
+        self.buffer.upload(records)
+        self._uploaded = True
