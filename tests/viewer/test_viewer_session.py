@@ -129,7 +129,8 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
         viewer.run(frames=1)
         viewer.settings.reset(name)
         assert viewer.message == "", name
-    viewer.act("pick", (48, 40))
+    picture = viewer.layout.picture
+    viewer.act("pick", (picture.width / 2, picture.height / 2))
     assert viewer.pick is not None
     assert errors(viewer.pictures).keys() == {"raw", "denoised"}
     viewer.act("screenshot")
