@@ -17,7 +17,7 @@ from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
 from solari_vk.measure.claims import pairs
 from solari_vk.measure.claims import run as claims
-from solari_vk.measure.frame import animated, costs, error, run
+from solari_vk.measure.frame import animated, costs, run
 from solari_vk.measure.frame.passes import against_bare_rays, count_rays
 from solari_vk.measure.frame.plan import QUICK
 from solari_vk.measure.report import Report
@@ -71,21 +71,6 @@ def test_ways_to_build_trees(device, monkeypatch):
             orders = tracer.binder.triangle_orders.values()
             assert all((order == np.arange(len(order))).all() for order in orders) == (way == "as given")
     np.testing.assert_allclose(found, [found[0]] * len(found), rtol=1e-5)
-
-
-def test_errors_of_runs():
-    """Runs share a bias of 0.3 and have noise of standard deviation 0.1."""
-    truth, rng = np.ones((200, 200, 3)), np.random.default_rng(1)
-    runs = [1.3 + 0.1 * rng.standard_normal(truth.shape) for _ in range(4)]
-    times = {"wall": [1.0, 3.0, 20.0], "cpu": [4.0, 5.0, 6.0]}
-    found = error.Errors(truth, singles=[truth - 1, truth + 2], means=runs, rays=2.5, **times)
-    assert np.isclose(found.many, 0.1 / 1.01, rtol=0.01)
-    assert np.isclose(found.noise, 0.01 / 1.01, rtol=0.02)
-    base = error.Errors(truth, singles=[truth + 5**0.5], means=[truth + 1], wall=[1.5], cpu=[10.0])
-    row = dict(zip(error.HEAD, error.row("a", found, base), strict=True))
-    expected = {"one": "2.48", "ms": "3.00", "cpu ms": "5.00", "rays": "2.50", "one / PT": "1.00",
-                "one / PT, cpu": "0.25", "mean / PT": "0.20", "mean / PT, cpu": "0.05"}  # fmt: skip
-    assert {name: row[name] for name in expected} == expected
 
 
 def test_subjects(tmp_path):
@@ -160,7 +145,7 @@ def test_nothing_to_trace_is_no_ratio(device):
 
 
 def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
-    for section in ("_passes", "_path_tracer", "_start", "_host", "_growth", "_animated", "_error"):
+    for section in ("_passes", "_start", "_host", "_growth", "_animated"):
         monkeypatch.setattr(run, section, lambda *_: None)
     monkeypatch.setattr(run, "_memory", lambda device, report: report.figure("way", 1.0, device.rays))
     for way in ("query", "pipeline"):
@@ -172,10 +157,9 @@ def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
 @pytest.mark.parametrize("way", ["query", pytest.param("pipeline", marks=pytest.mark.slow)])  # minutes of compiling
 def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
     """The page has every section but that of the slow test below, and pictures are written; times and counts of rays
-    are positive. By default growth and the errors of other configurations are not measured."""
+    are positive. By default growth is not measured."""
     monkeypatch.setattr(run, "_animated", lambda *_: None)
     if way == "query":
-        monkeypatch.setattr(error, "configurations", lambda: {"paths (default)": Settings()})
         monkeypatch.setattr(costs, "frame_time", lambda *_: 1.0)
     page, pictures = tmp_path / "page.md", tmp_path / "pictures"
     quick = ["bench", "frame", "--quick", "--rays", way]
@@ -184,9 +168,9 @@ def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
     assert f"- rays: by {way}" in lines
     titles = [line[3:].partition(",")[0] for line in lines if line.startswith("## ")]
     assert titles == [
-        "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Path tracer at 16x16", "Start",
+        "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Start",
         "Python's time for a frame", "Growth with pixels", "Growth with triangles", "Growth with instances",
-        "Growth with lights", "Memory of a frame", "Error over time",
+        "Growth with lights", "Memory of a frame",
     ]  # fmt: skip
 
     def numbers(row: str, section: str = titles[0]) -> list[float]:
@@ -198,10 +182,6 @@ def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
         assert len(numbers(row)) == 2
         assert min(numbers(row)) > 0
     assert all(2 < count < 40 for count in numbers("all", "Rays per pixel at 16x16"))
-    samples, rays, bare, ratio = numbers("cornell_box", "Path tracer at 16x16")
-    assert rays > samples > 0
-    assert not bare <= 0  # NaN where the time of so few rays is lost in noise
-    assert np.isnan(ratio) or abs(ratio * bare - rays) < 0.0051 * (1 + ratio + bare)  # of rounded numbers
     assert sorted(path.name for path in pictures.iterdir()) == ["cornell_box.png", "many_lights.png"]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.memory import leaves_nothing
 
 import solari_vk as sv
 
@@ -15,11 +16,9 @@ def scene():
 
 @pytest.mark.parametrize("kind", [sv.PathTracer, sv.Renderer])
 def test_sizes_they_refuse(device, scene, kind):
-    live = device.objects_in_use
     for size in (640, (1, 2, 3), (float("nan"), 2), (4.5, 4), (0, 5), (5, -1), (1 << 20, 1 << 20), ("a", 2), None):
-        with pytest.raises(sv.SolariError, match=f"{kind.__name__}: "):
+        with leaves_nothing(device), pytest.raises(sv.SolariError, match=f"{kind.__name__}: "):
             kind(device, scene, size)
-    assert device.objects_in_use == live
 
 
 def test_what_it_refuses(device, scene):

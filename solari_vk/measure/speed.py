@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.lights.emissive_meshes import Emissions
 from solari_vk.bound.lights.light_tree import LightTree, light_tree
-from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
@@ -23,9 +21,9 @@ from solari_vk.measure.report import Report, measuring
 from solari_vk.measure.subjects import hilly
 from solari_vk.measure.timing import best_seconds, device_seconds, seconds
 from solari_vk.reference import PathTracer
-from solari_vk.scene.builtin import builtin, rgb
+from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.model import Animation, Instance, Material, Mesh, Scene
+from solari_vk.scene.model import Animation, Scene
 
 SECONDS = 3.0  # the time that each measurement may take
 LARGE_SCENE = 1_000_000  # triangles
@@ -60,7 +58,6 @@ def run(
         _host_time(device, report)
         _crowd(device, report)
         _light_tree(device, report)
-        _emissive_mesh(device, report)
         _large_scene(device, report)
         rays_from_python.run(device, report, SECONDS)
 
@@ -162,27 +159,6 @@ def _light_tree(device: Device, report: Report) -> None:
 
     moved = best_seconds(device, move, SECONDS)
     report.figure("one of 100,000 lights moves / their tree is built", moved / spent[1], "")
-
-
-def _emissive_mesh(device: Device, report: Report) -> None:
-    """The host's time for the leaves and the tree of a mesh of triangles that are anywhere, and for its move."""
-    rng = np.random.default_rng(1)
-    corners = 20 * rng.random((LARGE_SCENE, 1, 3)) + 0.02 * rng.random((LARGE_SCENE, 3, 3))
-    lamp = Instance(Mesh(corners.reshape(-1, 3).astype(np.float32)), Material(emissive=rgb(1.0)))
-    order = spatial_order(corners.min(axis=1), corners.max(axis=1))
-    binder = SceneBinder(device, Scene())
-    emissions = Emissions(device, binder.lights.leaves.table.records["by_power"].dtype)
-
-    def follow() -> None:
-        lamp.transform = lamp.transform + np.eye(4, k=3) * 1e-3
-        binder.lights.set_emissive(lamp, 0, emissions.acquire(lamp, order), 1.0)
-        binder.lights.update(lambda: 1.0)
-
-    spent = [seconds(follow), best_seconds(device, follow, SECONDS)]
-    emissions.destroy()
-    binder.destroy()
-    report.figure(f"tree of an emissive mesh of {LARGE_SCENE:,} triangles", spent[0], "s", "aim 2")
-    report.figure("that mesh moves", spent[1] * 1e3, "ms")
 
 
 def _large_scene(device: Device, report: Report) -> None:

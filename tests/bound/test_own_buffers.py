@@ -5,6 +5,7 @@ from __future__ import annotations
 from unittest import mock
 
 import pytest
+from support.memory import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.bound.lights import own_buffers
@@ -31,12 +32,11 @@ def test_lamps_of_one_profile_share_its_buffer(device, bound):
         binder.update()
         assert not freed.called
         lamps[2].ies = LightProfile([0, 90], [0], [[1, 1]])
-        with mock.patch.object(Buffer, "upload", side_effect=SolariError("no memory")):
-            device.wait_idle()
-            before = device.objects_in_use
-            with pytest.raises(SolariError, match="no memory"):
-                binder.update()
-            device.wait_idle()
-            assert device.objects_in_use == before
+        with (
+            mock.patch.object(Buffer, "upload", side_effect=SolariError("no memory")),
+            leaves_nothing(device),
+            pytest.raises(SolariError, match="no memory"),
+        ):
+            binder.update()
         binder.update()
         assert freed.call_count == 1

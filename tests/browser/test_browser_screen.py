@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from support.memory import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.browser import screen as screen_module
@@ -20,19 +21,17 @@ SIZE, SETTLED = (64, 64), 6
 def screens(device, monkeypatch):
     """A function that makes screens; at the end all must have left nothing on the device."""
     monkeypatch.setattr(screen_module, "SETTLED", SETTLED)
-    device.wait_idle()
-    before, made = device.objects_in_use, []
+    made = []
 
     def make(**options):
         scene = sv.builtin("cornell_box")
         made.append(Screens(device, scene, scene.camera, **{"size": SIZE, "scale": 0.5, "samples": 4, **options}))
         return made[-1]
 
-    yield make
-    for one in made:
-        one.close()
-    device.wait_idle()
-    assert device.objects_in_use == before
+    with leaves_nothing(device):
+        yield make
+        for one in made:
+            one.close()
 
 
 @pytest.fixture

@@ -1,15 +1,11 @@
-"""Shaders that tests write, the validation of their SPIR-V, and what they leave on a device."""
+"""Shaders that tests write, and the validation of their SPIR-V."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-
-from solari_vk.gpu.device.device import Device
 
 HEADER = "#version 460\n#extension GL_EXT_scalar_block_layout : require\n"
 
@@ -23,16 +19,6 @@ def check_spirv(spirv: bytes, name: str) -> None:
     # Debian's spirv-val doesn't know this extension of 2023. The driver validates such modules.
     too_new = b"SPV_KHR_ray_tracing_position_fetch" in spirv and b"Invalid capability operand: 5391" in done.stderr
     assert done.returncode == 0 or too_new, f"{name}: {done.stderr.decode()}{done.stdout.decode()}"
-
-
-@contextmanager
-def leaves_nothing(device: Device) -> Iterator[None]:
-    """Fail if there are other objects on the device afterwards."""
-    device.wait_idle()
-    before = device.objects_in_use
-    yield
-    device.wait_idle()
-    assert device.objects_in_use == before
 
 
 class ShaderFolder:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.memory import leaves_nothing
 
 from solari_vk.conformance.worlds import REFITTED, Placed, Triangles, World
 from solari_vk.errors import SolariError
@@ -27,20 +28,16 @@ from solari_vk.gpu.device.device import Device
 @pytest.fixture
 def made(device: Device) -> Iterator[Callable[[Any], Any]]:
     """made(resource) destroys a resource after the test, which fails if other objects are left alive."""
-    device.wait_idle()
-    before = device.objects_in_use
     resources: list[Any] = []
 
     def remember(resource: Any) -> Any:
         resources.append(resource)
         return resource
 
-    yield remember
-    for resource in resources:
-        resource.destroy()
-    device.wait_idle()
-    # Staging chunks stay in their pool.
-    assert device.objects_in_use == before
+    with leaves_nothing(device):
+        yield remember
+        for resource in resources:
+            resource.destroy()
 
 
 def upload(device: Device, made: Callable[[Any], Any], array: np.ndarray, name: str = "data") -> Buffer:

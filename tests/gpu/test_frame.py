@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from shader_folder import leaves_nothing
+from support.memory import leaves_nothing
 
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shader_folder import ShaderFolder, leaves_nothing
+from shader_folder import ShaderFolder
+from support.memory import leaves_nothing
 
 from solari_vk import disk_cache
 from solari_vk.errors import DeviceError

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shader_folder import HEADER, leaves_nothing
+from shader_folder import HEADER
+from support.memory import leaves_nothing
 
 from solari_vk import HitGroup, RayPass, rt
 from solari_vk.errors import DeviceError, SolariError

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.memory import leaves_nothing
 from support.structures import CENTER, DOWN, quad
 
 from solari_vk import rt
@@ -70,13 +71,10 @@ class World:
 
 @pytest.fixture
 def world(device, shaders):
-    device.wait_idle()
-    before = device.objects_in_use
-    made = World(shaders)
-    yield made
-    made.close()
-    device.wait_idle()
-    assert device.objects_in_use == before
+    with leaves_nothing(device):
+        made = World(shaders)
+        yield made
+        made.close()
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.memory import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.bound import features
@@ -135,17 +136,14 @@ def test_roots_are_searched_in_order_and_their_changes_are_seen(device, folder, 
 
 
 def test_errors_name_what_is_missing_and_leave_nothing(device, folder, factor):
-    device.wait_idle()
-    before = device.objects_in_use
-    with pytest.raises(sv.SolariError, match=r"there is no shader passes/none.comp in .*, .*glsl"):
-        sv.SceneFrame(device, sv.Scene(), [stage("none")], glsl_root=folder)
-    with pytest.raises(sv.SolariError, match=r"factor .* is used by mine, but no stage declares it"):
-        sv.SceneFrame(device, sv.Scene(), [stage("mine")], glsl_root=folder)
-    (folder / "mine/scale.glsl").unlink()
-    with pytest.raises(CompilationError, match=r"mine/scale.glsl"):
-        sv.SceneFrame(device, sv.Scene(), [stage("mine")], external=factor, glsl_root=folder)
-    device.wait_idle()
-    assert device.objects_in_use == before
+    with leaves_nothing(device):
+        with pytest.raises(sv.SolariError, match=r"there is no shader passes/none.comp in .*, .*glsl"):
+            sv.SceneFrame(device, sv.Scene(), [stage("none")], glsl_root=folder)
+        with pytest.raises(sv.SolariError, match=r"factor .* is used by mine, but no stage declares it"):
+            sv.SceneFrame(device, sv.Scene(), [stage("mine")], glsl_root=folder)
+        (folder / "mine/scale.glsl").unlink()
+        with pytest.raises(CompilationError, match=r"mine/scale.glsl"):
+            sv.SceneFrame(device, sv.Scene(), [stage("mine")], external=factor, glsl_root=folder)
 
 
 def test_shaders_know_the_features_that_the_scene_has(device, folder, monkeypatch):

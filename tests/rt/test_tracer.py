@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from support.memory import leaves_nothing
 from support.rays import World, closest_by_brute_force, intersect
 
 import solari_vk as sv
@@ -220,18 +221,17 @@ def test_wrong_arguments(in_a_box, arguments, message):
 
 
 def test_a_binder_is_shared_and_nothing_is_left(device, monkeypatch):
-    device.wait_idle()
-    scene, before = sv.builtin("closed_box"), device.objects_in_use
-    binder = SceneBinder(device, scene)
-    tracer = sv.RayTracer(device, binder)
-    assert tracer.trace((0, 0, 0), (0, 0, -1))["instance"] >= 0
-    tracer.close()
-    tracer.close()
-    with pytest.raises(sv.SolariError, match="closed"):
-        tracer.trace((0, 0, 0), (0, 0, 1))
-    binder.update()  # the binder still works
-    binder.destroy()
-    buffer = device.buffer
+    scene, buffer = sv.builtin("closed_box"), device.buffer
+    with leaves_nothing(device):
+        binder = SceneBinder(device, scene)
+        tracer = sv.RayTracer(device, binder)
+        assert tracer.trace((0, 0, 0), (0, 0, -1))["instance"] >= 0
+        tracer.close()
+        tracer.close()
+        with pytest.raises(sv.SolariError, match="closed"):
+            tracer.trace((0, 0, 0), (0, 0, 1))
+        binder.update()  # the binder still works
+        binder.destroy()
 
     def fail(size, name, **options):
         if name == tracer_module.ARRAYS[2]:
@@ -239,10 +239,8 @@ def test_a_binder_is_shared_and_nothing_is_left(device, monkeypatch):
         return buffer(size, name, **options)
 
     monkeypatch.setattr(device, "buffer", fail)
-    with pytest.raises(RuntimeError, match="no more"):
+    with leaves_nothing(device), pytest.raises(RuntimeError, match="no more"):
         sv.RayTracer(device, scene)
-    device.wait_idle()
-    assert device.objects_in_use == before
 
 
 def test_with_memory_that_is_not_mapped(any_device, rng):

@@ -7,8 +7,6 @@ import re
 import numpy as np
 import OpenEXR
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 from support.hdr_files import hdr, rgbe
 from support.oracles import encodings, environments
@@ -120,41 +118,6 @@ def test_exr_pictures_that_are_cut_off_are_refused(tmp_path, kind, compression):
         (tmp_path / "map.exr").write_bytes(whole[:length])
         with pytest.raises(SolariError, match=r"map\.exr is a damaged EXR picture"):
             sv.Environment(tmp_path / "map.exr")
-
-
-@st.composite
-def damaged(draw, good):
-    """A file with wrong bytes, half of them in its header, which may be cut off."""
-    data = bytearray(good)
-    places = st.integers(0, 79) | st.integers(0, len(good) - 1)
-    for at, value in draw(st.lists(st.tuples(places, st.integers(0, 255)), min_size=1, max_size=3)):
-        data[at] = value
-    return bytes(data[: draw(st.just(len(data)) | st.integers(0, len(data) - 1))])
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize(("suffix", "count"), [(".hdr", 150), (".exr", 30)])
-def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, suffix, count):
-    file = tmp_path / f"map{suffix}"
-    if suffix == ".exr":
-        sv.save_image(file, colors)
-    good = hdr(rgbe(colors)) if suffix == ".hdr" else file.read_bytes()
-    refused = []
-
-    @given(damaged(good))
-    @settings(max_examples=count, deadline=None, derandomize=True, database=None)
-    def check(data):
-        file.write_bytes(data)
-        try:
-            image = sv.Environment(file).image
-        except SolariError:
-            refused.append(data)
-        else:
-            assert np.isfinite(image).all()
-            assert image.min() >= 0
-
-    check()
-    assert 0.1 < len(refused) / count <= (0.95 if suffix == ".hdr" else 1)
 
 
 def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):

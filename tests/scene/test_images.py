@@ -12,6 +12,7 @@ from PIL import Image
 from support import ktx2_files
 from support.gltf_writer import encoded
 from support.ktx2_files import plain
+from support.oracles.encodings import decode_srgb
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.images.image_files import decode, open_image
@@ -149,11 +150,6 @@ def test_a_missing_library_is_named_with_what_installs_it(monkeypatch, module, d
 # ---- mip chains -------------------------------------------------------------------------------------
 
 
-def linear(codes):
-    x = np.asarray(codes) / 255
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
-
-
 def area_average(values, height, width):
     """Exact averages over the area of each pixel of a smaller picture, by integrating piecewise constants."""
     for axis, size in ((0, height), (1, width)):
@@ -175,13 +171,13 @@ def test_every_level_is_the_average_of_its_area(size, srgb):
     np.testing.assert_array_equal(levels[0], pixels)
     exact = pixels.astype(float)
     colors = slice(0, 3 if srgb else 0)
-    exact[..., colors] = linear(pixels[..., colors])
+    exact[..., colors] = decode_srgb(pixels[..., colors])
     for level in levels[1:]:
         exact = area_average(exact, max(exact.shape[0] // 2, 1), max(exact.shape[1] // 2, 1))
         assert (level.shape, level.dtype) == (exact.shape, np.uint8)
         # The nearest code: the exact light is between the midpoints to the neighboring codes.
-        assert (exact[..., colors] >= linear(level[..., colors] - 0.502) - 1e-5).all()
-        assert (exact[..., colors] <= linear(level[..., colors] + 0.502) + 1e-5).all()
+        assert (exact[..., colors] >= decode_srgb(level[..., colors] - 0.502) - 1e-5).all()
+        assert (exact[..., colors] <= decode_srgb(level[..., colors] + 0.502) + 1e-5).all()
         np.testing.assert_allclose(level[..., colors.stop :], exact[..., colors.stop :], atol=0.51)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from support.memory import leaves_nothing
 from viewer_tools import make_session
 
 import solari_vk as sv
@@ -66,19 +67,16 @@ def held(device):
 def viewers(device) -> Iterator[Callable[..., Viewer]]:
     """A function that opens a viewer. At the end all are closed, and must have left nothing on the device."""
     opened: list[Viewer] = []
-    device.wait_idle()
-    before = device.objects_in_use
 
     def open_one(scene=None, **options) -> Viewer:
         options = {"size": (96, 64), "mode": "reference", "scale": 1.0, **options}
         opened.append(Viewer(device, scene or sv.builtin("cornell_box"), **options))
         return opened[-1]
 
-    yield open_one
-    for viewer in opened:
-        viewer.close()
-    device.wait_idle()
-    assert device.objects_in_use == before, "the viewer left something on the device"
+    with leaves_nothing(device):
+        yield open_one
+        for viewer in opened:
+            viewer.close()
 
 
 @pytest.fixture

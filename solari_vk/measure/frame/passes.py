@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import defaultdict
 
 import numpy as np
@@ -12,7 +11,6 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.bare_rays import BarePaths
 from solari_vk.measure.timing import device_seconds, warm
-from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
@@ -76,33 +74,3 @@ def streamed_time(renderer: Renderer, camera: Camera, frames: int) -> float:
             renderer.render(camera)
 
     return 1e3 * device_seconds(renderer.device, render) / frames
-
-
-def path_tracer_speed(
-    device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], total: float
-) -> tuple[float, float, float]:
-    """Samples a second of the path tracer, its rays a second, and bare rays a second that start at surfaces.
-
-    The last is NaN where they are too few to measure.
-    The path tracer and the bare rays are measured in turns for `total` seconds.
-    """
-    found: list[list[float]] = []
-    bare_times, first_times = [], []
-    with PathTracer(device, binder, size) as tracer, BarePaths(device, binder, camera, size) as bare:
-
-        def refine() -> None:
-            for _ in range(4):
-                tracer.advance(camera)
-
-        warm(device, refine, 4, total / 4)  # the path tracer adapts the size of its dispatches
-        until = time.perf_counter() + total
-        while len(found) < 2 or time.perf_counter() < until:
-            before = np.array((tracer.samples * size[0] * size[1], tracer.rays))
-            spent = device_seconds(device, refine)
-            found.append([spent, *(np.array((tracer.samples * size[0] * size[1], tracer.rays)) - before)])
-            bare_times.append(bare.run(len(found)))
-            first_times.append(bare.run(len(found), bounces=0))
-    spent, samples, rays = np.sum(found, axis=0)
-    bare_seconds, bare_rays = np.sum(bare_times, axis=0) - np.sum(first_times, axis=0)
-    bare_rate = bare_rays / bare_seconds if min(bare_seconds, bare_rays) > 0 else math.nan
-    return samples / spent, rays / spent, bare_rate

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.frame.error import Effort
 
 Size = tuple[int, int]
 
@@ -18,7 +17,7 @@ class Plan:
     frames: int = 6
     warm_up_frames: int = 10
     seconds: float = 1.0
-    """The time of each warm-up and of each of the path tracer's measurements."""
+    """The time of each warm-up."""
     cold_start: bool = True
     host_frames: int = 200
     growth_size: Size = (128, 128)
@@ -27,13 +26,6 @@ class Plan:
     triangles: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
     lights: tuple[int, ...] = (8, 100, 1_000, 10_000, 100_000)
     instances: tuple[int, ...] = (100, 1_000, 10_000)
-    error_scenes: tuple[str, ...] = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
-    """Built-in scenes whose errors are measured; those in files are too."""
-    error_size: Size = (128, 128)
-    error: Effort = field(default_factory=Effort)
-    reference_samples: int = 4096
-    reference_limit: float = 120.0
-    """The seconds after which a reference is taken as it is."""
 
 
 SOFTWARE = Plan()
@@ -41,13 +33,11 @@ GPU = Plan(
     sizes=((1920, 1080), (3840, 2160)), frames=40, growth_size=(1280, 720), growth_frames=40,
     sides=(256, 512, 1024, 2048, 4096), triangles=(1_000, 10_000, 100_000, 1_000_000, 10_000_000, 30_000_000),
     lights=(8, 1_000, 100_000, 1_000_000), instances=(100, 10_000, 100_000, 1_000_000),
-    error_size=(256, 256), reference_samples=65536,
 )  # fmt: skip
 QUICK = Plan(
     sizes=((16, 16),), frames=2, warm_up_frames=1, seconds=0.0, cold_start=False, host_frames=10,
     growth_size=(16, 16), growth_frames=2, sides=(16, 32), triangles=(100, 1_000), lights=(8, 1_000),
-    instances=(10, 100), error_scenes=("cornell_box",), error_size=(16, 16),
-    error=Effort(seeds=2, warm_up=1, observed=2), reference_samples=16,
+    instances=(10, 100),
 )  # fmt: skip
 
 

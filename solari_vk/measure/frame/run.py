@@ -11,10 +11,10 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.character import character
-from solari_vk.measure.frame import animated, costs, error, passes
+from solari_vk.measure.frame import animated, costs, passes
 from solari_vk.measure.frame.plan import Plan, Size, plan_for
 from solari_vk.measure.report import Report, measuring, milliseconds
-from solari_vk.measure.subjects import from_file, glowing, hilly, scattered, subjects
+from solari_vk.measure.subjects import glowing, hilly, scattered, subjects
 from solari_vk.measure.timing import every_barrier, warm
 from solari_vk.passes import gbuffer
 from solari_vk.renderer import Renderer
@@ -51,13 +51,11 @@ def run(
         plan = plan_for(device, quick=quick)
         for size in plan.sizes:
             _passes(device, report, chosen, size, plan, pictures)
-        _path_tracer(device, report, chosen, plan)
         _start(device, report, plan)
         _host(device, report, plan.host_frames)
         _growth(device, report, plan)
         _animated(device, report, chosen, plan)
         _memory(device, report)
-        _error(device, report, [*map(builtin, plan.error_scenes), *map(from_file, files)], plan)
 
 
 def _rows(found: Sequence[Mapping[str, float]], text: Callable[[float], str]) -> list[list[str]]:
@@ -106,20 +104,6 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
         ["time of the frame / time of as many bare rays", *(f"{ratio:.2f}" for ratio, _ in ratios)],
     ]
     report.table(f"Against bare rays at {named}", ["", *head], table, BARE_NOTE)
-
-
-def _path_tracer(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
-    size = plan.sizes[0]
-    rows = []
-    for scene in chosen:
-        report.progress(f"{scene.name}: path tracer")
-        binder = SceneBinder(device, scene)
-        samples, rays, bare = passes.path_tracer_speed(device, binder, scene.camera, size, plan.seconds)
-        rows.append([scene.name, *(f"{value / 1e6:,.2f}" for value in (samples, rays, bare)), f"{rays / bare:.2f}"])
-        binder.destroy()
-    report.table(f"Path tracer at {size[0]}x{size[1]}",
-                 ["scene", "million samples a second", "million rays", "million bare rays", "rays / bare rays"], rows,
-                 "The path tracer traces camera, bounce and shadow rays; the bare rays are bounces.")  # fmt: skip
 
 
 def _start(device: Device, report: Report, plan: Plan) -> None:
@@ -189,14 +173,3 @@ def _memory(device: Device, report: Report) -> None:
     report.table("Memory of a frame", ["stage", "bytes a pixel", "fixed MB"], rows,
                  "A resource belongs to the first stage that writes it. Both images of a history count. The scene and "
                  "its acceleration structures are not included.")  # fmt: skip
-
-
-def _error(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
-    """The error of single frames and of the mean of many, and what they cost, beside the path tracer's."""
-    effort, size, samples = plan.error, plan.error_size, plan.reference_samples
-    for scene in chosen:
-        report.progress(f"{scene.name}: error over time")
-        truth, taken = error.reference(device, scene, scene.camera, size, samples, plan.reference_limit)
-        rows = list(error.compare(device, scene, truth, effort))
-        report.table(f"Error over time, {scene.name} {size[0]}x{size[1]}", error.HEAD, rows,
-                     error.NOTE.format(**vars(effort)), f"The reference has {taken} samples a pixel.")  # fmt: skip

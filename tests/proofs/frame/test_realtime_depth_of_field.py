@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
+from proofs.path_tracer.test_depth_of_field import APERTURE, CAMERAS, DISTANCE, FOV, SIZE, check_disk, spread_of
 from support.realtime import GBUFFER, PATHS, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 
@@ -13,9 +12,6 @@ import solari_vk as sv
 from solari_vk.bound.projection import lens_point
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
-
-SIZE = (64, 64)
-FOV, DISTANCE, APERTURE = 0.5, 4.0, 0.4
 
 
 def balls():
@@ -40,23 +36,13 @@ def test_the_disk_of_confusion(device, kind, focus):
     """The mean of frames of a small lamp is the disk of confusion that optics gives, with the same light."""
     found = []
     for aperture in (0.0, APERTURE):
-        fields = {"orthographic_height": 2 * DISTANCE * math.tan(FOV / 2)} if kind == "orthographic" else {}
-        if kind == "fisheye":
-            fields = {"projection": kind}
+        fields = {"projection": kind} if kind == "fisheye" else CAMERAS[kind]
         scene = sv.Scene(sv.Camera(vertical_fov=FOV, aperture=aperture, focus_distance=focus, **fields))
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
         with make_renderer(device, scene, SIZE, passes=PATHS, jitter=True) as renderer:
             light = sum(np.asarray(renderer.render()["sample_radiance"], np.float64)[..., 0] for _ in range(256)) / 256
-        at, variances = np.arange(SIZE[0]), []
-        for axis in range(2):
-            along = light.sum(axis=axis) / light.sum()
-            variances.append((along * (at - (along * at).sum()) ** 2).sum())
-        found.append((light.sum(), np.array(variances)))
-    (sharp, narrow), (blurred, wide) = found
-    assert blurred == pytest.approx(sharp, rel=0.05)
-    radius = APERTURE / 2 * abs(1 - DISTANCE / focus)
-    pixel = 2 * DISTANCE * math.tan(FOV / 2) / SIZE[1]
-    np.testing.assert_allclose(wide - narrow, (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
+        found.append(spread_of(light))
+    check_disk(*found, focus)
 
 
 def test_points_are_where_the_lens_shows_them(device):

@@ -18,11 +18,8 @@ FOV, DISTANCE, APERTURE = 0.5, 4.0, 0.4
 CAMERAS = {"perspective": {}, "orthographic": {"orthographic_height": 2 * DISTANCE * math.tan(FOV / 2)}}
 
 
-def spread(device, **fields):
-    """The light of a picture of a small lamp, and its variance along x and y in squared pixels."""
-    scene = sv.Scene(sv.Camera(vertical_fov=FOV, **fields))
-    scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
-    light = trace(device, scene, 1024, SIZE, seed=8, max_bounces=0).sum(axis=2)
+def spread_of(light):
+    """Of light (64, 64), all of it, and its variance along x and y in squared pixels."""
     at, variances = np.arange(SIZE[0]), []
     for axis in range(2):
         along = light.sum(axis=axis) / light.sum()
@@ -30,14 +27,25 @@ def spread(device, **fields):
     return light.sum(), np.array(variances)
 
 
-@pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 12.0), ("orthographic", 2.0)])
-def test_the_disk_of_confusion(device, kind, focus):
-    sharp, blurred = (spread(device, aperture=a, focus_distance=focus, **CAMERAS[kind]) for a in (0.0, APERTURE))
+def check_disk(sharp, blurred, focus):
+    """Requires that a lens spreads the lamp's light as optics says: the variance of a disk along an axis is a quarter
+    of its squared radius."""
     assert blurred[0] == pytest.approx(sharp[0], rel=0.05)
-    # The disk's radius in meters at the lamp; the variance of a disk along an axis is a quarter of its squared radius.
-    radius = APERTURE / 2 * abs(1 - DISTANCE / focus)
+    radius = APERTURE / 2 * abs(1 - DISTANCE / focus)  # in meters at the lamp
     pixel = 2 * DISTANCE * math.tan(FOV / 2) / SIZE[1]
     np.testing.assert_allclose(blurred[1] - sharp[1], (radius / pixel) ** 2 / 4, rtol=0.06, atol=0.1)
+
+
+def spread(device, **fields):
+    """`spread_of` a picture of a small lamp."""
+    scene = sv.Scene(sv.Camera(vertical_fov=FOV, **fields))
+    scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
+    return spread_of(trace(device, scene, 1024, SIZE, seed=8, max_bounces=0).sum(axis=2))
+
+
+@pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 12.0), ("orthographic", 2.0)])
+def test_the_disk_of_confusion(device, kind, focus):
+    check_disk(*(spread(device, aperture=a, focus_distance=focus, **CAMERAS[kind]) for a in (0.0, APERTURE)), focus)
 
 
 def test_what_is_in_focus_is_sharp_everywhere(device):

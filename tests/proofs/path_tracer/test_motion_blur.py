@@ -28,6 +28,12 @@ def expose(device, scene, pose, shutter, samples=64, camera=None, **options):
         return np.asarray(tracer.render(camera, samples, shutter=shutter, pose=pose), np.float64)
 
 
+def ramp():
+    """What each column (64,) of an edge shows that moves from 24 pixels left of the middle to it."""
+    edge = SIZE[0] / 2 - 24 + 24 * np.linspace(0, 1, 20001)
+    return np.clip(np.arange(SIZE[0])[:, None] + 1 - edge, 0, 1).mean(axis=1)
+
+
 def move(instance, speed):
     def pose(seconds):
         instance.position = (speed * seconds, 0, 0)
@@ -44,10 +50,8 @@ def test_a_moving_edge_is_a_ramp(device):
         instance.position = ((seconds - 1.0) * speed - 24 * PIXEL, 0, 0)
 
     found = expose(device, scene, pose, shutter, 128, max_bounces=0)[..., 0]
-    edge = SIZE[0] / 2 - 24 + 24 * np.linspace(0, 1, 20001)
-    expected = np.clip(np.arange(SIZE[0])[:, None] + 1 - edge, 0, 1).mean(axis=1)
-    np.testing.assert_allclose(found.mean(axis=0), expected, atol=0.01)
-    assert 0.2 < expected[20] < 0.9
+    np.testing.assert_allclose(found.mean(axis=0), ramp(), atol=0.01)
+    assert 0.2 < ramp()[20] < 0.9
     assert instance.position[0] == pytest.approx(-12 * PIXEL)
 
 
@@ -198,6 +202,14 @@ def test_cameras_between():
         np.testing.assert_allclose(further.transform, turned[1], atol=1e-9)
 
 
+WRONG = (  # options of both renderers' `render`, for a scene without animations
+    ({"shutter": sv.Shutter(close=1)}, "has no animations: give pose"),
+    ({"shutter": 0.5, "pose": print}, "shutter is a solari_vk.Shutter, not 0.5"),
+    ({"shutter": sv.Shutter(close=1), "pose": 3}, "pose is a function of the time"),
+    ({"pose": id}, "shutter is a solari_vk.Shutter, not None"),
+)
+
+
 def test_wrong_shutters(device):
     with pytest.raises(SolariError, match=r"must open, at 2 s, before it closes, at 1 s"):
         sv.Shutter(open=2, close=1)
@@ -205,12 +217,7 @@ def test_wrong_shutters(device):
         sv.Shutter(close=1, time_samples=0)
     scene = sv.builtin("cornell_box")
     with sv.PathTracer(device, scene, (8, 8)) as tracer:
-        for options, message in (
-            ({"shutter": sv.Shutter(close=1)}, "has no animations: give pose"),
-            ({"shutter": 0.5, "pose": print}, "shutter is a solari_vk.Shutter, not 0.5"),
-            ({"shutter": sv.Shutter(close=1), "pose": 3}, "pose is a function of the time"),
-            ({"shutter": sv.Shutter(close=1), "pose": id, "target_error": 0.1}, "have no target_error"),
-            ({"pose": id}, "shutter is a solari_vk.Shutter, not None"),
-        ):  # fmt: skip
+        target = {"shutter": sv.Shutter(close=1), "pose": id, "target_error": 0.1}, "have no target_error"
+        for options, message in (*WRONG, target):
             with pytest.raises(SolariError, match=message):
                 tracer.render(samples=1, **options)
