@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.given_poses import taken
-from solari_vk.bound.view_cameras import array, check_transforms
+from solari_vk.bound.view_cameras import array, check_all, check_transforms
 from solari_vk.errors import SolariError, quoted
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
@@ -177,7 +177,9 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
         return given or self._on_host(item, array(values, what, shape, where=self.where))
 
     def _on_host(self, item: Instance, given: NDArray[np.float64]) -> NDArray[np.float64]:
-        check_transforms(given, item.describe(), self.where, "world")
+        names = item.describe(), self.where, "world"
+        check_all(np.isfinite(given), "be finite", *names)
+        check_transforms(given, *names)
         return np.array(given)
 
     def on_host(self, items: Iterable[Instance]) -> dict[Instance, NDArray[np.float64]]:

@@ -197,8 +197,8 @@ def test_the_ball_around_cameras_of_a_tensor(gpu):
     for wrap in (np.asarray, partial(GpuTensor, gpu)):
         with sv.Batch(gpu, sv.builtin("cornell_box"), (8, 8), views, renderer="realtime", outputs=()) as batch:
             batch.render(wrap(given))
-            views = batch._realtime.views
-            balls.append(views.buffer.read(np.uint8, views.shared.nbytes).view(views.shared.dtype))
+            table = batch._realtime.views
+            balls.append(table.buffer.read(np.uint8, table.shared.nbytes).view(table.shared.dtype))
     np.testing.assert_array_equal(*balls)
 
 
