@@ -3,6 +3,8 @@ renderer; glsl/passes/brdf_table/."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
@@ -50,7 +52,8 @@ def stage() -> Stage:
 
 def compute(device: Device) -> tuple[Frame, dict[str, Buffer | Image]]:
     """Run the stage; returns its frame, which owns the tables, and the tables by name."""
-    with device.undone_on_error():
-        frame = Frame(device, [stage()])
+    with ExitStack() as undo:
+        frame = undo.enter_context(Frame(device, [stage()]))
         frame.submit()
+        undo.pop_all()
     return frame, {name: frame.resource(name) for name in NAMES}

@@ -23,9 +23,10 @@ class Kernel:
         assert module.push_constants is not None
         self._pushed = np.zeros(1, module.push_constants)
         self.local_size = module.local_size()
-        self._interface = Interface(device, [module])
-        self._pipelines = Pipelines(device)
-        [(_, self._pipeline)] = self._pipelines.make([PipelineInfo(path, [module], {})], self._interface)
+        with device.undone_on_error():
+            self._interface = Interface(device, [module])
+            self._pipelines = Pipelines(device)
+            [(_, self._pipeline)] = self._pipelines.make([PipelineInfo(path, [module], {})], self._interface)
 
     def record(self, commands: raw.CData, threads: tuple[int, int], **pushed: int) -> None:
         """Record a dispatch of at least so many invocations in x and y. pushed: the fields of the push constants."""
