@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,20 +42,21 @@ INTRO = (
     "Realtime is the denoised radiance: of cameras that move a little, which one by one are one camera of one "
     "`Renderer`; and after a cut of all views. In worlds, each view has a world of its own, whose blocks move in each "
     "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view. "
-    f"At once: how many times as many views a second there are with {AT_ONCE} frames by `render_many`. "
+    f"In a row: how many times as many views a second there are with {AT_ONCE} frames of which nobody waits for one; "
+    "at once: with as many by `render_many`. "
     "One view: pixels a second of the batch over those of one large view of about as many, from the first camera. "
     f"p95: the 95th percentile of a frame's time over the median, of {FEWEST_FRAMES} to {STEADY_FRAMES} frames in "
     f"{STEADY_SECONDS:g} s that follow the rounds.",
 )
-HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view", "at once",
-        "one view", "p95")  # fmt: skip
+HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view", "in a row",
+        "at once", "one view", "p95")  # fmt: skip
 
 Work = Callable[[], object]
 
 
 class Row(NamedTuple):
-    """Works: `begin` a frame of a batch, a frame `together` with reading, AT_ONCE of them with `many`, the views of a
-    frame `alone`, one by one, and about as many pixels as `one` view."""
+    """Works: `begin` a frame of a batch, a frame `together` with taking results, AT_ONCE of them with `many`, the views
+    of a frame `alone`, one by one, and about as many pixels as `one` view."""
 
     name: str
     begin: Work
@@ -100,15 +102,20 @@ def _scene() -> Scene:
     return scene
 
 
-def _take(device: Device, batch: Batch | ManyFrames, names: Sequence[str], tensors: bool) -> None:
+def _take(batch: Batch | ManyFrames, names: Sequence[str], tensors: bool) -> None:
     for name in names:
         _ = batch.tensor(name) if tensors else batch[name]
-    if tensors:
-        device.wait_idle()
 
 
 def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
-    works = {name: work for name in ("together", "many", "alone", "one") if (work := getattr(row, name)) is not None}
+    def until_done(work: Work, frames: int = 1) -> None:
+        for _ in range(frames):
+            work()
+        device.wait_idle()
+
+    works: dict[str, Work] = {name: partial(until_done, work) for name in ("together", "many", "alone", "one")
+                              if (work := getattr(row, name)) is not None}  # fmt: skip
+    works["in a row"] = partial(until_done, row.together, AT_ONCE)
     for work in works.values():
         warm(device, work, 2, 0.2)
     taken = [[seconds(work) for work in works.values()] for _ in range(ROUNDS)]
@@ -122,12 +129,12 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
     speeds = [f"{count / np.median(together):,.1f}", "-", "-"]
     if "alone" in times:
         speeds[1:] = f"{count / np.median(times['alone']):,.1f}", f"{np.median(times['alone'] / together):.2f}"
-    at_once = np.median(AT_ONCE * together / times["many"])
+    many = (f"{np.median(AT_ONCE * together / times[name]):.2f}" for name in ("in a row", "many"))
     one = "-"
     if "one" in times:
         columns, rows = _grid(count)
         one = f"{np.median(count * times['one'] / (columns * rows * together)):.2f}"
-    return (*speeds, f"{1e6 * min(host) / count:.2f}", f"{at_once:.2f}", one, f"{_spread(row.together):.2f}")
+    return (*speeds, f"{1e6 * min(host) / count:.2f}", *many, one, f"{_spread(works['together']):.2f}")
 
 
 def _grid(count: int) -> tuple[int, int]:
@@ -167,11 +174,11 @@ def _works(
 
         def read(cut: bool = False) -> None:
             render(cut)
-            _take(device, batch, names, tensors)
+            _take(batch, names, tensors)
 
         def read_one(cut: bool = False) -> None:
             single.render(poses[:1], vertical_fov=fov, samples=samples, reset=cut)
-            _take(device, single, names, tensors)
+            _take(single, names, tensors)
 
         def many(cut: bool = False) -> None:
             every = np.tile(poses, (AT_ONCE, 1, 1, 1))
@@ -179,7 +186,7 @@ def _works(
             cuts = np.full((AT_ONCE, count), cut)
             frames = batch.render_many(every, frames=AT_ONCE, outputs=names, vertical_fov=fov, samples=samples,
                                        reset=cuts)  # fmt: skip
-            _take(device, frames, names, tensors)
+            _take(frames, names, tensors)
 
         if renderer == "labels":
             tracer = stack.enter_context(RayTracer(device, binder))
@@ -234,7 +241,7 @@ def _works_in_worlds(
 
         def read() -> None:
             render()
-            _take(device, batch, names, tensors)
+            _take(batch, names, tensors)
 
         def many() -> None:
             moves = {name: np.tile(place, (AT_ONCE, 1, 1, 1)) for name, place in places.items()}
@@ -242,7 +249,7 @@ def _works_in_worlds(
                 move[:, :, ::2, 3] += rng.uniform(-1e-3, 1e-3, (AT_ONCE, count, 2))
             frames = batch.render_many(poses, frames=AT_ONCE, outputs=names, transforms=moves, vertical_fov=fov,
                                        samples=samples)  # fmt: skip
-            _take(device, frames, names, tensors)
+            _take(frames, names, tensors)
 
         yield Row(f"{renderer}, worlds", render, read, many)
 
