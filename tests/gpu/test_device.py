@@ -238,6 +238,20 @@ def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: 
     assert order == ["a", "b", "c", "d", "f", "g", "h"], "what fails leaves the rest due"
 
 
+def test_what_is_due_stays_due_when_its_commands_cannot_be_recorded(
+    own_device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    own_device.before_next_submit(lambda cmd: order.append("a"))
+    with monkeypatch.context() as patch:
+        patch.setattr(own_device.vk, "vkEndCommandBuffer", fail)
+        with pytest.raises(ZeroDivisionError):
+            own_device.wait_idle()
+    del order[:]
+    own_device.run(lambda cmd: order.append("b"))
+    assert order == ["a", "b"]
+
+
 def value_writer(device: Device, target: Buffer, value: int) -> Recorded:
     """Commands that fill a buffer with a value."""
 

@@ -52,8 +52,11 @@ class Bug:
             return source[:start] + self.text + source[end:]
         head = functions[0]
         end = _end_of_block(source, head.end())
-        body = re.sub(r"\bcorrect\(", f"{name}_without_bug(", self.text)
-        original = re.sub(rf"\b{name}(?=\()", f"{name}_without_bug", source[head.start() : end], count=1)
+        inner = f"{name}_without_bug"
+        while inner in source:  # another bug of the same function
+            inner += "s"
+        body = re.sub(r"\bcorrect\(", f"{inner}(", self.text)
+        original = re.sub(rf"\b{name}(?=\()", inner, source[head.start() : end], count=1)
         return f"{source[: head.start()]}{original}\n{head.group()} {body} }}{source[end:]}"
 
 

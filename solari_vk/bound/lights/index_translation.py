@@ -123,7 +123,8 @@ class IndexTranslation:
         if self.buffers and 4 * count <= self.buffers[NAMES[0]].size:
             return False
         self.close()
-        self.buffers = {name: self._device.buffer(4 * max(2 * count, 16), name) for name in NAMES}
+        with self._device.undone_on_error():
+            self.buffers = {name: self._device.buffer(4 * max(2 * count, 16), name) for name in NAMES}
         return True
 
     def close(self) -> None:

@@ -53,9 +53,10 @@ class Tlas(Structure):
         )
         kind = raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
         super().__init__(device, kind, BuildOptions(**options), [instances], [max_instances], name)
-        self.create(self.size)
-        scratch_bytes = max(self.build_scratch_size, self.update_scratch_size)
-        self._scratch, self._scratch_address = make_scratch(device, scratch_bytes, f"{name} scratch")
+        with device.undone_on_error():
+            self.create(self.size)
+            scratch_bytes = max(self.build_scratch_size, self.update_scratch_size)
+            self._scratch, self._scratch_address = make_scratch(device, scratch_bytes, f"{name} scratch")
 
     def record_build(
         self, cmd: raw.CData, instances: int, count: int, *, update: bool = False, blases: Iterable[Blas] = (),

@@ -110,17 +110,22 @@ class WorkQueue(GatheringDevice):
     def flush(self) -> None:
         """Submit now what waits for the next submission because of `before_next_submit`."""
         if records := self._before_next:
-            self._before_next = []
+            self._before_next, submitted = [], self.submitted
 
             def record_all(cmd: raw.CData) -> None:
                 for i, record in enumerate(records):
                     try:
                         record(cmd)
-                    except BaseException:  # the others still wait for the next submission
-                        self._before_next = records[:i] + records[i + 1 :] + self._before_next
+                    except BaseException:
+                        del records[i]
                         raise
 
-            self._start(record_all, "prepare resources")
+            try:
+                self._start(record_all, "prepare resources")
+            except BaseException:
+                if self.submitted == submitted:  # the others still wait for the next submission
+                    self._before_next = records + self._before_next
+                raise
 
     def start(self, record: Callable[[raw.CData], None], name: str = "") -> int:
         """Record one-time commands and submit them without waiting; returns the timeline value of their completion."""

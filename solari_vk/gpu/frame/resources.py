@@ -92,17 +92,22 @@ class Resources:
         kind, copies, *rest = spec
         labels = [name] if copies == 1 else [f"{name} {slot}" for slot in range(copies)]
         items: list[Buffer | Image] = []
-        for label in labels:
-            if kind == "buffer":
-                buffer = self._device.buffer(rest[0], label)
-                buffer.fill(0)
-                items.append(buffer)
-            else:
-                width, height, format_name, attachment = rest
-                format = image_format(format_name)
-                image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
-                _clear(image)
-                items.append(image)
+        try:
+            for label in labels:
+                if kind == "buffer":
+                    buffer = self._device.buffer(rest[0], label)
+                    buffer.fill(0)
+                    items.append(buffer)
+                else:
+                    width, height, format_name, attachment = rest
+                    format = image_format(format_name)
+                    image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
+                    _clear(image)
+                    items.append(image)
+        except BaseException:
+            for item in items:
+                item.destroy()
+            raise
         return _Made(spec, tuple(items))
 
     def destroy_all_but(self, kept: Resources) -> None:
