@@ -156,6 +156,24 @@ def test_lamps_of_worlds_move_with_the_scene(device, change):
         np.testing.assert_array_equal(late[1], early[1])
 
 
+def test_emissive_textures_of_worlds_change(device):
+    """Of what emits light in worlds alone: as if the texture had been so from the beginning."""
+    powers = []
+    for early in (True, False):
+        image = sv.TextureImage(np.full((2, 2, 3), 255, np.uint8))
+        dark = np.full((2, 2, 3), 90, np.uint8)
+        dark[0] = 30
+        lamp = sv.Material(emissive=(5, 5, 5), emissive_texture=sv.Texture(image))
+        with sv.Batch(device, sv.builtin("cornell_box"), SIZE, 2, worlds=2, outputs=["depth"]) as batch:
+            batch.world_materials["tall block"] = [lamp, sv.Material()]
+            if not early:
+                batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+            image.pixels = dark
+            batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
+            powers.append(batch._worlds.known_lights[0].powers)
+    np.testing.assert_array_equal(powers[1], powers[0])
+
+
 def test_worlds_stay_as_they_were_without_memory(device, monkeypatch):
     scene, _ = own_room(False)
     lamps, make = [sv.Material(emissive=(1, 1, 1)), sv.Material()], device.buffer

@@ -109,6 +109,7 @@ class SceneBinder(SceneRows):
             self._upload()
         except BaseException:
             self.undo()  # the next update tries again, and uploads everything
+            self.version += 1  # buffers may be other ones by now
             for table in self._tables:
                 table.mark_all()
             self.traced.mark_all()

@@ -155,7 +155,7 @@ class Geometry:
         that deform, or that have no normals."""
         if mesh not in self._uploaded or mesh.deformation is not None:
             return None
-        if "normals" in fields and mesh.held("normals") is None:
+        if "normals" in fields and mesh._held("normals") is None:
             return None
         return self.given.take(mesh, fields)
 
@@ -188,7 +188,7 @@ class Geometry:
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
-        now = {name: mesh.held(name) for name in ARRAYS}
+        now = {name: mesh._held(name) for name in ARRAYS}
         before = self._uploaded.get(mesh)
         if before is None or not self.given.fits(before, now):
             self._upload_from_host(mesh, uploads, revision)
@@ -198,7 +198,7 @@ class Geometry:
         self.table.mark([self.rows[mesh]])
         record, is_given = self.table.records[self.rows[mesh]], mesh in self.given
         return TriangleGeometry(
-            positions=int(record["positions"]), position_count=mesh.held("positions").shape[0],
+            positions=int(record["positions"]), position_count=mesh._held("positions").shape[0],
             indices=int(record["triangles"]), triangle_count=int(record["triangle_count"]),
             # Structures that are refitted allow it, and may be a blended mesh's later.
             no_duplicate_any_hit=is_given or mesh in self._met_once,
@@ -281,7 +281,7 @@ class Geometry:
             return
         if moves:
             if not owned:  # it is an equal mesh's too
-                before = copy_of_positions(self._device, before, mesh.held("positions").shape[0])
+                before = copy_of_positions(self._device, before, mesh._held("positions").shape[0])
             self.posed.edit(mesh, self.rows[mesh], before, buffer.address, revision)
             self._features.add("SCENE_POSES")
             return

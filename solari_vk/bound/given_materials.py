@@ -50,7 +50,7 @@ class GivenMaterials(GivenNumbers):
 
     def held_of(self, material: Material) -> dict[str, Taken]:
         """What tensors of this device gave."""
-        held = {name: material.held(name) for name in material._given}
+        held = {name: material._held(name) for name in material._given}
         return {name: it for name, it in held.items() if isinstance(it, Taken) and it.device is self._device}
 
     def write(self, materials: Mapping[Material, Mapping[str, Taken]]) -> None:
@@ -63,7 +63,7 @@ class GivenMaterials(GivenNumbers):
             for name, given in numbers.items():
                 noted = self._noting(name)["what"] << 20 | min(row, 0xFFFFF)
                 step = int(given.shape not in ((), (1,)))
-                scale = material.reflectance_scale if name == "reflectance" else 1.0
+                scale = material._reflectance_scale if name == "reflectance" else 1.0
                 lines.append((given.address, given.address, given.dtype == np.float64, step, COUNTS[name],
                               row * size + fields[name][1] // 4, *LIMITS[name], scale, noted))  # fmt: skip
         if not lines:

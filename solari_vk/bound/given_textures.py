@@ -102,8 +102,10 @@ class GivenTextures(GivenNumbers):
         """The light of each sRGB code, and back."""
         if self._curves is None:
             curves = LIGHT_OF_CODE.tobytes() + CODE_OF_LIGHT.tobytes()
-            self._curves = self._device.buffer(len(curves), "sRGB curves")
-            self._curves.upload(curves)
+            with self._device.undone_on_error():
+                buffer = self._device.buffer(len(curves), "sRGB curves")
+                buffer.upload(curves)
+            self._curves = buffer
         return self._curves
 
     def destroy(self) -> None:

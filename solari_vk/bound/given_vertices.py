@@ -59,7 +59,7 @@ class GivenVertices(GivenNumbers):
 
     def take(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
         """Tensors of as many positions and normals as a mesh has; None for what the host must read."""
-        shape = mesh.held("positions").shape
+        shape = mesh._held("positions").shape
         if any(not is_takable(self._device, value) or tuple(value.shape) != shape for value in fields.values()):
             return None
         found = {name: take(self._device, value) for name, value in fields.items()}

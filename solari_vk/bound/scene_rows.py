@@ -140,11 +140,13 @@ class SceneRows:
                     self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
-            users = [*self.lamps.emissions.change(item), *self.materials.users_of_image(item)]
+            lamps = self.lamps.emissions.change(item)
+            self._records_change |= len(lamps) > 0  # worlds have lamps of their own
+            users = [*lamps, *self.materials.users_of_image(item)]
             self._write_rows |= {user: None for user in users if user in self._uses}
 
     def _may_change_lights(self, item: Observable) -> bool:
-        if isinstance(item, (Mesh, TextureImage)) and isinstance(item.held(item._on_device[0]), Taken):
+        if isinstance(item, (Mesh, TextureImage)) and isinstance(item._held(item._on_device[0]), Taken):
             return self.lamps.emissions.use(item)  # the host knows nothing new of others
         return not isinstance(item, (Instance, Material, Camera))
 

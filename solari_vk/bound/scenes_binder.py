@@ -135,6 +135,7 @@ class ScenesBinder:
             except BaseException:
                 for scene in self._scenes:
                     scene.undo()  # the next update tries again
+                self.version += 1  # buffers may be other ones by now
                 for table in assets.tables:
                     table.mark_all()
                 raise

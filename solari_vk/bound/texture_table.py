@@ -83,8 +83,9 @@ class TextureTable:
 
     def take(self, image: TextureImage, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
         """A tensor of an image's size that gives its pixels; None for what the host must read."""
-        pixels, size = fields["pixels"], image.held("pixels").shape[:2]
-        if (image, True) not in self._images and (image, False) not in self._images:
+        pixels, size = fields["pixels"], image._held("pixels").shape[:2]
+        keys = {(image, True), (image, False)}
+        if not keys & self._images.keys() or keys & self._to_upload.keys():  # of which an upload failed
             return None
         if not is_takable(self._device, pixels) or tuple(pixels.shape) not in (size, (*size, 3), (*size, 4)):
             return None
@@ -154,7 +155,7 @@ class TextureTable:
     def _upload(self, key: ImageKey, uploads: Uploads) -> None:
         source, srgb = key
         before = self._images.get(key)
-        held = source.held("pixels")
+        held = source._held("pixels")
         if before is not None and isinstance(held, Taken) and self.given.fits(before, held):
             self._receive(key, held)
             return

@@ -283,10 +283,10 @@ class Material(OnDevice):
     @property
     def relative_reflectance(self) -> NDArray[np.float64]:
         """The reflectance, (3,), that gives the same F0 with an ior of 1.5: F0 is 0.16 times its square."""
-        return np.asarray(self.reflectance * self.reflectance_scale)
+        return np.asarray(self.reflectance * self._reflectance_scale)
 
     @property
-    def reflectance_scale(self) -> float:
+    def _reflectance_scale(self) -> float:
         """What `relative_reflectance` is for a reflectance of 1."""
         return 5 * (self.ior - 1) / (self.ior + 1)
 

@@ -57,6 +57,9 @@ class OnDevice(Checked):
         serves all. Raises SolariError for another number of rows, and at the first object that refuses its row.
         """
         objects, rows = list(objects), dict[str, Any]()
+        for index, item in enumerate(objects):
+            if not isinstance(item, cls):
+                raise SolariError(f"{cls.__name__}.update_all: object {index} is a {type(item).__name__}")
         for name, values in cls._by_field(fields).items():
             rows[name] = _on_some_device(objects, values)
             if rows[name] is None:
@@ -64,17 +67,14 @@ class OnDevice(Checked):
             if rows[name].shape[:1] != (len(objects),):
                 raise SolariError(f"{cls.__name__}.update_all: {name} must have {len(objects)} rows, one for each "
                                   f"object, not the shape {rows[name].shape}")  # fmt: skip
+        on_device = {name for name, given in rows.items() if not isinstance(given, np.ndarray)}
+        on_host = dict[str, NDArray[Any]]()  # for objects that no device takes
         for index, item in enumerate(objects):
-            if not isinstance(item, cls):
-                raise SolariError(f"{cls.__name__}.update_all: object {index} is a {type(item).__name__}")
-            own = {name: given[index] if isinstance(given, np.ndarray) else given.at(index)
-                   for name, given in rows.items()}  # fmt: skip
-            if not all(isinstance(given, np.ndarray) for given in rows.values()):
-                if own.keys() <= set(cls._on_device) and item._take(own):
-                    continue
-                rows = {name: given if isinstance(given, np.ndarray) else given.copy() for name, given in rows.items()}
-                own = {name: given[index] for name, given in rows.items()}
-            item.update(**own)
+            own = {name: given.at(index) if name in on_device else given[index] for name, given in rows.items()}
+            if on_device and own.keys() <= set(cls._on_device) and item._take(own):
+                continue
+            on_host = on_host or {name: given.copy() if name in on_device else given for name, given in rows.items()}
+            item.update(**{name: given[index] for name, given in on_host.items()})
 
     def _take(self, fields: Mapping[str, Any]) -> bool:
         """Leave values of fields on a device, or return False."""
@@ -101,7 +101,7 @@ class OnDevice(Checked):
             object.__setattr__(self, name, value)
             return value
 
-    def held(self, name: str) -> Any:
+    def _held(self, name: str) -> Any:
         """A field as it was given: a value, or what a device took of a tensor."""
         return self._given[name] if name in self._given else getattr(self, name)
 

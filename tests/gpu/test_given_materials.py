@@ -122,9 +122,12 @@ def test_many_materials_take_one_tensor(gpu):  # noqa: F811
         np.testing.assert_array_equal(*shown)
         assert len(np.unique(shown[1].reshape(5, -1).max(axis=1))) > 1
         np.testing.assert_array_equal([paint.base_color for paint in paints], colors)
+        with pytest.raises(sv.SolariError, match=r"Material.update_all: object 1 is a str"):
+            sv.Material.update_all([paints[0], "paint"], base_color=colors[3:])
         fresh = sv.Material()
-        sv.Material.update_all([paints[0], fresh], base_color=GpuTensor(gpu, colors[3:]))
-        np.testing.assert_array_equal([paints[0].base_color, fresh.base_color], colors[3:])
+        sv.Material.update_all([fresh, paints[0]], base_color=GpuTensor(gpu, colors[3:]))
+        assert "base_color" not in vars(paints[0])  # which stayed on the device
+        np.testing.assert_array_equal([fresh.base_color, paints[0].base_color], colors[3:])
 
 
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)

@@ -89,7 +89,9 @@ class IndexTranslation:
         self.newest = 0.0  # the same of the latest update alone
         self._is_identity = False  # whether the buffers map each index to itself
         self.buffers: dict[str, Buffer] = {}
+        self._replaced = False  # the buffers, since `update` said so
         self._reserve(1)
+        self._replaced = False
 
     def update(self, ids: Ids, powers: Powers, positions: Positions | None = None, cell_size: float = 1.0) -> bool:
         """Update the buffers for a frame with these lights. Returns True if the buffers were replaced.
@@ -108,24 +110,25 @@ class IndexTranslation:
             self.newest = max(self.newest, moved)
         change = self.change * CHANGE_DECAY
         self.change = max(change if change > MIN_CHANGE else 0.0, self.newest)
-        if ids is self._ids and self._is_identity and not moves:
+        if ids is self._ids and self._is_identity and not moves and not self._replaced:
             return False
-        replaced = self._reserve(max(len(ids), len(self._ids)))
+        self._reserve(max(len(ids), len(self._ids)))
         previous = unmoved(ids, positions, self._ids, self._positions)
         for name, values in zip(NAMES, (translate(self._ids, ids), previous), strict=True):
             if len(values):
                 self.buffers[name].upload(values)
         self._is_identity = ids is self._ids and not moves
         self._ids, self._positions = ids, positions
+        replaced, self._replaced = self._replaced, False
         return replaced
 
-    def _reserve(self, count: int) -> bool:
+    def _reserve(self, count: int) -> None:
         if self.buffers and 4 * count <= self.buffers[NAMES[0]].size:
-            return False
+            return
         self.close()
         with self._device.undone_on_error():
             self.buffers = {name: self._device.buffer(4 * max(2 * count, 16), name) for name in NAMES}
-        return True
+        self._replaced = True
 
     def close(self) -> None:
         """Free the buffers."""

@@ -28,20 +28,25 @@ class Mirror:
         that is closed."""
         self._device.check_open()
         way = self._free.pop() if self._free else self._make_way()
-        way[0][:] = self._memory.data
-        self._device.submit_with_next(way[1])
+        try:
+            way[0][:] = self._memory.data
+            self._device.submit_with_next(way[1])
+        except BaseException:
+            self._free.append(way)
+            raise
         self._device.retire(partial(self._free.append, way))
 
     def _make_way(self) -> tuple[memoryview, raw.CData]:
         vk, size = self._device.vk, self._memory.nbytes
-        staging = self._device.buffer(size, f"staging of {self.buffer.name}", host=True)
 
         def record(commands: raw.CData) -> None:
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
             staging.record_copy(commands, self.buffer.handle, size=size)
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
-        recorded = Recorded(self._device, record, f"upload of {self.buffer.name}")
+        with self._device.undone_on_error():
+            staging = self._device.buffer(size, f"staging of {self.buffer.name}", host=True)
+            recorded = Recorded(self._device, record, f"upload of {self.buffer.name}")
         self._ways.append((staging, recorded))
         return staging.view(np.uint8).data, recorded.commands
 

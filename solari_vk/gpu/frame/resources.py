@@ -96,14 +96,14 @@ class Resources:
             for label in labels:
                 if kind == "buffer":
                     buffer = self._device.buffer(rest[0], label)
-                    buffer.fill(0)
                     items.append(buffer)
+                    buffer.fill(0)
                 else:
                     width, height, format_name, attachment = rest
                     format = image_format(format_name)
                     image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
-                    _clear(image)
                     items.append(image)
+                    _clear(image)
         except BaseException:
             for item in items:
                 item.destroy()
