@@ -319,12 +319,27 @@ def test_uploads_are_ordered_with_submitted_work(path_device: Device) -> None:
     assert (source.read() == 2).all()
 
 
-def test_a_mirror_shows_its_array_as_of_each_upload(own_device: Device) -> None:
-    """Also where several uploads are in flight, whose memory is used again afterwards."""
+def failing(*_: object) -> None:
+    raise DeviceError("out of memory")
+
+
+def test_a_mirror_shows_its_array_as_of_each_upload(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where several uploads are in flight, whose memory is used again afterwards, and after uploads that fail."""
     memory, uses = np.zeros(1000, np.uint8), []
     shown = own_device.buffer(4 * memory.nbytes, "shown")
     before = own_device.objects_in_use
     mirror = Mirror(own_device, memory, "mirrored")
+    used = own_device.objects_in_use
+    for part in ("solari_vk.gpu.device.mirror.Recorded", "solari_vk.gpu.device.device.Device.submit_with_next"):
+        with monkeypatch.context() as patch:
+            patch.setattr(part, failing)
+            for _ in range(2):
+                with pytest.raises(DeviceError, match="out of memory"):
+                    mirror.upload()
+        own_device.wait_idle()
+        kept = 0 if part.endswith("Recorded") else 1
+        assert len(mirror._ways) == len(mirror._free) == kept
+        assert kept or own_device.objects_in_use == used
     for turn in range(3):
         with own_device.gathered():
             for index in range(4):
