@@ -32,8 +32,8 @@ class GivenMaterials(GivenNumbers):
         self._list = Table(device, "given materials", GIVEN)
 
     def take(self, material: Material, fields: Mapping[str, Any], has_layers: bool) -> dict[str, Taken] | None:
-        """Tensors of numbers that only shaders need; None for what the host must read. has_layers: shaders have them.
-        """
+        """Tensors of numbers that only shaders need; None for what the host must read. has_layers: the scene's shaders
+        have coats, sheen and the other layers."""
         found = {}
         for name, value in fields.items():
             by_host = name in LAYERS and not has_layers

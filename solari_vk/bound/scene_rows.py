@@ -30,9 +30,9 @@ class SceneRows:
     """The instances and lights of a scene as records. assets: what it may share with other scenes. table: where the
     records are. traced, lights: these as rays and light samples find them.
 
-    `revision` increases with each change of the scene, `record_revision` with those that records of instances or lights
-    may depend on, `light_revision` with those that lists of lights may depend on,
-    but for materials' emission, `blended_changes` with those of blended instances.
+    `revision` increases with each change of the scene; `record_revision` with those on which records of instances or
+    lights may depend: of textures those of alpha and emission alone; `light_revision` with those on which lists of
+    lights may depend, but for materials' emission; `blended_changes` with those of blended instances.
     """
 
     def __init__(

@@ -34,7 +34,8 @@ class Written(NamedTuple):
     """The cameras of a frame."""
 
     records: NDArray[Any]
-    """(N,): struct Camera, of pictures that are rendered in their size. The same object has the same values."""
+    """(N,): struct Camera, of pictures that are rendered in their size. Frames of which it is the same array
+    have the same cameras, but for `poses`."""
     lenses: list[Camera]
     """Those with a lens, which is a feature of the shaders."""
     apertures: dict[int, Camera]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
 from test_given_materials import CAMERA, SIZE, values_of
+from test_given_vertices import assert_shown_alike
 
 import solari_vk as sv
 from solari_vk.gpu.device.cuda_input import Taken
@@ -99,10 +100,7 @@ def test_tensors_show_what_arrays_show(gpu, kind):  # noqa: F811
             taken.append(next(frames))
         shown.append(taken)
         frames.close()
-    assert not np.array_equal(*(frame[min(frame)] for frame in shown[1][:2]))
-    for frame, (expected, found) in enumerate(zip(*shown, strict=True)):
-        for name, values in expected.items():
-            np.testing.assert_array_equal(found[name], values, f"{name}, frame {frame}")
+    assert_shown_alike(*shown)
 
 
 def test_wrong_texels_are_said_later_and_not_shown(gpu):  # noqa: F811

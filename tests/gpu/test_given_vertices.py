@@ -62,6 +62,14 @@ class Shown:
         return self.realtime(device, scene, "raster")
 
 
+def assert_shown_alike(expected, found):
+    """Frames by name of output, each an array, of which the first two differ."""
+    assert not np.array_equal(*(frame[min(frame)] for frame in found[:2]))
+    for index, (of_arrays, of_tensors) in enumerate(zip(expected, found, strict=True)):
+        for name, values in of_arrays.items():
+            np.testing.assert_array_equal(of_tensors[name], values, f"{name}, frame {index}")
+
+
 @pytest.mark.parametrize(("gpu", "kind"), [
     ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "reference"), ("cuda", "raster"),
     pytest.param("cuda", "realtime", marks=pytest.mark.slow),
@@ -86,10 +94,7 @@ def test_tensors_show_what_arrays_show(gpu, kind, monkeypatch):  # noqa: F811
         np.testing.assert_array_equal(mesh.positions, given[-1][0].astype(np.float32))
         shown.append(taken)
         frames.close()
-    assert not np.array_equal(*(frame[min(frame)] for frame in shown[1][:2]))
-    for frame, (expected, found) in enumerate(zip(*shown, strict=True)):
-        for name, values in expected.items():
-            np.testing.assert_array_equal(found[name], values, f"{name}, frame {frame}")
+    assert_shown_alike(*shown)
     if "motion_vectors" in shown[1][1]:
         assert np.abs(shown[1][1]["motion_vectors"]).max() > 1e-3
 

@@ -14,7 +14,7 @@ from solari_vk.bound.table import Rows
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.emission import Sums, luminance_sums, mean_luminances
-from solari_vk.scene.model import Instance, Mesh, Texture, TextureImage
+from solari_vk.scene.model import Instance, Material, Mesh, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
 Key = tuple[Mesh, Texture | None]
@@ -90,7 +90,9 @@ class Emissions:
 
     def use(self, item: Observable) -> bool:
         """Whether an instance emits by the triangles of a mesh, or as an image says."""
-        return any(mesh is item or (texture is not None and texture.image is item) for mesh, texture in self._users)
+        return not isinstance(item, Material) and any(
+            mesh is item or (texture is not None and texture.image is item) for mesh, texture in self._users
+        )
 
     def _drop(self, key: Key) -> None:
         emission = self._emissions.pop(key, None)

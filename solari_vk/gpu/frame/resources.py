@@ -92,7 +92,7 @@ class Resources:
         kind, copies, *rest = spec
         labels = [name] if copies == 1 else [f"{name} {slot}" for slot in range(copies)]
         items: list[Buffer | Image] = []
-        try:
+        with self._device.undone_on_error():
             for label in labels:
                 if kind == "buffer":
                     buffer = self._device.buffer(rest[0], label)
@@ -104,10 +104,6 @@ class Resources:
                     image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
                     items.append(image)
                     _clear(image)
-        except BaseException:
-            for item in items:
-                item.destroy()
-            raise
         return _Made(spec, tuple(items))
 
     def destroy_all_but(self, kept: Resources) -> None:
