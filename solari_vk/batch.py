@@ -258,11 +258,12 @@ class Batch(BatchResults):
 
     def _show(self, written: view_cameras.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
-        table = self._table
-        self._worlds.number(table)
+        table, worlds = self._table, self._worlds
+        if table.must_write((written.records, seeds), worlds.numbers):
+            table.write_cameras(written)
+            table.records["frame"]["seed"] = seeds
+            worlds.number(table)
         table.show(written, cut)
-        table.records["frame"]["seed"] = seeds
-        table.upload()
 
     def _find_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()

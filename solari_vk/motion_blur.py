@@ -21,7 +21,7 @@ from solari_vk.scene.shutter import Moment, Shutter
 
 GUIDES = ("albedo", "shading_normal")  # of OIDN
 Pose = Callable[[float], Any]
-FIRST, LATER, AFTER = 1, 2, 3  # as in glsl/scene/camera_block.glsl
+FIRST, LATER, AFTER = 1, 2, 3  # as in glsl/scene/camera_records.glsl
 
 
 class Exposed(NamedTuple):

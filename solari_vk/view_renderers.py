@@ -95,7 +95,9 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
-        self._own_jitter = np.zeros((count, 2))
+        self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
+        self._shifts = self._own_jitter.T, self._own_jitter.T  # of what is rendered: their jitter, and principal_shift
+        self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
         self._blended_before = np.zeros(1, np.int64)
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
         self._changes = WorldChanges(device, worlds.count)
@@ -137,7 +139,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
 
     def _note_build(self) -> None:
         super()._note_build()
-        self._offsets = np.array(self._jitters)
+        self._offsets = np.array(self._jitters).T
 
     def _write_settings(self) -> None:
         super()._write_settings()
@@ -165,25 +167,31 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self.frame_count += 1
 
     def _write_views(self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
-        offsets = np.zeros((1, 2))
-        if self.settings.jitter:
-            offsets = self._offsets[(self.frame_count + 7 * seeds.astype(np.int64)) % len(self._offsets)]
-        size = self._built_render_size
-        self.views.show(written, cut, samples_of(written, self.size, size, offsets, self.frame_count, seeds))
+        views, worlds = self.views, self._worlds
         if self._change.any() or self._changes.newest.any():
             change = self._change * CHANGE_DECAY
             change[change <= MIN_CHANGE] = 0.0
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
             self._change = np.where(cut, 0.0, np.maximum(change, newest))
-        frame = self.views.records["frame"]
-        self._worlds.number(self.views)
-        frame["index"], frame["seed"], frame["has_history"] = self.frame_count & 0xFFFFFFFF, seeds, ~cut
-        frame["exposure"], frame["lighting_change"] = written.exposure, self._change
-        blended = self._worlds.blended_changes != self._blended_before
-        frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
-        frame["sample_offset"], frame["picture_shift"] = offsets, written.jitter - self._own_jitter
+        blended = worlds.blended_changes != self._blended_before
+        sources = written.records, written.jitter, seeds, self._change, self._own_jitter
+        size = self._built_render_size
+        if views.must_write(sources, (*size, *worlds.numbers, *np.flatnonzero(blended).tolist())):
+            samples = samples_of(written, self.size, size, self.frame_count, seeds)
+            views.write_cameras(written, samples)
+            worlds.number(views)
+            frame = views.records["frame"]
+            frame["seed"], frame["exposure"], frame["lighting_change"] = seeds, written.exposure, self._change
+            frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
+            frame["picture_shift"] = written.jitter - self._own_jitter
+            self._shifts = (written.jitter * np.divide(size, self.size)).T, samples["principal_shift"].T
+            self._jitter_begins = 7 * seeds.astype(np.int64)
+        offsets = np.zeros((2, 1))
+        if self.settings.jitter:
+            offsets = self._offsets[:, (self.frame_count + self._jitter_begins) % self._offsets.shape[1]]
+        views.offsets[0], views.offsets[1] = self._shifts[0] + offsets + self._shifts[1], offsets
         self._own_jitter = written.jitter
-        self.views.upload(ball=True)
+        views.show(written, cut, self.frame_count & 0xFFFFFFFF, ball=True)
 
     def _write_shared(self, keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""

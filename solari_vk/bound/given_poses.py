@@ -10,8 +10,6 @@ from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 
-KEPT_FLOATS = 24  # of a camera: world_from_view and view_from_world
-
 
 def taken(device: Device, value: Any, what: str, *shapes: tuple[int, ...], where: str) -> Taken | None:
     """A tensor of one of these shapes in the device's memory. None for all that the host must read."""
@@ -28,30 +26,33 @@ class GivenPoses(GivenNumbers):
         super().__init__(device, f"{where}: ", of, "be finite, affine and invertible, and lie within 1e12")
 
     def write(
-        self, given: Taken | None, what: str, count: int, first: tuple[int, int, int], second: tuple[int, int, int],
-        kernel: str = "transforms", previous: int = 0, ball: int = 0,
-    ) -> None:  # fmt: skip
-        """Have a kernel of glsl/scene/given write matrices (count, 4, 4) just before the next submission. first,
-        second: where its records are: an address, and in floats the place and the step from one to the next. ball: the
-        address that gets the one around the first, which are cameras; 0 for none."""
-        source = self._noting(what) if given is None else {
-            **self._source(given, what), "step": given.strides[0] // given.dtype.itemsize
-        }  # fmt: skip
-        pushed = {
-            **source, "count": count,
+        self, given: Taken, what: str, count: int, first: tuple[int, int, int], second: tuple[int, int, int]
+    ) -> None:
+        """Have the transforms (count, 4, 4) of a tensor written just before the next submission. first, second: where
+        the records are of shaders and of rays: an address, and in floats the place and the step from one to the
+        next."""
+        places = {
             "first": first[0], "first_place": first[1], "first_step": first[2],
             "second": second[0], "second_place": second[1], "second_step": second[2],
-            "previous": previous, "is_given": given is not None,
         }  # fmt: skip
-        steps = [(self._kernel(kernel), count, pushed)]
-        if ball:
-            steps.append((self._kernel("camera_ball"), 1, pushed | {"second": ball}))
+        self._start(given, what, count, places, transforms=count)
+
+    def write_cameras(self, given: Taken, what: str, count: int, rows: int, ball: int) -> None:
+        """Have the poses (count, 4, 4) of a tensor written just before the next submission, at the address `rows` the
+        24 numbers of matrices, each for all cameras, and at the address `ball` the one around them."""
+        self._start(given, what, count, {"first": rows, "second": ball}, cameras=count, camera_ball=1)
+
+    def _start(self, given: Taken, what: str, count: int, places: dict[str, int], **kernels: int) -> None:
+        pushed = {
+            **self._source(given, what), "step": given.strides[0] // given.dtype.itemsize, "count": count, **places,
+        }  # fmt: skip
+        steps = [(self._kernel(name), threads) for name, threads in kernels.items()]
         vk = self._device.vk
 
         def record(commands: Any) -> None:
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
-            for step, threads, fields in steps:
-                step.record(commands, (threads, 1), **fields)
+            for kernel, threads in steps:
+                kernel.record(commands, (threads, 1), **pushed)
                 vk.vkCmdPipelineBarrier2(commands, full_barrier())
             vk.vkCmdPipelineBarrier2(commands, host_read_barrier())
 

@@ -1,5 +1,5 @@
 """The cameras of a batch's views: arrays of poses, or Camera objects, as records of struct Camera of
-glsl/scene/camera_block.glsl.
+glsl/scene/camera_records.glsl.
 
 Arrays of poses become records without a loop over views, and with the numbers that `Projection.of` finds for a `Camera`
 of each, bit by bit: the same operations in the same order on doubles.
@@ -26,7 +26,8 @@ from solari_vk.scene.model import Camera
 Floats = NDArray[np.float64]
 DEFAULTS = Camera()
 LARGEST_EV100 = 100.0
-_AGAIN = np.ix_([0, 1, 2, 0, 1], [0, 1, 2, 0, 1])  # the rows and columns of axes, and the first two again
+POSE_NUMBERS = 24  # of a camera: world_from_view, then view_from_world, by columns
+_LAST_ROW = np.array([[0.0], [0.0], [0.0], [1.0]])
 NARROWEST, WIDEST = 1e-4, math.pi - 1e-4  # vertical fields of view of a Camera, in radians
 
 
@@ -34,8 +35,8 @@ class Written(NamedTuple):
     """The cameras of a frame."""
 
     records: NDArray[Any]
-    """(N,): struct Camera, of pictures that are rendered in their size. Frames of which it is the same array
-    have the same cameras, but for `poses`."""
+    """(N,): struct Camera, of pictures that are rendered in their size, which may lack the matrices. Frames of which it
+    is the same array have the same cameras, but for `poses`."""
     lenses: list[Camera]
     """Those with a lens, which is a feature of the shaders."""
     apertures: dict[int, Camera]
@@ -46,9 +47,9 @@ class Written(NamedTuple):
     """(N, 2): from the principal point to the middle of the picture, in its pixels."""
     exposure: Floats
     """(N,)"""
-    poses: Taken | tuple[Floats, Floats] | None = None
-    """The records' world_from_view and view_from_world, or poses in a tensor of the device, of which a shader makes
-    these; None where the records have them."""
+    poses: Taken | NDArray[np.float32]
+    """Their world_from_view and view_from_world, (POSE_NUMBERS, N), or poses in a tensor of the device, of which a
+    shader makes these."""
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
@@ -76,26 +77,30 @@ def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batc
 
 def check_transforms(
     given: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view"
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Raise SolariError unless all finite matrices (N, 4, 4) are affine and invertible: the rules of
-    `Camera.transform`. Returns their rows with axes of length 1 (3, 4, N), the cross products of the axes, of which
-    (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
+    `Camera.transform`. Returns their axes with a length of 1, by rows (3, 3, N), the origins (3, N), the cross products
+    of the axes, of which (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
     names = what, where, of
     rows = np.array(given.transpose(1, 2, 0), order="C")
-    check_all(rows[3].T == (0, 0, 0, 1), "be affine, with the last row 0 0 0 1", *names)
-    check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
-    rows = rows[:3]
-    squares = rows[:, :3] * rows[:, :3]
+    if not (rows[3] == _LAST_ROW).all():
+        check_all((rows[3] == _LAST_ROW).T, "be affine, with the last row 0 0 0 1", *names)
+    if rows.max() > checks.LARGEST_TRANSFORM or rows.min() < -checks.LARGEST_TRANSFORM:
+        check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
+    axes = np.empty((5, 5, len(given)))  # with the first two rows and columns again
+    squares = rows[:3, :3] * rows[:3, :3]
     lengths = np.sqrt(squares[0] + squares[1] + squares[2])
     lengths[lengths == 0] = np.inf  # which leaves no volume
-    rows[:, :3] /= lengths
-    again = rows[_AGAIN]
-    crossed = again[1:4, 1:4] * again[2:, 2:] - again[2:, 1:4] * again[1:4, 2:]
-    parts = rows[:, 0] * crossed[:, 0]
+    np.divide(rows[:3, :3], lengths, out=axes[:3, :3])
+    axes[3:, :3] = axes[:2, :3]
+    axes[:, 3:] = axes[:, :2]
+    crossed = axes[1:4, 1:4] * axes[2:, 2:]
+    crossed -= np.multiply(axes[2:, 1:4], axes[1:4, 2:], out=squares)
+    parts = axes[:3, 0] * crossed[:, 0]
     volume = parts[0] + parts[1] + parts[2]
     rule = "be invertible: no axis may have a scale of 0, and the axes may not lie in one plane"
     check_all(np.abs(volume) > 1e-9, rule, *names)
-    return rows, crossed, volume
+    return axes[:3, :3], rows[:3, 3], crossed, volume
 
 
 def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
@@ -105,22 +110,25 @@ def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
     return np.fromiter(map(function, numbers.tolist()), np.float64, len(numbers))
 
 
-def camera_matrices(rows: Floats, crossed: Floats, volume: Floats) -> tuple[Floats, Floats]:
-    """world_from_view and view_from_world (N, 4, 3) of poses, of which `check_transforms` returned the rest;
+def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floats) -> NDArray[np.float32]:
+    """world_from_view and view_from_world (POSE_NUMBERS, N) of poses, of which `check_transforms` returned the rest;
     glsl/scene/given/cameras.comp does the same."""
-    inverse = np.empty((4, *crossed.shape[1:]))
-    np.divide(crossed, volume, out=inverse[:3])  # a row has the cross product of the other two axes
-    moved = inverse[:3] * rows[:, 3:]
-    inverse[3] = -moved[0] - moved[1] - moved[2]
-    return rows.transpose(2, 1, 0), inverse.transpose(2, 0, 1)
+    made = np.empty((8, 3, len(volume)), np.float32)
+    made[:3], made[3] = axes.swapaxes(0, 1), origins
+    crossed /= volume  # a row of the inverse has the cross product of the other two axes
+    made[4:7] = crossed
+    moved = np.multiply(crossed, origins[:, None], out=crossed)
+    made[7] = -moved[0] - moved[1] - moved[2]
+    return made.reshape(POSE_NUMBERS, -1)
 
 
 def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> Written:
     """Write the records (N,) of cameras of any kind, one after the other."""
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
-    offsets = np.zeros((2, len(cameras), 2))
-    written = Written(records, [], {}, offsets[0], offsets[1], np.zeros(len(cameras)))
+    count, offsets = len(cameras), np.zeros((2, len(cameras), 2))
+    poses = np.zeros((POSE_NUMBERS, count), np.float32)
+    written = Written(records, [], {}, offsets[0], offsets[1], np.zeros(count), poses)
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
@@ -133,6 +141,8 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
             written.lenses.append(camera)
         if camera.aperture:
             written.apertures[index] = camera
+    poses[:12] = records["world_from_view"].reshape(count, 12).T
+    poses[12:] = records["view_from_world"].reshape(count, 12).T
     return written
 
 
@@ -192,13 +202,15 @@ class Cameras:
             if given:
                 raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
             return write_cameras(np.zeros(self._count, self._dtype), found, self._size)
+        poses: Taken | NDArray[np.float32]
         if isinstance(cameras, Taken):
-            return self._pinholes_of(given)._replace(poses=cameras)
-        poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
+            poses = cameras
+        else:
+            poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
         return self._pinholes_of(given)._replace(poses=poses)
 
     def _pinholes_of(self, given: Mapping[str, Any]) -> Written:
-        """Pinhole cameras without poses: the latest, where they were made from the same numbers."""
+        """Pinhole cameras with any poses: the latest, where they were made from the same numbers."""
         count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
         numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
         seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
@@ -223,5 +235,6 @@ class Cameras:
         records["focus_distance"] = DEFAULTS.focus_distance
         records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
         self._seen = seen
-        self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, _each(exposure_of, ev100))
+        exposure, none = _each(exposure_of, ev100), np.empty((0, count), np.float32)
+        self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, exposure, none)
         return self._pinholes

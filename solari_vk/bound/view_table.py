@@ -1,22 +1,37 @@
-"""The records of a batch's views for shaders with MANY_VIEWS: struct View of glsl/scene/camera_block.glsl."""
+"""The records of a batch's views for shaders with MANY_VIEWS: struct View of glsl/scene/camera_records.glsl.
+
+The device has them. Just before each frame glsl/scene/given/views.comp makes the next ones: of records with what
+changes seldom, of numbers that each frame has, and of its own, whose cameras become the previous ones.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from operator import is_
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.given_poses import KEPT_FLOATS, GivenPoses
+from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.projection import SEED_STRIDE, lens_point
-from solari_vk.bound.view_cameras import Floats, Written
+from solari_vk.bound.view_cameras import POSE_NUMBERS, Written
+from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.mirror import Mirror
+from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.shaders.spirv import Binding
+
+# What all views share: the fields of FrameOfViews in views.comp before its rows.
+SHARED = np.dtype([
+    ("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8"),
+    ("ball", "u8"), ("ball_center", "f4", 3), ("ball_radius", "f4"),
+])  # fmt: skip
+_BALL_BYTES = 16
+_OFFSETS, _CUT, _ROWS = POSE_NUMBERS, POSE_NUMBERS + 4, POSE_NUMBERS + 5
 
 
 class ViewTable:
@@ -25,98 +40,99 @@ class ViewTable:
 
     def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 1) -> None:
         assert layout.element is not None
-        assert layout.dtype is not None
-        self._begin = layout.element_offset
-        self._memory = np.zeros(self._begin + count * layout.element.itemsize, np.uint8)
-        self.shared = self._memory[: self._begin].view(layout.dtype)
-        """What all views share (1,)."""
-        self.records = self._memory[self._begin :].view(layout.element)
-        self.shared["columns"], self.shared["world_parts"] = columns, world_parts
-        self._device = device
-        self._mirror = Mirror(device, self._memory, "views")
-        self.buffer = self._mirror.buffer
-        self._current, self._previous = (self._bytes_of(layout.element, name) for name in ("current", "previous"))
-        self._shown: NDArray[Any] | None = None  # the records of the latest frame
+        self._device, self._count, self._begin = device, count, layout.element_offset
+        self._first, self._written = True, False
+        self._seen: tuple[tuple[Any, ...], tuple[int, ...]] = (), ()  # what the records were made from
         self.given_poses = GivenPoses(device, "Batch.render", "view")
-        self._poses: Taken | None = None
-        self._earlier: Buffer | None = None  # cameras of tensors, of the latest frame that had one
-        self._had_tensor = False
+        self._poses: Buffer | None = None  # of tensors: the ball around the cameras, and rows
+        self.records = np.zeros(count, layout.element)
+        """What changes seldom (N,): cameras without poses and jitter, FrameValues without index, has_history and
+        sample_offset, and the worlds. Write to it where `must_write`."""
+        memory = np.zeros(SHARED.itemsize + 4 * _ROWS * count, np.uint8)
+        self.shared = memory[: SHARED.itemsize].view(SHARED)
+        """What all views share (1,)."""
+        rows = memory[SHARED.itemsize :].view(np.float32).reshape(_ROWS, count)
+        self._rows, self._cut = rows[:POSE_NUMBERS], rows[_CUT]
+        self.offsets = rows[_OFFSETS:_CUT].reshape(2, 2, count)
+        """Camera.jitter and FrameValues.sample_offset by x and y (2, 2, N), as they are until they change."""
+        self.shared["columns"], self.shared["world_parts"] = columns, world_parts
+        with device.undone_on_error():
+            self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
+            self.buffer.fill()
+            self._kernel = Kernel(device, "scene/given/views.comp")
+            self._given = Mirror(device, self.records.view(np.uint8), "rare changes of views")
+            self._frame = Mirror(device, memory, "frame of views", self._record)
+        address = self._frame.buffer.address
+        self._own = address + SHARED.itemsize, address + SHARED.itemsize - _BALL_BYTES
 
-    def _bytes_of(self, layout: np.dtype[Any], name: str) -> NDArray[np.uint8]:
-        """The memory of a field (N, bytes), in which numpy copies it ten times as fast as by its fields."""
-        assert layout.fields is not None
-        dtype, begin = layout.fields[name][:2]
-        rows = self.records.view(np.uint8).reshape(len(self.records), layout.itemsize)
-        return rows[:, begin : begin + dtype.itemsize]
-
-    def show(self, cameras: Written, cut: NDArray[np.bool_], samples: Mapping[str, Any] | None = None) -> None:
-        """Make these the cameras of the next frame, and those so far the previous ones, but for views that are cut.
-        samples: fields that differ from those of `cameras.records`, such as `samples_of` returns them."""
-        first, poses, now = self._shown is None, cameras.poses, self.records["current"]
-        self._had_tensor, self._poses = self._poses is not None, poses if isinstance(poses, Taken) else None
-        self._previous[:] = self._current
-        if cameras.records is not self._shown:
-            self._shown = cameras.records
-            self._current[:] = cameras.records.view(np.uint8).reshape(self._current.shape)
-        if poses is not None:
-            now["world_from_view"], now["view_from_world"] = (0, 0) if isinstance(poses, Taken) else poses
-        for name, values in (samples or {}).items():
-            now[name] = values
-        if first:
-            self._previous[:] = self._current
-        elif cut.any():
-            self._previous[cut] = self._current[cut]
-        if self._poses is not None:  # tells cameras.comp, when this is the previous camera, that it was a tensor's
-            now["world_from_view"][:, 0, 0] = 1
-
-    def upload(self, *, ball: bool = False) -> None:
-        """Have the device see the records, in the next submission. ball: with the one around the cameras."""
-        if ball and self._poses is None:
-            self._find_ball()
-        self._mirror.upload()
-        if self._poses is None and not self._had_tensor:
-            return
-        count, layout, shared = len(self.records), self.records.dtype.fields, self.shared.dtype.fields
-        assert layout is not None
-        assert shared is not None
-        if self._earlier is None:
-            self._earlier = self._device.buffer(4 * KEPT_FLOATS * count, "cameras of tensors")
-        (camera, begin), previous = layout["current"][:2], layout["previous"][1]
-        assert camera.fields is not None
-        place = self._begin + begin + camera.fields["world_from_view"][1]
-        self.given_poses.write(
-            self._poses, "the pose", count, (self.buffer.address, place // 4, self.records.itemsize // 4),
-            (self._earlier.address, 0, KEPT_FLOATS), "cameras", (previous - begin) // 4,
-            self.buffer.address + shared["ball_center"][1] if ball and self._poses is not None else 0,
+    def _record(self, commands: raw.CData) -> None:
+        block = self.buffer.address
+        self._kernel.record(
+            commands, (self._count, 1), block=block, views=block + self._begin, given=self._given.buffer.address,
+            frame=self._frame.buffer.address, count=self._count,
         )  # fmt: skip
 
+    def must_write(self, sources: tuple[Any, ...], numbers: tuple[int, ...] = ()) -> bool:
+        """Whether `records` must be written before the next frame: it is made from other objects or numbers than the
+        latest."""
+        seen, known = self._seen
+        self._written |= len(seen) != len(sources) or not all(map(is_, seen, sources)) or known != numbers
+        self._seen = sources, numbers
+        return self._written
+
+    def write_cameras(self, cameras: Written, samples: Mapping[str, Any] | None = None) -> None:
+        """Write the records of cameras, with the fields that differ in samples, such as `samples_of` returns, and with
+        their own jitter."""
+        now = self.records["current"]
+        now[...] = cameras.records
+        self.offsets[0] = cameras.records["jitter"].T
+        for name, values in (samples or {}).items():
+            now[name] = values
+
+    def show(self, cameras: Written, cut: NDArray[np.bool_], index: int = 0, *, ball: bool = False) -> None:
+        """Have the next submission make the records of a frame with this index. Those so far become the previous
+        cameras, but for views that are cut. ball: with the one around the cameras."""
+        poses, (rows, ball_address) = cameras.poses, self._own
+        if isinstance(poses, Taken):
+            if self._poses is None:
+                self._poses = self._device.buffer(_BALL_BYTES + 4 * POSE_NUMBERS * self._count, "poses of tensors")
+            rows, ball_address = self._poses.address + _BALL_BYTES, self._poses.address
+            self.given_poses.write_cameras(poses, "the pose", self._count, rows, ball_address)
+        else:
+            self._rows[:] = poses
+            if ball:
+                self._find_ball()
+        self._cut[:] = True if self._first else cut
+        self.shared["index"], self.shared["poses"], self.shared["ball"] = index, rows, ball_address
+        if self._written:
+            self._given.upload()
+        self._frame.upload()
+        self._first = self._written = False
+
     def _find_ball(self) -> None:
-        places = np.array(self.records["current"]["world_from_view"][:, 3].T, np.float64, order="C")
-        center = ((places.min(axis=1) + places.max(axis=1)) / 2).astype(np.float32)
-        away = places - center[:, None]
+        places = self._rows[9:12]
+        low, high = places.min(axis=1).astype(np.float64), places.max(axis=1).astype(np.float64)
+        center = ((low + high) / 2).astype(np.float32)
+        away = np.subtract(places, center[:, None], dtype=np.float64)
         self.shared["ball_center"] = center
         self.shared["ball_radius"] = math.sqrt((away * away).sum(axis=0).max())
 
     def destroy(self) -> None:
         """Free everything."""
         self.given_poses.destroy()
-        self._mirror.destroy()
-        if self._earlier is not None:
-            self._earlier.destroy()
+        for owned in (self._frame, self._given, self._kernel, self.buffer, self._poses):
+            if owned is not None:
+                owned.destroy()
 
 
 def samples_of(
-    written: Written, size: tuple[int, int], render_size: tuple[int, int], offsets: Floats, frame: int,
-    seeds: NDArray[np.uint32],
-) -> dict[str, Any]:  # fmt: skip
-    """The fields of records (N,) whose samples are moved by offsets (N, 2) in pixels of what is rendered for pictures
-    of this size, and to the points of apertures of a frame with these seeds (N,). `Renderer` does the same for one
-    camera."""
-    scale = np.divide(render_size, size)
-    shift = written.principal_shift * scale
-    samples = {"size": render_size, "jitter": written.jitter * scale + offsets + shift, "principal_shift": shift}
+    written: Written, size: tuple[int, int], render_size: tuple[int, int], frame: int, seeds: NDArray[np.uint32]
+) -> dict[str, Any]:
+    """The fields of records (N,) of what is rendered for pictures of this size, and of apertures whose points are those
+    of a frame with these seeds (N,)."""
+    samples = {"size": render_size, "principal_shift": written.principal_shift * np.divide(render_size, size)}
     if written.apertures:
-        samples["lens_offset"] = points = np.zeros_like(shift)
+        samples["lens_offset"] = points = np.zeros_like(written.principal_shift)
         for index, camera in written.apertures.items():
             points[index] = lens_point(camera, frame + SEED_STRIDE * int(seeds[index]))
     return samples

@@ -68,14 +68,17 @@ class WorldTables:
         `version`. Raises SolariError for more worlds than the device holds, and for what worlds can't have."""
         raise NotImplementedError
 
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """What `number` writes depends on."""
+        return self.rows, int(self.known_lights is not None)
+
     def number(self, table: ViewTable) -> None:
         """Write to the records of views which world each shows: as many views to each, one after the other."""
         table.shared["has_own_lights"] = self.known_lights is not None
-        if self.count > 1:
-            records = table.records
-            records["previous_first_instance"] = records["first_instance"]
-            records["world"] = np.arange(len(records)) // (len(records) // self.count)
-            records["first_instance"] = records["world"] * self.rows
+        records = table.records
+        records["world"] = np.arange(len(records)) // (len(records) // self.count)
+        records["first_instance"] = records["world"] * self.rows
 
     def _check_room(self, of: str, row_bytes: int) -> None:
         limit = self._device.properties.limits.maxStorageBufferRange

@@ -8,8 +8,9 @@ layout(local_size_x = 256) in;
 shared dvec3 lowest[gl_WorkGroupSize.x], highest[gl_WorkGroupSize.x];
 
 dvec3 place(uint view) {
-    uint at = work.first_place + view * work.first_step + 9u;
-    return dvec3(work.first.at[at], work.first.at[at + 1u], work.first.at[at + 2u]);
+    dvec3 found;
+    for (uint i = 0u; i < 3u; i++) { found[i] = work.first.at[(9u + i) * work.count + view]; }
+    return found;
 }
 
 void merge(uint thread) {

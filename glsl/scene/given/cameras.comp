@@ -1,11 +1,9 @@
-// Writes a tensor's poses to the records of cameras, as camera_matrices of solari_vk/bound/view_cameras.py makes them:
+// Makes matrices of a tensor's poses for views.comp, as camera_matrices of solari_vk/bound/view_cameras.py makes them:
 // the same operations in the same order on doubles.
 #version 460
 #include "scene/given/matrices.glsl"
 
 layout(local_size_x = 64) in;
-
-const uint NUMBERS = 24u;  // of world_from_view and view_from_world
 
 dvec3 unit(dvec3 v) {
     precise double length = sqrt(v.x * v.x + v.y * v.y + v.z * v.z);
@@ -23,35 +21,22 @@ double shift(dvec3 row, dvec3 origin) {
     return moved;
 }
 
+void write(uint row, uint view, double number) { work.first.at[row * work.count + view] = float(number); }
+
 void main() {
     uint view = gl_GlobalInvocationID.x;
     if (view >= work.count) { return; }
-    uint current = work.first_place + view * work.first_step, previous = current + work.previous;
-    uint kept = view * NUMBERS;
-    Made cameras = work.first, earlier = work.second;
-    // What show() of view_table.py left in a previous camera: two axes of 0 where it is one of a tensor, and 1 in the
-    // first where that is the frame before's.
-    bool is_unknown = true;
-    for (uint i = 3u; i < 9u; i++) { is_unknown = is_unknown && cameras.at[previous + i] == 0.0; }
-    bool is_kept = cameras.at[previous] != 0.0;
-    float now[NUMBERS];
-    if (work.is_given != 0u) {
-        Axes axes;
-        if (!read_axes(view, axes)) { axes = Axes(dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(0, 0, 1), dvec3(0)); }
-        precise dvec3 x = unit(axes.x), y = unit(axes.y), z = unit(axes.z), origin = axes.origin;
-        precise double volume = x.x * (y.y * z.z - y.z * z.y) + x.y * (y.z * z.x - y.x * z.z)
-            + x.z * (y.x * z.y - y.y * z.x);
-        precise dvec3 rows[3] = { inverse_row(y, z, volume), inverse_row(z, x, volume), inverse_row(x, y, volume) };
-        dvec3 columns[4] = { x, y, z, origin };
-        for (uint row = 0u; row < 3u; row++) {
-            for (uint column = 0u; column < 4u; column++) {
-                now[3u * column + row] = float(columns[column][row]);
-                now[12u + 3u * column + row] = float(column < 3u ? rows[row][column] : shift(rows[row], origin));
-            }
+    Axes axes;
+    if (!read_axes(view, axes)) { axes = Axes(dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(0, 0, 1), dvec3(0)); }
+    precise dvec3 x = unit(axes.x), y = unit(axes.y), z = unit(axes.z), origin = axes.origin;
+    precise double volume = x.x * (y.y * z.z - y.z * z.y) + x.y * (y.z * z.x - y.x * z.z)
+        + x.z * (y.x * z.y - y.y * z.x);
+    precise dvec3 rows[3] = { inverse_row(y, z, volume), inverse_row(z, x, volume), inverse_row(x, y, volume) };
+    dvec3 columns[4] = { x, y, z, origin };
+    for (uint row = 0u; row < 3u; row++) {
+        for (uint column = 0u; column < 4u; column++) {
+            write(3u * column + row, view, columns[column][row]);
+            write(12u + 3u * column + row, view, column < 3u ? rows[row][column] : shift(rows[row], origin));
         }
-    }
-    for (uint i = 0u; i < NUMBERS; i++) {
-        if (is_unknown) { cameras.at[previous + i] = is_kept ? earlier.at[kept + i] : now[i]; }
-        if (work.is_given != 0u) { cameras.at[current + i] = earlier.at[kept + i] = now[i]; }
     }
 }

@@ -8,8 +8,8 @@ layout(push_constant, scalar) uniform Work {
     Floats floats;    // the matrices
     Doubles doubles;  // the same memory
     Wrong wrong;      // a matrix that was refused
-    Made first;       // records: world from object by columns, or cameras
-    Made second;      // records: world from object by rows, or the cameras of earlier frames
+    Made first;       // records: world from object by columns; or rows of cameras' numbers
+    Made second;      // records: world from object by rows; or the ball around cameras
     uint is_double;
     uint step;         // from one matrix to the next, in numbers
     uint count;
@@ -18,8 +18,6 @@ layout(push_constant, scalar) uniform Work {
     uint first_step;
     uint second_place;
     uint second_step;
-    uint previous;     // of a camera, in floats behind the current one
-    uint is_given;     // 0: no matrices, but those of the frame before are previous ones
 } work;
 
 const double LARGEST = 1e12;  // LARGEST_TRANSFORM of solari_vk/scene/checks.py

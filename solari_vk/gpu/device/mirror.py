@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -15,11 +16,14 @@ from solari_vk.gpu.device.recorded import Recorded
 
 
 class Mirror:
-    """Has a buffer show an array of bytes, which may change at any time, as of the latest `upload`."""
+    """Has a buffer show an array of bytes, which may change at any time, as of the latest `upload`. then: records
+    commands for after each."""
 
-    def __init__(self, device: Device, memory: NDArray[np.uint8], name: str) -> None:
+    def __init__(
+        self, device: Device, memory: NDArray[np.uint8], name: str, then: Callable[[raw.CData], None] | None = None
+    ) -> None:
         self.buffer = device.buffer(memory.nbytes, name)
-        self._device, self._memory = device, memory
+        self._device, self._memory, self._then = device, memory, then
         self._ways: list[tuple[Buffer, Recorded]] = []  # each a copy that is in flight while others are prepared
         self._free: list[tuple[memoryview, raw.CData]] = []  # what the device no longer uses, with its commands
 
@@ -43,6 +47,9 @@ class Mirror:
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
             staging.record_copy(commands, self.buffer.handle, size=size)
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
+            if self._then is not None:
+                self._then(commands)
+                vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
         with self._device.undone_on_error():
             staging = self._device.buffer(size, f"staging of {self.buffer.name}", host=True)
