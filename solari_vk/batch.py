@@ -178,8 +178,7 @@ class Batch(BatchResults):
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         written = self._read(poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
-        cut = np.broadcast_to(checked_mask(reset, self.views), self.views)
-        self._render(written, samples, self._checked_seeds(seeds), cut, begins_anew)
+        self._render(written, samples, self._checked_seeds(seeds), checked_mask(reset, self.views), begins_anew)
         return self
 
     def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.Written:

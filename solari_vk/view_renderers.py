@@ -168,7 +168,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
 
     def _write_views(self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         views, worlds = self.views, self._worlds
-        if self._change.any() or self._changes.newest.any():
+        if self._change.any() or not self._changes.is_still:
             change = self._change * CHANGE_DECAY
             change[change <= MIN_CHANGE] = 0.0
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
@@ -176,7 +176,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         blended = worlds.blended_changes != self._blended_before
         sources = written.records, written.jitter, seeds, self._change, self._own_jitter
         size = self._built_render_size
-        if views.must_write(sources, (*size, *worlds.numbers, *np.flatnonzero(blended).tolist())):
+        if views.must_write(sources, (size, *worlds.numbers, blended.tobytes())):
             samples = samples_of(written, self.size, size, self.frame_count, seeds)
             views.write_cameras(written, samples)
             worlds.number(views)

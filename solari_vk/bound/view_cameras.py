@@ -192,6 +192,7 @@ class Cameras:
         self._dtype, self._count, self._size = dtype, count, size
         self._pinholes: Written | None = None  # the latest
         self._seen: dict[str, Any] = {}  # what they were made from
+        self._plain: Mapping[str, Any] | None = None  # the same, as it was given, if that were single numbers
 
     def read(self, cameras: Any, options: Mapping[str, Any]) -> Written:
         """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
@@ -211,9 +212,13 @@ class Cameras:
 
     def _pinholes_of(self, given: Mapping[str, Any]) -> Written:
         """Pinhole cameras with any poses: the latest, where they were made from the same numbers."""
+        plain = all(type(value) in (int, float) for value in given.values())
+        if plain and self._pinholes is not None and given == self._plain:
+            return self._pinholes
         count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
         numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
         seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
+        self._plain = given if plain and seen == self._seen else None
         if self._pinholes is not None and seen == self._seen:
             return self._pinholes
         near, ev100 = (np.broadcast_to(numbers.pop(name, getattr(DEFAULTS, name)), count) for name in ("near", "ev100"))

@@ -42,7 +42,7 @@ class ViewTable:
         assert layout.element is not None
         self._device, self._count, self._begin = device, count, layout.element_offset
         self._first, self._written = True, False
-        self._seen: tuple[tuple[Any, ...], tuple[int, ...]] = (), ()  # what the records were made from
+        self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self.given_poses = GivenPoses(device, "Batch.render", "view")
         self._poses: Buffer | None = None  # of tensors: the ball around the cameras, and rows
         self.records = np.zeros(count, layout.element)
@@ -72,12 +72,12 @@ class ViewTable:
             frame=self._frame.buffer.address, count=self._count,
         )  # fmt: skip
 
-    def must_write(self, sources: tuple[Any, ...], numbers: tuple[int, ...] = ()) -> bool:
-        """Whether `records` must be written before the next frame: it is made from other objects or numbers than the
+    def must_write(self, sources: tuple[Any, ...], values: tuple[Any, ...]) -> bool:
+        """Whether `records` must be written before the next frame: it is made from other objects or values than the
         latest."""
         seen, known = self._seen
-        self._written |= len(seen) != len(sources) or not all(map(is_, seen, sources)) or known != numbers
-        self._seen = sources, numbers
+        self._written |= len(seen) != len(sources) or not all(map(is_, seen, sources)) or known != values
+        self._seen = sources, values
         return self._written
 
     def write_cameras(self, cameras: Written, samples: Mapping[str, Any] | None = None) -> None:

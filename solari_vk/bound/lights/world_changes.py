@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
+from operator import is_
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +43,8 @@ class WorldChanges:
         """Of the latest update: the share of the power of each world's lights that was added, removed or moved."""
         self.change = np.zeros(1)
         """The same of recent frames; it decays."""
-        self._worlds = worlds
+        self.is_still = True
+        """Whether nothing has changed recently."""
         self._seen: list[Known] = []
         self._uploaded = False  # whether the buffer has the changes
         self._recent: list[RecentChanges] = []
@@ -49,7 +52,7 @@ class WorldChanges:
     def update(self, known: Sequence[Known], cell_size: float) -> None:
         """Compare with the lights of the previous frame. known: for each world, or one for all. cell_size: of the world
         cache, in meters."""
-        if self._seen and self._is_still(known):
+        if self.is_still and self._has_seen(known):
             return
         self._uploaded = False
         if not self._seen:
@@ -70,13 +73,15 @@ class WorldChanges:
         self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
         if len(known) < count:
             self._join()
+        self._note_stillness()
 
-    def _is_still(self, known: Sequence[Known]) -> bool:
-        """Whether no light has changed recently."""
-        if len(known) != len(self._seen) or self.change.any() or self.newest.any():
-            return False
-        pairs = ((a, b) for both in zip(self._seen, known, strict=True) for a, b in zip(*both, strict=True))
-        return not any(len(recent.records) for recent in self._recent) and all(a is b for a, b in pairs)
+    def _has_seen(self, known: Sequence[Known]) -> bool:
+        """Whether these were the lights of the previous frame."""
+        return len(known) == len(self._seen) and all(map(is_, chain(*self._seen), chain(*known)))
+
+    def _note_stillness(self) -> None:
+        changes = self.change.any() or self.newest.any()
+        self.is_still = not (changes or any(len(recent.records) for recent in self._recent))
 
     def _spread(self, count: int) -> None:
         """Go over from lights that worlds share to those of their own."""
@@ -97,6 +102,7 @@ class WorldChanges:
         self.change, self._uploaded = np.zeros(len(self.change)), False
         for recent in self._recent:
             recent.clear()
+        self._note_stillness()
 
     def upload(self) -> None:
         """Have the next submission see the changes."""
