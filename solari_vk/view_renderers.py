@@ -96,7 +96,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
-        self._shifts = self._own_jitter.T, self._own_jitter.T  # of what is rendered: their jitter, and principal_shift
+        self._shifts = np.zeros((2, 2, count))  # of what is rendered: their jitter, and principal_shift
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
         self._blended_before = np.zeros(1, np.int64)
         self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
@@ -139,7 +139,8 @@ class ViewRenderer(_WorldsRenderer, Renderer):
 
     def _note_build(self) -> None:
         super()._note_build()
-        self._offsets = np.array(self._jitters).T
+        self._offsets = np.array(2 * self._jitters).T
+        self._jitter_begins %= len(self._jitters)
 
     def _write_settings(self) -> None:
         super()._write_settings()
@@ -184,11 +185,12 @@ class ViewRenderer(_WorldsRenderer, Renderer):
             frame["seed"], frame["exposure"], frame["lighting_change"] = seeds, written.exposure, self._change
             frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
             frame["picture_shift"] = written.jitter - self._own_jitter
-            self._shifts = (written.jitter * np.divide(size, self.size)).T, samples["principal_shift"].T
-            self._jitter_begins = 7 * seeds.astype(np.int64)
+            shifts = written.jitter * np.divide(size, self.size), samples["principal_shift"]
+            self._shifts = np.array([of_all.T for of_all in shifts], order="C")
+            self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)
         offsets = np.zeros((2, 1))
         if self.settings.jitter:
-            offsets = self._offsets[:, (self.frame_count + self._jitter_begins) % self._offsets.shape[1]]
+            offsets = self._offsets[:, self.frame_count % len(self._jitters) :].take(self._jitter_begins, axis=1)
         views.offsets[0], views.offsets[1] = self._shifts[0] + offsets + self._shifts[1], offsets
         self._own_jitter = written.jitter
         views.show(written, cut, self.frame_count & 0xFFFFFFFF, ball=True)
