@@ -140,7 +140,6 @@ class ViewRenderer(_WorldsRenderer, Renderer):
     def _note_build(self) -> None:
         super()._note_build()
         self._offsets = np.array(2 * self._jitters).T
-        self._jitter_begins %= len(self._jitters)
 
     def _write_settings(self) -> None:
         super()._write_settings()
@@ -175,7 +174,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
             self._change = np.where(cut, 0.0, np.maximum(change, newest))
         blended = worlds.blended_changes != self._blended_before
-        sources = written.records, written.jitter, seeds, self._change, self._own_jitter
+        sources = written.records, written.jitter, seeds, self._change, self._own_jitter, self._offsets
         size = self._built_render_size
         if views.must_write(sources, (size, *worlds.numbers, blended.tobytes())):
             samples = samples_of(written, self.size, size, self.frame_count, seeds)
