@@ -234,9 +234,9 @@ RESOLVE = "passes/taa/resolve.comp"
 test_a_seeded_bug_is_noticed = bug_tests({
     "rows without their time": (test_a_rolling_shutter_slants_edges, Bug(RESOLVE, "is_exposed", "return true;")),
     "an exposure that goes on in the next": (test_a_moving_edge_is_a_ramp, Bug(
-        "scene/camera_block.glsl", "FIRST_OF_EXPOSURE", "4u")),
+        "scene/camera_records.glsl", "FIRST_OF_EXPOSURE", "4u")),
     "an exposure that follows motion": (test_a_moving_edge_is_a_ramp, Bug(
-        "scene/camera_block.glsl", "LATER_OF_EXPOSURE", "4u")),
+        "scene/camera_records.glsl", "LATER_OF_EXPOSURE", "4u")),
     "an exposure that forgets": (test_long_exposures_are_plain_means, Bug(
         "passes/taa/history.glsl", "load_exposure", "HistorySample found = correct(index); "
         "found.weight = min(found.weight, 63.0); return found;")),
