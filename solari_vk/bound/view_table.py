@@ -1,7 +1,7 @@
 """The records of a batch's views for shaders with MANY_VIEWS: struct View of glsl/scene/camera_records.glsl.
 
-The device has them. Just before each frame glsl/scene/given/views.comp makes the next ones: of records with what
-changes seldom, of numbers that each frame has, and of its own, whose cameras become the previous ones.
+The device has them. Just before each frame glsl/scene/given/views.comp makes the next ones: of what changes
+seldom, of the numbers of a frame, and of the records so far, whose cameras become the previous ones.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ SHARED = np.dtype([
     ("ball", "u8"), ("ball_center", "f4", 3), ("ball_radius", "f4"),
 ])  # fmt: skip
 _BALL_BYTES = 16
+_WORLD = [("world", "u4"), ("first_instance", "u4")]
 _OFFSETS, _CUT, _ROWS = POSE_NUMBERS, POSE_NUMBERS + 4, POSE_NUMBERS + 5
 
 
@@ -45,9 +46,11 @@ class ViewTable:
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self.given_poses = GivenPoses(device, "Batch.render", "view")
         self._poses: Buffer | None = None  # of tensors: the ball around the cameras, and rows
-        self.records = np.zeros(count, layout.element)
-        """What changes seldom (N,): cameras without poses and jitter, FrameValues without index, has_history and
-        sample_offset, and the worlds. Write to it where `must_write`."""
+        fields = layout.element.fields
+        assert fields is not None
+        given = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
+        self.records = np.zeros(count, given)
+        """GivenView of views.comp (N,): what changes seldom. Write to it where `must_write`."""
         memory = np.zeros(SHARED.itemsize + 4 * _ROWS * count, np.uint8)
         self.shared = memory[: SHARED.itemsize].view(SHARED)
         """What all views share (1,)."""
@@ -57,7 +60,7 @@ class ViewTable:
         """Camera.jitter and FrameValues.sample_offset by x and y (2, 2, N), as they are until they change."""
         self.shared["columns"], self.shared["world_parts"] = columns, world_parts
         with device.undone_on_error():
-            self.buffer = device.buffer(self._begin + self.records.nbytes, "views")
+            self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")
             self.buffer.fill()
             self._kernel = Kernel(device, "scene/given/views.comp")
             self._given = Mirror(device, self.records.view(np.uint8), "rare changes of views")
@@ -83,7 +86,7 @@ class ViewTable:
     def write_cameras(self, cameras: Written, samples: Mapping[str, Any] | None = None) -> None:
         """Write the records of cameras, with the fields that differ in samples, such as `samples_of` returns, and with
         their own jitter."""
-        now = self.records["current"]
+        now = self.records["camera"]
         now[...] = cameras.records
         self.offsets[0] = cameras.records["jitter"].T
         for name, values in (samples or {}).items():

@@ -6,7 +6,16 @@
 
 layout(local_size_x = 64) in;
 
+// What changes seldom: cameras without poses and jitter, and frames without index, has_history and sample_offset.
+struct GivenView {
+    Camera camera;
+    FrameValues frame;
+    uint world;
+    uint first_instance;
+};
+
 layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Views { View at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer GivenViews { GivenView at[]; };
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer FrameOfViews {
     uint shared_values[3];  // the first ones of ViewsBlock in glsl/scene/camera_block.glsl
@@ -20,7 +29,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Fra
 layout(push_constant, scalar) uniform Work {
     Words block;   // ViewsBlock
     Views views;   // its records
-    Views given;   // what changes seldom
+    GivenViews given;
     FrameOfViews frame;
     uint count;
 } work;
@@ -43,17 +52,19 @@ void main() {
         for (uint i = 0u; i < 4u; i++) { work.block.at[3u + i] = floatBitsToUint(work.frame.ball.at[i]); }
     }
     bool has_history = number(CUT, view) == 0.0;
-    View made = work.given.at[view];
+    GivenView given = work.given.at[view];
+    Camera now = given.camera;
     for (uint column = 0u; column < 4u; column++) {
-        made.current.world_from_view[column] = pose_row(3u * column, view);
-        made.current.view_from_world[column] = pose_row(12u + 3u * column, view);
+        now.world_from_view[column] = pose_row(3u * column, view);
+        now.view_from_world[column] = pose_row(12u + 3u * column, view);
     }
-    made.current.jitter = vec2(number(JITTER, view), number(JITTER + 1u, view));
-    made.previous = made.current;
-    if (has_history) { made.previous = work.views.at[view].current; }
-    made.frame.index = work.frame.index;
-    made.frame.has_history = uint(has_history);
-    made.frame.sample_offset = vec2(number(SAMPLE_OFFSET, view), number(SAMPLE_OFFSET + 1u, view));
-    made.previous_first_instance = work.views.at[view].first_instance;
-    work.views.at[view] = made;
+    now.jitter = vec2(number(JITTER, view), number(JITTER + 1u, view));
+    Camera previous = now;
+    if (has_history) { previous = work.views.at[view].current; }
+    FrameValues frame = given.frame;
+    frame.index = work.frame.index;
+    frame.has_history = uint(has_history);
+    frame.sample_offset = vec2(number(SAMPLE_OFFSET, view), number(SAMPLE_OFFSET + 1u, view));
+    uint previous_first_instance = work.views.at[view].first_instance;
+    work.views.at[view] = View(now, previous, frame, given.world, given.first_instance, previous_first_instance);
 }
