@@ -121,6 +121,23 @@ def test_edits_of_the_scene_reach_all_worlds(device, renderer):
         assert not batch.transforms
 
 
+def test_histories_outlive_a_larger_table_of_instances(device):
+    taken = []
+    for grows in (False, True):
+        scene = sv.builtin("cornell_box")
+        with sv.Batch(device, scene, SIZE, 2, worlds=2, **OPTIONS["realtime"] | {"renderer": "realtime"}) as batch:
+            for _ in range(4):
+                batch.render(CAMERAS, fov=50)
+            if grows:
+                rows = batch.binder.instance_capacity
+                for index in range(rows):
+                    scene.add(sv.shapes.box(), sv.Material(), position=(index, 0, -50))
+            batch.render(CAMERAS, fov=50)
+            assert not grows or batch.binder.instance_capacity > rows
+            taken.append(batch["radiance"])
+    np.testing.assert_array_equal(*taken)
+
+
 def test_transforms_go_back_to_the_scenes(device):
     scene = sv.builtin("cornell_box")
     with sv.Batch(device, scene, SIZE, 2, worlds=2, outputs=["depth"]) as batch:
