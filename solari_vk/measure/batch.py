@@ -29,7 +29,7 @@ from solari_vk.scene.material import Material
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.tracer import RayTracer
 
-SAMPLES, ROUNDS, OBJECTS = 4, 5, 30
+SAMPLES, ROUNDS, HOST_ROUNDS, OBJECTS = 4, 5, 25, 30
 AT_ONCE = 8  # frames of render_many
 STEADY_FRAMES, FEWEST_FRAMES, STEADY_SECONDS = 200, 20, 6.0  # of which the 95th percentile is taken
 MOVED = ("short block", "tall block")  # in worlds
@@ -41,7 +41,8 @@ INTRO = (
     f"Reference is the radiance of {SAMPLES} samples a pixel; one by one it is that of one `PathTracer`. "
     "Realtime is the denoised radiance: of cameras that move a little, which one by one are one camera of one "
     "`Renderer`; and after a cut of all views. In worlds, each view has a world of its own, whose blocks move in each "
-    "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view. "
+    "frame; nothing is one by one. Host is the time that `render` takes before the device works, for each view: the "
+    f"median of {HOST_ROUNDS} frames, of which each waits for the one before. "
     f"In a row: how many times as many views a second there are with {AT_ONCE} frames, of which with "
     "`--tensors` nobody waits for one; "
     "at once: with as many by `render_many`. "
@@ -123,7 +124,7 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
     times = dict(zip(works, np.transpose(taken), strict=True))
     together = times["together"]
     host = []
-    for _ in range(ROUNDS):
+    for _ in range(HOST_ROUNDS):
         device.wait_idle()
         host.append(seconds(row.begin))
     device.wait_idle()
@@ -135,7 +136,7 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
     if "one" in times:
         columns, rows = _grid(count)
         one = f"{np.median(count * times['one'] / (columns * rows * together)):.2f}"
-    return (*speeds, f"{1e6 * min(host) / count:.2f}", *many, one, f"{_spread(works['together']):.2f}")
+    return (*speeds, f"{1e6 * np.median(host) / count:.2f}", *many, one, f"{_spread(works['together']):.2f}")
 
 
 def _grid(count: int) -> tuple[int, int]:
