@@ -192,7 +192,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
             offsets = self._offsets[:, self.frame_count % len(self._jitters) :].take(self._jitter_begins, axis=1)
         views.offsets[0], views.offsets[1] = self._shifts[0] + offsets + self._shifts[1], offsets
         self._own_jitter = written.jitter
-        views.show(written, cut, self.frame_count & 0xFFFFFFFF, ball=True)
+        views.show(written, cut, self.frame_count & 0xFFFFFFFF)
 
     def _write_shared(self, keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""

@@ -31,29 +31,26 @@ class GivenPoses(GivenNumbers):
         """Have the transforms (count, 4, 4) of a tensor written just before the next submission. first, second: where
         the records are of shaders and of rays: an address, and in floats the place and the step from one to the
         next."""
-        places = {
+        self._start(given, what, count, "transforms", {
             "first": first[0], "first_place": first[1], "first_step": first[2],
             "second": second[0], "second_place": second[1], "second_step": second[2],
-        }  # fmt: skip
-        self._start(given, what, count, places, transforms=count)
+        })  # fmt: skip
 
-    def write_cameras(self, given: Taken, what: str, count: int, rows: int, ball: int) -> None:
-        """Have the poses (count, 4, 4) of a tensor written just before the next submission, at the address `rows` the
-        24 numbers of matrices, each for all cameras, and at the address `ball` the one around them."""
-        self._start(given, what, count, {"first": rows, "second": ball}, cameras=count, camera_ball=1)
+    def write_cameras(self, given: Taken, what: str, count: int, rows: int) -> None:
+        """Have the poses (count, 4, 4) of a tensor written just before the next submission: the 24 numbers of matrices,
+        each for all cameras, at the address `rows`."""
+        self._start(given, what, count, "cameras", {"first": rows})
 
-    def _start(self, given: Taken, what: str, count: int, places: dict[str, int], **kernels: int) -> None:
+    def _start(self, given: Taken, what: str, count: int, kernel: str, places: dict[str, int]) -> None:
         pushed = {
             **self._source(given, what), "step": given.strides[0] // given.dtype.itemsize, "count": count, **places,
         }  # fmt: skip
-        steps = [(self._kernel(name), threads) for name, threads in kernels.items()]
-        vk = self._device.vk
+        step, vk = self._kernel(kernel), self._device.vk
 
         def record(commands: Any) -> None:
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
-            for kernel, threads in steps:
-                kernel.record(commands, (threads, 1), **pushed)
-                vk.vkCmdPipelineBarrier2(commands, full_barrier())
+            step.record(commands, (count, 1), **pushed)
+            vk.vkCmdPipelineBarrier2(commands, full_barrier())
             vk.vkCmdPipelineBarrier2(commands, host_read_barrier())
 
         self._device.start_with_next(record, what)

@@ -6,7 +6,6 @@ seldom, of the numbers of a frame, and of the records so far, whose cameras beco
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from operator import is_
 from typing import Any
@@ -18,6 +17,7 @@ from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.projection import SEED_STRIDE, lens_point
 from solari_vk.bound.view_cameras import POSE_NUMBERS, Written
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
@@ -25,32 +25,30 @@ from solari_vk.gpu.device.mirror import Mirror
 from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.shaders.spirv import Binding
 
-# What all views share: the fields of FrameOfViews in views.comp before its rows.
+# What all views share: the fields of FrameOfViews in glsl/scene/given/view_records.glsl before its rows.
 SHARED = np.dtype([
     ("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8"),
-    ("ball", "u8"), ("ball_center", "f4", 3), ("ball_radius", "f4"),
 ])  # fmt: skip
-_BALL_BYTES = 16
 _WORLD = [("world", "u4"), ("first_instance", "u4")]
 _OFFSETS, _CUT, _ROWS = POSE_NUMBERS, POSE_NUMBERS + 4, POSE_NUMBERS + 5
 
 
 class ViewTable:
     """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures.
-    world_parts: of the world cache."""
+    world_parts: of the world cache, which wants the ball around the cameras; 0 without one."""
 
-    def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 1) -> None:
+    def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 0) -> None:
         assert layout.element is not None
         self._device, self._count, self._begin = device, count, layout.element_offset
         self._first, self._written = True, False
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self.given_poses = GivenPoses(device, "Batch.render", "view")
-        self._poses: Buffer | None = None  # of tensors: the ball around the cameras, and rows
+        self._poses: Buffer | None = None  # rows of those of tensors
         fields = layout.element.fields
         assert fields is not None
         given = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
         self.records = np.zeros(count, given)
-        """GivenView of views.comp (N,): what changes seldom. Write to it where `must_write`."""
+        """GivenView of view_records.glsl (N,): what changes seldom. Write to it where `must_write`."""
         memory = np.zeros(SHARED.itemsize + 4 * _ROWS * count, np.uint8)
         self.shared = memory[: SHARED.itemsize].view(SHARED)
         """What all views share (1,)."""
@@ -62,18 +60,20 @@ class ViewTable:
         with device.undone_on_error():
             self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")
             self.buffer.fill()
-            self._kernel = Kernel(device, "scene/given/views.comp")
+            self._steps = [(Kernel(device, "scene/given/views.comp"), count)]
+            if world_parts:
+                self._steps.append((Kernel(device, "scene/given/views_ball.comp"), 1))
             self._given = Mirror(device, self.records.view(np.uint8), "rare changes of views")
             self._frame = Mirror(device, memory, "frame of views", self._record)
-        address = self._frame.buffer.address
-        self._own = address + SHARED.itemsize, address + SHARED.itemsize - _BALL_BYTES
 
     def _record(self, commands: raw.CData) -> None:
         block = self.buffer.address
-        self._kernel.record(
-            commands, (self._count, 1), block=block, views=block + self._begin, given=self._given.buffer.address,
-            frame=self._frame.buffer.address, count=self._count,
-        )  # fmt: skip
+        for kernel, threads in self._steps:
+            kernel.record(
+                commands, (threads, 1), block=block, views=block + self._begin, given=self._given.buffer.address,
+                frame=self._frame.buffer.address, count=self._count,
+            )  # fmt: skip
+            self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
     def must_write(self, sources: tuple[Any, ...], values: tuple[Any, ...]) -> bool:
         """Whether `records` must be written before the next frame: it is made from other objects or values than the
@@ -92,38 +92,28 @@ class ViewTable:
         for name, values in (samples or {}).items():
             now[name] = values
 
-    def show(self, cameras: Written, cut: NDArray[np.bool_], index: int = 0, *, ball: bool = False) -> None:
+    def show(self, cameras: Written, cut: NDArray[np.bool_], index: int = 0) -> None:
         """Have the next submission make the records of a frame with this index. Those so far become the previous
-        cameras, but for views that are cut. ball: with the one around the cameras."""
-        poses, (rows, ball_address) = cameras.poses, self._own
+        cameras, but for views that are cut."""
+        poses, address = cameras.poses, self._frame.buffer.address + SHARED.itemsize
         if isinstance(poses, Taken):
             if self._poses is None:
-                self._poses = self._device.buffer(_BALL_BYTES + 4 * POSE_NUMBERS * self._count, "poses of tensors")
-            rows, ball_address = self._poses.address + _BALL_BYTES, self._poses.address
-            self.given_poses.write_cameras(poses, "the pose", self._count, rows, ball_address)
+                self._poses = self._device.buffer(4 * POSE_NUMBERS * self._count, "poses of tensors")
+            address = self._poses.address
+            self.given_poses.write_cameras(poses, "the pose", self._count, address)
         else:
             self._rows[:] = poses
-            if ball:
-                self._find_ball()
         self._cut[:] = True if self._first else cut
-        self.shared["index"], self.shared["poses"], self.shared["ball"] = index, rows, ball_address
+        self.shared["index"], self.shared["poses"] = index, address
         if self._written:
             self._given.upload()
         self._frame.upload()
         self._first = self._written = False
 
-    def _find_ball(self) -> None:
-        places = self._rows[9:12]
-        low, high = places.min(axis=1).astype(np.float64), places.max(axis=1).astype(np.float64)
-        center = ((low + high) / 2).astype(np.float32)
-        away = np.subtract(places, center[:, None], dtype=np.float64)
-        self.shared["ball_center"] = center
-        self.shared["ball_radius"] = math.sqrt((away * away).sum(axis=0).max())
-
     def destroy(self) -> None:
         """Free everything."""
         self.given_poses.destroy()
-        for owned in (self._frame, self._given, self._kernel, self.buffer, self._poses):
+        for owned in (self._frame, self._given, *(kernel for kernel, _ in self._steps), self.buffer, self._poses):
             if owned is not None:
                 owned.destroy()
 

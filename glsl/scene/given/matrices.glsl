@@ -9,7 +9,7 @@ layout(push_constant, scalar) uniform Work {
     Doubles doubles;  // the same memory
     Wrong wrong;      // a matrix that was refused
     Made first;       // records: world from object by columns; or rows of cameras' numbers
-    Made second;      // records: world from object by rows; or the ball around cameras
+    Made second;      // records: world from object by rows
     uint is_double;
     uint step;         // from one matrix to the next, in numbers
     uint count;

@@ -17,7 +17,7 @@ from solari_vk.gpu.device.recorded import Recorded
 
 class Mirror:
     """Has a buffer show an array of bytes, which may change at any time, as of the latest `upload`. then: records
-    commands for after each."""
+    commands for after each, with the barriers to later work."""
 
     def __init__(
         self, device: Device, memory: NDArray[np.uint8], name: str, then: Callable[[raw.CData], None] | None = None
@@ -49,7 +49,6 @@ class Mirror:
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
             if self._then is not None:
                 self._then(commands)
-                vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
         with self._device.undone_on_error():
             staging = self._device.buffer(size, f"staging of {self.buffer.name}", host=True)

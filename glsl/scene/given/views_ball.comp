@@ -1,17 +1,15 @@
-// Finds the ball around the cameras that cameras.comp has written: the middle of their bounds, and the largest distance
+// Finds the ball around the cameras that views.comp has written: the middle of their bounds, and the largest distance
 // from it.
 #version 460
-#include "scene/given/matrices.glsl"
+#include "scene/given/view_records.glsl"
 
 layout(local_size_x = 256) in;
 
-shared dvec3 lowest[gl_WorkGroupSize.x], highest[gl_WorkGroupSize.x];
+const uint BALL = 3u;  // ball_center, then ball_radius of ViewsBlock
 
-dvec3 place(uint view) {
-    dvec3 found;
-    for (uint i = 0u; i < 3u; i++) { found[i] = work.first.at[(9u + i) * work.count + view]; }
-    return found;
-}
+shared vec3 lowest[gl_WorkGroupSize.x], highest[gl_WorkGroupSize.x];
+
+vec3 place(uint view) { return work.views.at[view].current.world_from_view[3]; }
 
 void merge(uint thread) {
     for (uint half_count = gl_WorkGroupSize.x / 2u; half_count > 0u; half_count /= 2u) {
@@ -32,18 +30,16 @@ void main() {
         highest[thread] = max(highest[thread], place(view));
     }
     merge(thread);
-    precise dvec3 middle = (lowest[0] + highest[0]) / 2.0LF;
-    vec3 center = vec3(middle);
+    vec3 center = lowest[0] + (highest[0] - lowest[0]) / 2.0;
     barrier();
-    precise double largest = 0.0LF;
+    float largest = 0.0;
     for (uint view = thread; view < work.count; view += gl_WorkGroupSize.x) {
-        precise dvec3 away = place(view) - dvec3(center);
-        largest = max(largest, away.x * away.x + away.y * away.y + away.z * away.z);
+        largest = max(largest, distance(place(view), center));
     }
-    highest[thread] = dvec3(largest);
+    highest[thread] = vec3(largest);
     merge(thread);
     if (thread == 0u) {
-        float ball[4] = { center.x, center.y, center.z, float(sqrt(highest[0].x)) };
-        for (uint i = 0u; i < 4u; i++) { work.second.at[i] = ball[i]; }
+        for (uint i = 0u; i < 3u; i++) { work.block.at[BALL + i] = floatBitsToUint(center[i]); }
+        work.block.at[BALL + 3u] = floatBitsToUint(highest[0].x);
     }
 }

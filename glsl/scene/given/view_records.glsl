@@ -1,0 +1,34 @@
+// The memory of a batch's views, by address: solari_vk/bound/view_table.py.
+#ifndef SCENE_GIVEN_VIEW_RECORDS_GLSL
+#define SCENE_GIVEN_VIEW_RECORDS_GLSL
+
+#include "scene/camera_records.glsl"
+#include "scene/given/numbers.glsl"
+
+// What changes seldom: cameras without poses and jitter, and frames without index, has_history and sample_offset.
+struct GivenView {
+    Camera camera;
+    FrameValues frame;
+    uint world;
+    uint first_instance;
+};
+
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Views { View at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer GivenViews { GivenView at[]; };
+
+layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer FrameOfViews {
+    uint shared_values[3];  // the first ones of ViewsBlock in glsl/scene/camera_block.glsl
+    uint index;
+    Floats poses;  // rows with a number for each view: world_from_view, then view_from_world
+    float rows[];  // own poses, jitter, sample_offset, and what isn't 0 for views without history
+};
+
+layout(push_constant, scalar) uniform Work {
+    Words block;  // ViewsBlock
+    Views views;  // its records
+    GivenViews given;
+    FrameOfViews frame;
+    uint count;
+} work;
+
+#endif
