@@ -283,10 +283,12 @@ class Batch(BatchResults):
     # ---- checks -------------------------------------------------------------------------------------
 
     def _checked_samples(self, samples: int | None) -> int:
-        if self._paths is None and samples is not None:
+        if samples is None:
+            return 16
+        if self._paths is None:
             what = "labels have" if self._realtime is None else "the realtime renderer takes"
             raise SolariError(f"Batch.render: {what} no samples: make the batch with renderer='reference'")
-        return whole_number(16 if samples is None else samples, "Batch.render: samples", 1)
+        return whole_number(samples, "Batch.render: samples", 1)
 
     def _checked_seeds(self, seeds: Any) -> NDArray[np.uint32]:
         if seeds is None:

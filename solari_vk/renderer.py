@@ -156,10 +156,8 @@ class Renderer(ExposureRenderer):
             self._write_settings()
             self._settings_seen = seen
         lights = self.binder.lights
-        cell_size = self.settings.world_cache_cell_size
-        if self._lights.update(lights.ids, lights.emitted, lights.positions, cell_size):
+        if self._lights.update(lights.ids, lights.emitted, lights.positions, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
-        self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
@@ -198,7 +196,9 @@ class Renderer(ExposureRenderer):
         offset = (0.0, 0.0)
         if self.settings.jitter:
             offset = self._jitters[(self.frame_count + 7 * self.seed) % len(self._jitters)]
-        history = self._has_history
+        history, lights = self._has_history, self.binder.lights
+        cell_size = self.settings.world_cache_cell_size
+        self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
         if not history:
             self._lights.change = 0.0
             self._changed_lights.clear()
