@@ -113,11 +113,11 @@ void main()"""
 
 @pytest.mark.parametrize(("condition", "stays"), [
     ("!ON || OFF || COUNT == 3u", (False, True)), ("(OTHER || LAST) && ON", (False, False)),
-    ("ON != OFF && COUNT != 3u", (True, False)),
+    ("ON != OFF && COUNT != 3u", (True, False)), ("COUNT == 4u && !LAST", (False, True)),
 ])  # fmt: skip
 def test_what_specialization_constants_switch_off_is_gone(shaders, condition, stays):
     module = reflect(compiled(shaders, f"if ({condition}) {{ kept.at[1] = dead(); }}", SWITCHES))
-    for values, expected in zip(({}, {"ON": False, "COUNT": 3, "unknown": 1}), stays, strict=True):
+    for values, expected in zip(({}, {"ON": False, "COUNT": 4, "unknown": 1}), stays, strict=True):
         spirv = specialized(module, values).spirv
         made = reflect(spirv)
         assert ("gone" in made.bindings, made.constants) == (expected, {})
