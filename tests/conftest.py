@@ -91,6 +91,27 @@ def bound_device(any_device):
 
 
 @pytest.fixture
+def lent_device(device, monkeypatch):
+    """`device`, also for programs and commands that name no device: so pipelines are made once. It stays open."""
+
+    def lend(name=None, *, validation=None, rays=None, on_compile=None):
+        if name or validation or rays not in (None, device.rays):
+            return Device(name, validation=validation, rays=rays, on_compile=on_compile)
+        monkeypatch.setattr(device, "on_compile", on_compile)
+        return device
+
+    monkeypatch.setattr(device, "close", lambda: None)
+    for module in ("solari_vk", "solari_vk.cluster.device_session", "solari_vk.measure.report"):
+        monkeypatch.setattr(f"{module}.Device", lend)
+    for module in ("realtime", "reference", "view"):
+        monkeypatch.setattr(
+            f"solari_vk.cli.{module}.open_device",
+            lambda job, notes=None: lend(job.device, validation=job.validation, rays=job.rays, on_compile=notes),
+        )
+    return device
+
+
+@pytest.fixture
 def moving(tmp_path):
     """The file of a triangle that moves sideways for a second, and has another clip in which it grows, before a
     camera."""

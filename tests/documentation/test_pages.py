@@ -105,7 +105,7 @@ WITH_PYTHON = [page for page in PAGES if blocks(page, "python") and page not in 
 
 @pytest.mark.filterwarnings("error:the picture")
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=name_of)
-def test_python_runs(any_device, page, folder, capsys):
+def test_python_runs(lent_device, page, folder, capsys):
     names = run_page(page, folder)
     if page == DOCS / "index.md":
         assert names["radiance"].shape == (9, 16, 3)
@@ -180,7 +180,7 @@ def test_options_are_there(capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("line", RENDERS)
-def test_renders_run(any_device, line, folder):
+def test_renders_run(lent_device, line, folder):
     words = shlex.split(re.sub("--workers [0-9]+", "--workers 1", line))[1:]
     output = folder / words[words.index("-o") + 1]
     limits = ["--size", "16x9", *(["--frames", "2"] if "--animate" in words else ["--time-limit", "0.01"])]
