@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
@@ -46,6 +47,10 @@ def pytest_configure(config):
         note(messages, text)
 
     instance_module.note_message = note_and_log
+
+
+def pytest_collection_finish():
+    gc.freeze()  # what imports have made stays: collections needn't look through it
 
 
 def _find_reason_to_skip():

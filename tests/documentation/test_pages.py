@@ -29,8 +29,8 @@ ELSEWHERE = ("ray_tracing.md", "driver_faults.md", "guides/clusters.md", "guides
 RUN_ELSEWHERE = {DOCS / name for name in ELSEWHERE}
 # Pictures as small as possible, and few frames: each pattern must be on some page.
 SMALLER = {
-    r"\((640, 360|320, 180|160, 90)\)": "(16, 9)", r"range\((24|32)\)": "range(2)", r"samples=\d+": "samples=2",
-    r"frames=16\b": "frames=2",
+    r"\((640, 360|320, 180|160, 90)\)": "(16, 9)", r"\b64, 64\)(?=, 16|$)": "8, 8)", r"range\((24|32)\)": "range(2)",
+    r"samples=\d+": "samples=2", r"frames=16\b": "frames=2",
 }  # fmt: skip
 
 SCAN = """ply
@@ -91,7 +91,7 @@ def run_page(page, folder):
     try:
         for program in blocks(page, "python"):
             for shown, run in SMALLER.items():
-                program = re.sub(shown, run, program)
+                program = re.sub(shown, run, program, flags=re.MULTILINE)
             exec(compile(program, name_of(page), "exec"), names)
     finally:
         for value in list(names.values()):
