@@ -86,7 +86,7 @@ def calm_down(viewer, modes):
 @pytest.mark.parametrize(
     ("frames", "modes"),
     [
-        (60, ["reference"]),
+        (24, ["reference"]),
         (10, ["split", "realtime"]),
         pytest.param(250, ["split", "realtime"], marks=pytest.mark.slow),
     ],
