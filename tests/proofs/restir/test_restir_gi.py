@@ -58,7 +58,7 @@ BRIEF = Effort(16, 24, 16)
 @pytest.fixture(scope="module")
 def cornell(device):
     scene = cornell_box()
-    return scene, trace_second_bounce(device, scene, 512)
+    return scene, trace_second_bounce(device, scene, 256)
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_visibility_as_in_solari_loses_light(device, cornell):
 ])  # fmt: skip
 def test_each_reuse_alone_is_unbiased(device, cornell, temporal, spatial):
     scene, expected = cornell
-    effort = BRIEF if temporal or spatial else Effort(16, 2, 16)  # without reuse frames are independent
+    effort = BRIEF if temporal or spatial else Effort(8, 2, 16)  # without reuse frames are independent
     found = observe_indirect(device, scene, effort, gi_temporal=temporal, gi_spatial=spatial)
     hold(compare(found, expected, effort, 0.04))
 
