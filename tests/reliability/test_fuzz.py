@@ -17,7 +17,7 @@ GROUPS = {"scenes": GLTF, "images": IMAGES, "meshes": MESHES, "environments": RA
           "bombs": BOMBS, "command lines": ("commands",)}
 
 
-@pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("group", GROUPS)
 def test_mutated_files(tmp_path, group, count):
     """count: of mutants of each kind of file; bombs take longer."""

@@ -41,7 +41,7 @@ def test_all_are_there_and_short():
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in MANY_SAMPLES else name for name in EXAMPLES]
 )
-def test_runs_as_a_program(lent_device, name, tmp_path, monkeypatch):
+def test_runs_as_a_program(any_device, name, tmp_path, monkeypatch):
     needed = {"learn": "torch", "gymnasium_worlds": "gymnasium"}.get(name, "mujoco" if "mujoco" in name else "numpy")
     pytest.importorskip(needed)
     monkeypatch.chdir(tmp_path)
@@ -68,7 +68,7 @@ def test_a_small_network_learns():
     assert errors[-1] < 0.25 * errors[0]
 
 
-def test_the_guide_runs(lent_device, capsys):
+def test_the_guide_runs(any_device, capsys):
     text, blocks = code_of("ray_tracing.md")
     for block in blocks:
         exec(compile(block, "ray_tracing.md", "exec"), {})
