@@ -95,9 +95,19 @@ def bound_device(any_device):
     opened.close()
 
 
+@pytest.fixture(scope="module")
+def device_of_file(any_device):
+    """A device that the tests of a file share. What they leave on it goes with it."""
+    with Device(validation=True) as opened:
+        _devices.append(opened)
+        yield opened
+        _devices.remove(opened)
+
+
 @pytest.fixture
-def lent_device(device, monkeypatch):
-    """`device`, also for programs and commands that name no device: so pipelines are made once. It stays open."""
+def lent_device(device_of_file, monkeypatch):
+    """What programs and commands open that name no device: so pipelines are made once. It stays open."""
+    device = device_of_file
 
     def lend(name=None, *, validation=None, rays=None, on_compile=None):
         if name or validation or rays not in (None, device.rays):
@@ -106,7 +116,7 @@ def lent_device(device, monkeypatch):
         return device
 
     monkeypatch.setattr(device, "close", lambda: None)
-    for module in ("solari_vk", "solari_vk.cluster.device_session", "solari_vk.measure.report"):
+    for module in ("solari_vk", "solari_vk.measure.report"):
         monkeypatch.setattr(f"{module}.Device", lend)
     for module in ("realtime", "reference", "view"):
         monkeypatch.setattr(
