@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
@@ -48,6 +49,10 @@ def pytest_configure(config):
     instance_module.note_message = note_and_log
 
 
+def pytest_collection_finish():
+    gc.freeze()  # what imports have made stays: collections needn't look through it
+
+
 def _find_reason_to_skip():
     """Why tests must be skipped: there is no Vulkan device. A device that lacks a feature is a failure instead."""
     try:
@@ -88,6 +93,37 @@ def bound_device(any_device):
     yield opened
     _devices.remove(opened)
     opened.close()
+
+
+@pytest.fixture(scope="module")
+def device_of_file(any_device):
+    """A device that the tests of a file share. What they leave on it goes with it."""
+    with Device(validation=True) as opened:
+        _devices.append(opened)
+        yield opened
+        _devices.remove(opened)
+
+
+@pytest.fixture
+def lent_device(device_of_file, monkeypatch):
+    """What programs and commands open that name no device: so pipelines are made once. It stays open."""
+    device = device_of_file
+
+    def lend(name=None, *, validation=None, rays=None, on_compile=None):
+        if name or validation or rays not in (None, device.rays):
+            return Device(name, validation=validation, rays=rays, on_compile=on_compile)
+        monkeypatch.setattr(device, "on_compile", on_compile)
+        return device
+
+    monkeypatch.setattr(device, "close", lambda: None)
+    for module in ("solari_vk", "solari_vk.measure.report"):
+        monkeypatch.setattr(f"{module}.Device", lend)
+    for module in ("realtime", "reference", "view"):
+        monkeypatch.setattr(
+            f"solari_vk.cli.{module}.open_device",
+            lambda job, notes=None: lend(job.device, validation=job.validation, rays=job.rays, on_compile=notes),
+        )
+    return device
 
 
 @pytest.fixture

@@ -427,7 +427,7 @@ def test_wrong_options_are_named(device, binder, three):
     batch.close()
 
 
-def test_bench(device, tmp_path, monkeypatch):
+def test_bench(lent_device, tmp_path, monkeypatch):
     monkeypatch.setattr("solari_vk.measure.batch.STEADY_SECONDS", 0.0)
     page = tmp_path / "page.md"
     words = ["--views", "2", "--size", "8x8", "--worlds", "--tensors", "--markdown", str(page)]
@@ -453,7 +453,7 @@ def test_a_bench_that_fails_frees_everything(device, monkeypatch):
     assert held[0] == held[1]
 
 
-def test_bench_of_outputs(tmp_path, monkeypatch):
+def test_bench_of_outputs(lent_device, tmp_path, monkeypatch):
     monkeypatch.setattr("solari_vk.measure.dataset.SCENES", ("cornell_box",))
     page = tmp_path / "page.md"
     assert main(["bench", "dataset", "--views", "2", "--size", "16x8", "--markdown", str(page)]) == 0

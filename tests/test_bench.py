@@ -144,7 +144,7 @@ def test_nothing_to_trace_is_no_ratio(device):
         assert all(np.isnan(against_bare_rays(renderer, away, 1.0, 1)))
 
 
-def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
+def test_page_of_the_frame_names_the_way(lent_device, tmp_path, monkeypatch):
     for section in ("_passes", "_start", "_host", "_growth", "_animated"):
         monkeypatch.setattr(run, section, lambda *_: None)
     monkeypatch.setattr(run, "_memory", lambda device, report: report.figure("way", 1.0, device.rays))
@@ -155,7 +155,7 @@ def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("way", ["query", pytest.param("pipeline", marks=pytest.mark.slow)])  # minutes of compiling
-def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
+def test_quick_page_of_the_frame(lent_device, tmp_path, monkeypatch, way):
     """The page has every section but that of the slow test below, and pictures are written; times and counts of rays
     are positive. By default growth is not measured."""
     monkeypatch.setattr(run, "_animated", lambda *_: None)
@@ -185,7 +185,7 @@ def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
     assert sorted(path.name for path in pictures.iterdir()) == ["cornell_box.png", "many_lights.png"]
 
 
-def test_quick_page_of_the_denoiser(any_device, tmp_path, monkeypatch):
+def test_quick_page_of_the_denoiser(lent_device, tmp_path, monkeypatch):
     """A table for each case, pictures, and references that the second run takes from the folder."""
     page, pictures, kept = (tmp_path / name for name in ("page.md", "pictures", "kept"))
     quick = ["bench", "denoise", "--quick", "--markdown", str(page), "--references", str(kept)]
@@ -203,7 +203,7 @@ def test_quick_page_of_the_denoiser(any_device, tmp_path, monkeypatch):
     assert page.read_text().splitlines()[-1] not in before
 
 
-def test_quick_page_of_judged_settings(any_device, tmp_path):
+def test_quick_page_of_judged_settings(lent_device, tmp_path):
     """With the settings of the preset errors and their ratio are as before; without the denoiser they rise."""
     page = tmp_path / "page.md"
     judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change"]
@@ -229,7 +229,7 @@ def test_page_of_lamps(device, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow  # minutes of compiling
-def test_quick_page_of_portals(any_device, tmp_path):
+def test_quick_page_of_portals(lent_device, tmp_path):
     page = tmp_path / "page.md"
     assert main(["bench", "portals", "--quick", "--markdown", str(page)]) == 0
     rows = [cells(line) for line in page.read_text().splitlines() if line.startswith("| one color")]
@@ -237,7 +237,7 @@ def test_quick_page_of_portals(any_device, tmp_path):
     assert all(float(row[-1]) for row in rows)
 
 
-def test_judged_scenes_are_chosen_and_their_truth_is_kept(any_device, tmp_path):
+def test_judged_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_path):
     """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
     page, kept = tmp_path / "page.md", tmp_path / "kept"
     judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change", "paths_candidates=1",
@@ -255,7 +255,7 @@ def test_judged_scenes_are_chosen_and_their_truth_is_kept(any_device, tmp_path):
     assert ratios[:, 0] / ratios[:, 1] * spent == pytest.approx(ratios[:, 2], rel=0.05, abs=0.02)
 
 
-def test_page_of_loading(any_device, tmp_path):
+def test_page_of_loading(lent_device, tmp_path):
     """Sizes are those of the files and of their contents, and the memory is as large as the contents."""
     writer = GltfWriter()
     positions = np.random.default_rng(1).normal(size=(3000, 3))

@@ -43,7 +43,7 @@ FRAMES = [*SMALL, "--warm-up", "2"]
 
 
 @pytest.fixture
-def render(any_device, tmp_path, capsys):
+def render(lent_device, tmp_path, capsys):
     """Run `solari-vk render`, which must end with a code; returns its stderr and the path of the output."""
 
     def run(*arguments, source=BOX, output="picture.png", code=0):
@@ -98,10 +98,10 @@ def test_seeds_poses_and_exposures(render, tmp_path):
 
 
 @pytest.fixture
-def frames(device):
+def frames(lent_device):
     """frames(count) yields each of the first frames of the same scene, rendered without the command line."""
     scene = sv.builtin("cornell_box")
-    with sv.Renderer(device, scene, SIZE) as renderer:
+    with sv.Renderer(lent_device, scene, SIZE) as renderer:
         yield lambda count: (renderer.render(scene.camera) for _ in range(count))
 
 
@@ -271,7 +271,7 @@ def test_ctrl_c_keeps_what_there_is(any_device, tmp_path, arguments, unit):
 
 
 @pytest.mark.parametrize("arguments", [REFERENCE, ["--mode", "realtime", "--warm-up", "2"]])
-def test_a_target_ends_early(render, arguments):
+def test_a_target_ends_early(render, lent_device, arguments):
     """The estimated error is printed; it is that of the picture, which is smooth enough then."""
     said, path = render(*arguments, "--size", "48x48", "--target-error", "0.3", output="picture.npy")
     (error,) = re.findall(r"estimated error ([\d.]+) %, in", said)
@@ -279,7 +279,7 @@ def test_a_target_ends_early(render, arguments):
     count = int(re.findall(r"(\d+) (?:samples|frames)", said)[-1])
     assert 4 <= count < 200
     picture = np.load(path)
-    with sv.Device() as device, sv.PathTracer(device, sv.builtin("cornell_box"), (48, 48), seed=99) as tracer:
+    with sv.PathTracer(lent_device, sv.builtin("cornell_box"), (48, 48), seed=99) as tracer:
         reference = tracer.render(samples=300)["radiance"]
     assert relative_mse(picture, reference) ** 0.5 < 0.4
 

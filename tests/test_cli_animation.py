@@ -19,7 +19,7 @@ SMALL = ["--size", "24x16", "--environment", "none"]
 
 
 @pytest.fixture
-def render(any_device, tmp_path, capsys):
+def render(lent_device, tmp_path, capsys):
     def run(source, *arguments):
         code = main(["render", str(source), *SMALL, *map(str, arguments), "-o", str(tmp_path / "picture.png")])
         return code, capsys.readouterr().err

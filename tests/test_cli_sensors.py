@@ -18,7 +18,7 @@ SENSOR = '{"iso": 400, "bayer": "GRBG", "vignetting": "cos4"}'
 
 
 @pytest.fixture
-def run(any_device, tmp_path, capsys):
+def run(lent_device, tmp_path, capsys):
     """run(command, words, output): the exit code and stderr."""
 
     def execute(command, *words, output="picture.npy"):
@@ -38,7 +38,7 @@ def test_a_picture_with_raw_numbers(run, tmp_path, mode):
     assert raw.dtype == np.uint16
 
 
-def test_a_data_set_with_raw_numbers_and_flow(run, tmp_path):
+def test_a_data_set_with_raw_numbers_and_flow(run, lent_device, tmp_path):
     (tmp_path / "sensor.json").write_text(SENSOR)
     code, said = run("dataset", *BOX, "--samples", 2, "--views", 3, "--format", "npy", "--exposure", 2, "--sensor",
                      tmp_path / "sensor.json", "--aov", "optical_flow,optical_flow_back", output="views")  # fmt: skip
@@ -51,7 +51,7 @@ def test_a_data_set_with_raw_numbers_and_flow(run, tmp_path):
         radiance = np.load(tmp_path / "views" / f"{number:05}.npy")
         expected = sv.Sensor.load(SENSOR).expose(radiance, cameras[number], seed=numbered_seed(3, number))
         np.testing.assert_array_equal(np.load(tmp_path / "views" / f"{number:05}.raw.npy"), expected)
-    with sv.Device() as device, sv.RayTracer(device, scene) as tracer:
+    with sv.RayTracer(lent_device, scene) as tracer:
         there, back = sv.optical_flow(tracer, cameras[:2], SIZE)
     for name, flow in (("00000.optical_flow", there), ("00001.optical_flow_back", back)):
         found = np.load(tmp_path / "views" / f"{name}.npy")
@@ -69,7 +69,7 @@ REALTIME = ["realtime", "--average", 3, "--warm-up", 2]
 @pytest.mark.parametrize(("mode", "exposed"), [
     (["reference", "--samples", 8], 0.05), (["reference", "--samples", 8], 0.0), (REALTIME, 0.05),
 ])  # fmt: skip
-def test_an_orbit_with_a_shutter(run, tmp_path, mode, exposed):
+def test_an_orbit_with_a_shutter(run, lent_device, tmp_path, mode, exposed):
     """Each picture is exposed from its time on, while the camera goes on along its way."""
     code, said = run("render", *BOX, "--mode", *mode, "--animate", "orbit:60", "--frames", 3, "--fps", 10, "--shutter",
                      f"{exposed},0.03", "--exposure", 2)  # fmt: skip
@@ -80,7 +80,7 @@ def test_an_orbit_with_a_shutter(run, tmp_path, mode, exposed):
     exposure = {"shutter": sv.Shutter(close=exposed, readout=0.03),
                 "pose": lambda time: between(first, second, time / 0.1)}  # fmt: skip
     kind = sv.PathTracer if mode[0] == "reference" else sv.Renderer
-    with sv.Device() as device, kind(device, scene, SIZE, seed=3) as renderer:
+    with kind(lent_device, scene, SIZE, seed=3) as renderer:
         if kind is sv.Renderer:
             for number in range(2 + 3):
                 expected = renderer.render(first, **(exposure if number >= 2 else {}))

@@ -157,7 +157,7 @@ def desktop_with(tmp_path, monkeypatch):
     return make
 
 
-def test_render_opens_what_it_wrote(any_device, desktop_with, tmp_path, monkeypatch, capfd):
+def test_render_opens_what_it_wrote(lent_device, desktop_with, tmp_path, monkeypatch, capfd):
     noted = desktop_with(display="WAYLAND_DISPLAY")
     monkeypatch.chdir(tmp_path)
     assert main([*TINY, "--open", "-o", "a picture.png"]) == 0

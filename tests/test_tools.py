@@ -37,12 +37,12 @@ def test_passes_are_listed_by_stage_with_barriers_and_resources():
 
 
 @pytest.mark.parametrize("kind", [sv.Renderer, sv.PathTracer])
-def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
+def test_the_frame_of_a_renderer_is_listed(lent_device, capsys, kind):
     options = ["--reference"] if kind is sv.PathTracer else []
     assert SHOW_FRAME["main"]([*options, "--size", "32x24", "--frames", "1"]) == 0
     said = capsys.readouterr().out
     lines = said.splitlines()
-    with kind(device, sv.builtin("cornell_box"), SIZE) as renderer:
+    with kind(lent_device, sv.builtin("cornell_box"), SIZE) as renderer:
         expected = [step.name for stage in renderer.stages for step in stage.passes]
         stages = [stage.name for stage in renderer.stages]
     assert listed(lines) == expected

@@ -397,7 +397,9 @@ def judge(request, tmp_path):
     return render
 
 
-@pytest.mark.parametrize("turn", [0.0, rotation((1, 2, 3), 1.1)], ids=["as it is", "turned"])
+@pytest.mark.parametrize("turn", [
+    pytest.param(0.0, id="as it is", marks=pytest.mark.slow), pytest.param(rotation((1, 2, 3), 1.1), id="turned"),
+])  # fmt: skip
 def test_environments_have_our_directions(judge, turn):
     """Three bright texels, each before a camera that looks there."""
     texels, toward = np.zeros((8, 16, 3), np.float32), directions(8, 16)

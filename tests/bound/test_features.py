@@ -35,7 +35,7 @@ OF_FEATURES = {"evaluate_coat", "prepare_glass", "film_fresnel", "sample_wavelen
 
 def functions(module) -> set[str]:
     """The names of the functions of a module."""
-    named = {int(words[1]): text(words[2:].tolist()) for words in instructions(module.spirv) if words[0] & 0xFFFF == 5}
+    named = {int(words[1]): text(words[2:]) for words in instructions(module.spirv) if words[0] & 0xFFFF == 5}
     return {named[int(words[2])].partition("(")[0] for words in instructions(module.spirv) if words[0] & 0xFFFF == 54}
 
 

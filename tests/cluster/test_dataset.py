@@ -41,7 +41,7 @@ def copied(views, tmp_path):
 
 
 @pytest.fixture
-def make(any_device, tmp_path, capsys):
+def make(lent_device, tmp_path, capsys):
     """make(..., name=, code=): run `solari-vk dataset` with this exit code; returns its stderr and the folder."""
 
     def run(*arguments, name="views", code=0, **options):

@@ -56,7 +56,7 @@ def test_calls_are_there(folder):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_calls_run(any_device, folder):  # noqa: F811
+def test_calls_run(lent_device, folder):  # noqa: F811
     names = names_of_the_page()
     for code in (*blocks(PAGE, "python"), *calls()):
         run(code, names)

@@ -14,7 +14,7 @@ def run(program, names):
     return names
 
 
-def test_worlds_are_seen_and_move(any_device):
+def test_worlds_are_seen_and_move(lent_device):
     assert "16, (32, 32)" in WORLDS
     names = run(WORLDS.replace("16, (32, 32)", "4, (16, 16)"), {})
     with names["device"], names["batch"]:
@@ -27,7 +27,7 @@ def test_worlds_are_seen_and_move(any_device):
 
 
 @pytest.mark.slow
-def test_the_loop_learns(any_device):
+def test_the_loop_learns(lent_device):
     """At first pushes are noise; later they bring the block nearer."""
     pytest.importorskip("torch")
     names = run(WORLDS, {})

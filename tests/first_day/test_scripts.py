@@ -25,7 +25,7 @@ SMALLER = {r"\((320, ?180|320, ?240|64, ?64|3840, ?2160)\)": "(32, 24)", r"range
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error:the picture is black", "error:.*has no light")
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_runs(any_device, tmp_path, monkeypatch, path):
+def test_a_script_runs(lent_device, tmp_path, monkeypatch, path):
     program = path.read_text(encoding="utf-8")
     for name in re.findall(r"\b(trimesh|torch|imageio|matplotlib|cv2)\b", program):
         pytest.importorskip(name)

@@ -127,7 +127,7 @@ def inlined(spirv: bytes) -> int:
 
 def bound_accesses(spirv: bytes) -> int:
     """How many access chains start at a storage buffer that is bound by a descriptor."""
-    listed = [words.tolist() for words in instructions(spirv)]
+    listed = list(instructions(spirv))
     bound = {words[2] for words in listed if words[0] & 0xFFFF == 59 and words[3] == 12}  # OpVariable, StorageBuffer
     return sum(words[0] & 0xFFFF in (65, 66) and words[3] in bound for words in listed)
 

@@ -8,6 +8,7 @@ import pytest
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts
+from solari_vk.gpu.shaders.specialized import specialized
 from solari_vk.gpu.shaders.spirv import reflect
 from tests.gpu.shader_folder import ShaderFolder, check_spirv
 
@@ -40,8 +41,8 @@ void main() { kept.at[0] = sqrt(deeper(start.first)); BODY }
 """
 
 
-def compiled(shaders: ShaderFolder, body: str) -> bytes:
-    file = shaders.write("passes/x.comp", SHADER.replace("BODY", body))
+def compiled(shaders: ShaderFolder, body: str, head: str = "void main()") -> bytes:
+    file = shaders.write("passes/x.comp", SHADER.replace("void main()", head).replace("BODY", body))
     return without_dead_code(shaderc.compile_source(file.read_bytes(), "comp", str(file), [], optimization="zero"))
 
 
@@ -97,12 +98,31 @@ void main()"""
                                              *((body, True) for body in CHANGING.values())],
                          ids=[*CONSTANT, *CHANGING])  # fmt: skip
 def test_blocks_that_constant_conditions_never_run_are_gone(shaders, body, stays):
-    source = SHADER.replace("void main()", CONDITIONS).replace("BODY", body)
-    file = shaders.write("passes/x.comp", source)
-    spirv = without_dead_code(shaderc.compile_source(file.read_bytes(), "comp", str(file), [], optimization="zero"))
+    spirv = compiled(shaders, body, CONDITIONS)
     assert ("gone" in reflect(spirv).bindings) == stays
     check_spirv(spirv, "pruned")
     assert without_dead_code(spirv) == spirv
+
+
+SWITCHES = """layout(constant_id = 5) const bool ON = true;
+layout(constant_id = 6) const bool OFF = false;
+layout(constant_id = 7) const bool OTHER = false;
+layout(constant_id = 8) const bool LAST = false;
+void main()"""
+
+
+@pytest.mark.parametrize(("condition", "stays"), [
+    ("!ON || OFF || COUNT == 3u", (False, True)), ("(OTHER || LAST) && ON", (False, False)),
+    ("ON != OFF && COUNT != 3u", (True, False)), ("COUNT == 4u && !LAST", (False, True)),
+])  # fmt: skip
+def test_what_specialization_constants_switch_off_is_gone(shaders, condition, stays):
+    module = reflect(compiled(shaders, f"if ({condition}) {{ kept.at[1] = dead(); }}", SWITCHES))
+    for values, expected in zip(({}, {"ON": False, "COUNT": 4, "unknown": 1}), stays, strict=True):
+        spirv = specialized(module, values).spirv
+        made = reflect(spirv)
+        assert ("gone" in made.bindings, made.constants) == (expected, {})
+        check_spirv(spirv, "specialized")
+        assert f"OpConstant %uint {values.get('COUNT', 2)}\n" in disassembled(spirv)
 
 
 def test_a_second_time_nothing_goes():

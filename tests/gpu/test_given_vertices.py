@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from support.realtime import GBUFFER, make_renderer
 from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
 
 import solari_vk as sv
@@ -52,14 +53,17 @@ class Shown:
             while True:
                 yield {"radiance": tracer.render(CAMERA, samples=2)["radiance"]}
 
-    def realtime(self, device, scene, gbuffer="traced"):
-        with sv.Renderer(device, scene, SIZE, settings=sv.Settings(gbuffer=gbuffer)) as renderer:
+    def realtime(self, device, scene):
+        with sv.Renderer(device, scene, SIZE, settings=sv.Settings(gbuffer="traced")) as renderer:
             while True:
                 frame = renderer.render(CAMERA)
                 yield {name: frame[name] for name in ("radiance", "depth")}
 
     def raster(self, device, scene):
-        return self.realtime(device, scene, "raster")
+        with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer="raster") as renderer:
+            while True:
+                renderer.render(CAMERA)
+                yield {name: renderer.read(f"gbuffer_{name}").copy() for name in ("depth", "surface")}
 
 
 def assert_shown_alike(expected, found):

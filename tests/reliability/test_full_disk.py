@@ -102,7 +102,7 @@ def faults(sizes: list[tuple[Path, int]], renaming: bool = False) -> list[tuple[
 
 
 @pytest.mark.parametrize("output", ["a.exr", "a.png"])
-def test_a_picture(any_device, tmp_path, disk, elsewhere, capsys, output):
+def test_a_picture(lent_device, tmp_path, disk, elsewhere, capsys, output):
     """The older files were rendered with another seed. A picture that was rendered is in another folder."""
     place = tmp_path / "out"
     place.mkdir()
@@ -141,7 +141,7 @@ def test_a_picture(any_device, tmp_path, disk, elsewhere, capsys, output):
     assert contents(place) == new
 
 
-def test_a_data_set(any_device, tmp_path, disk, elsewhere, capsys):
+def test_a_data_set(lent_device, tmp_path, disk, elsewhere, capsys):
     """The next call renders what is missing."""
     command = ["dataset", *REFERENCE, "--views", "2", "--aov", "depth", "-o"]
     whole = tmp_path / "whole"
@@ -170,7 +170,7 @@ def test_a_data_set(any_device, tmp_path, disk, elsewhere, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("output", ["a.gif", "a.mp4", "a.npy"])
-def test_an_animation(any_device, tmp_path, disk, elsewhere, capsys, output):
+def test_an_animation(lent_device, tmp_path, disk, elsewhere, capsys, output):
     """What was rendered stays: numbered pictures where they are, those of a movie in the folder for temporary files."""
     place = tmp_path / "out"
     place.mkdir()

@@ -113,7 +113,8 @@ def rays(device: sv.Device, attempt: Attempt) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize(("scenario", "names", "step"), [
-    (rays, MEMORY + PIPELINES, 1), pytest.param(reference, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
+    (rays, MEMORY + PIPELINES, 3), pytest.param(rays, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
+    pytest.param(reference, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
     # A realtime run takes seconds to create pipelines. It does so at one place, where some calls fail.
     pytest.param(realtime, MEMORY, 1, marks=pytest.mark.slow),
     pytest.param(realtime, PIPELINES, 37, marks=pytest.mark.slow),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import struct
@@ -18,31 +19,42 @@ from solari_vk.budget import parse_size
 
 MIB = 2**20
 SPARE = 48 * MIB  # libraries that are imported, and what the allocator keeps
-LOAD = """
-import sys, warnings
+LOADER = """
+import json, os, sys, warnings
 import numpy, PIL.Image, OpenEXR, trimesh.exchange.load
 import solari_vk as sv
 from solari_vk.budget import load_budget
-path, limit = sys.argv[1], int(sys.argv[2])
 status = lambda: open("/proc/self/status").read()  # the maximum of getrusage may be that of the parent
 peak = lambda: int(status().partition("VmHWM:")[2].split()[0]) << 10
 warnings.simplefilter("ignore")
-before = peak()
-with load_budget(limit) as budget:
-    try:
-        sv.Environment(path) if path.endswith((".hdr", ".exr")) else sv.load(path)
-        said = ""
-    except sv.SolariError as error:
-        said = str(error)
-print(budget.peak, peak() - before, said, sep="\\n")
+for line in sys.stdin:
+    path, limit = json.loads(line)
+    if os.fork():
+        os.wait()
+        continue
+    before, said = peak(), ""
+    with load_budget(limit) as budget:
+        try:
+            sv.Environment(path) if path.endswith((".hdr", ".exr")) else sv.load(path)
+        except sv.SolariError as error:
+            said = str(error)
+    print(json.dumps((budget.peak, peak() - before, said)), flush=True)
+    os._exit(0)
 """
 
 
-def load(path, limit):
-    """What loading a file in a process of its own charges, the memory that it takes, and its error."""
-    command = [sys.executable, "-c", LOAD, str(path), str(limit)]
-    charged, taken, said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\n", 2)
-    return int(charged), int(taken), said.strip()
+@pytest.fixture(scope="module")
+def load():
+    """load(path, limit): what loading a file in a process of its own charges, the memory that it takes, its error."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", LOADER], stdin=pipe, stdout=pipe, text=True) as loader:
+
+        def ask(path, limit):
+            loader.stdin.write(json.dumps((str(path), limit)) + "\n")
+            loader.stdin.flush()
+            return json.loads(loader.stdout.readline())
+
+        yield ask
 
 
 def png(width, height):
@@ -212,14 +224,14 @@ def file_of(bomb, folder, n):
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_loading_takes_what_is_charged(tmp_path, bomb):
+def test_loading_takes_what_is_charged(load, tmp_path, bomb):
     charged, taken, said = load(file_of(bomb, tmp_path, 16), 4 * 2**30)
     assert said == ""
     assert taken <= charged + SPARE, f"{taken / MIB:.0f} MiB, charged {charged / MIB:.0f}"
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_more_than_the_budget_is_refused_before_it_is_taken(tmp_path, bomb):
+def test_more_than_the_budget_is_refused_before_it_is_taken(load, tmp_path, bomb):
     path = file_of(bomb, tmp_path, 16)
     charged, taken, said = load(path, 4 * MIB)
     assert charged <= 4 * MIB
@@ -227,7 +239,7 @@ def test_more_than_the_budget_is_refused_before_it_is_taken(tmp_path, bomb):
     assert re.search(rf"{re.escape(str(tmp_path))}.* 4 MiB.*SOLARI_VK_LOAD_MEMORY", said)
 
 
-def test_a_file_larger_than_the_budget_is_not_read(tmp_path):
+def test_a_file_larger_than_the_budget_is_not_read(load, tmp_path):
     """A .glb that says 3 GiB, and is as large without having data."""
     path = tmp_path / "bomb.glb"
     with open(path, "wb") as file:
@@ -238,7 +250,7 @@ def test_a_file_larger_than_the_budget_is_not_read(tmp_path):
     assert "the file would take 3,072 MiB" in said
 
 
-def test_files_of_images_are_charged(tmp_path):
+def test_files_of_images_are_charged(load, tmp_path):
     """Small pictures, with much after their end, are copied out of a file."""
     made = gltf(tmp_path)
     for number in range(3):
@@ -251,7 +263,7 @@ def test_files_of_images_are_charged(tmp_path):
 
 
 @pytest.mark.parametrize("mode", [1, 3, 5, 6])
-def test_lines_and_strips_are_charged_before_they_are_made(tmp_path, mode):
+def test_lines_and_strips_are_charged_before_they_are_made(load, tmp_path, mode):
     made = gltf(tmp_path)
     made.mesh(indices=made.accessor(np.zeros((2**24, 1)), "u1"), mode=mode)
     charged, taken, said = load(made.save(made.path), 160 * MIB)

@@ -367,7 +367,7 @@ def test_the_outliner_picks_hides_and_locks(open_viewer, replace):
 
 
 def test_files_are_saved_and_opened_again(open_viewer, replace, tmp_path, monkeypatch):
-    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("solari_vk.viewer.opening.RECENT", str(tmp_path / "recent"))
     viewer = open_viewer(size=(480, 360), scale=0.1, folder=tmp_path)
     viewer.run(frames=1)
     viewer.edit(viewer.scene.materials[0], metallic=1)

@@ -19,6 +19,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.graphics import Targets, graphics_create_info
 from solari_vk.gpu.frame.interface import Interface
 from solari_vk.gpu.frame.ray_pipelines import RayGroups, ShaderBindingTable, ray_create_info
+from solari_vk.gpu.shaders.specialized import has_many_switches, specialized
 from solari_vk.gpu.shaders.spirv import Module
 
 Constants = Mapping[str, "int | float | bool"]
@@ -93,9 +94,13 @@ class Pipelines:
                 if key not in self._taken and (known := self._kept.take(key)) is not None:
                     self._taken[key] = known
                 if key not in self._taken and key not in missing:
-                    linked = [interface.linked(module) for module in item.modules]
+                    modules = list(item.modules)
+                    for at, module in enumerate(modules):
+                        if self._device.properties.kind == "cpu" and has_many_switches(module):
+                            modules[at], specializations[at] = specialized(module, item.constants), None
+                    linked = [interface.linked(module) for module in modules]
                     if item.kind is None:
-                        linked[0], self._addresses[key] = interface.addressed(item.modules[0], linked[0])
+                        linked[0], self._addresses[key] = interface.addressed(modules[0], linked[0])
                     stages = [
                         self._stage(shaders, item.name, module, code, specialization)
                         for module, code, specialization in zip(item.modules, linked, specializations, strict=True)

@@ -42,7 +42,7 @@ def access_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tu
     spirv: a module of SPIR-V 1.6 without push constants. buffers: the names of storage buffers by the ids of their
     variables.
     """
-    listed = [words.tolist() for words in instructions(spirv)]
+    listed = list(instructions(spirv))
     first = next(i for i, words in enumerate(listed) if words[0] & 0xFFFF == OP_FUNCTION)
     declarations, code = listed[:first], listed[first:]
     chains = _chains(code, set(buffers))

@@ -70,8 +70,8 @@ def _joined(spirv: bytes, listed: Iterable[Words]) -> bytes:
 def _instructions(spirv: bytes) -> Iterator[Words]:
     """The words of each instruction but those about the source; the first holds the length above 16 bits of opcode."""
     for words in instructions(spirv):
-        if int(words[0]) & 0xFFFF not in _TEXTS:
-            yield words.tolist()
+        if words[0] & 0xFFFF not in _TEXTS:
+            yield words
 
 
 def _definitions(listed: Iterable[Words]) -> tuple[dict[int, Words], dict[int, list[Words]], list[Words]]:

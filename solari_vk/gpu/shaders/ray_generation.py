@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -33,14 +32,12 @@ def without_local_size(source: str) -> str:
     return _LOCAL_SIZE.sub(lambda found: "\n" * found[0].count("\n"), source)
 
 
-def instructions(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
+def instructions(spirv: bytes) -> Iterator[list[int]]:
     """The words of each instruction; the first holds the length above 16 bits of opcode."""
-    words = np.frombuffer(spirv, np.uint32)
-    position = 5
-    while position < len(words):
-        length = int(words[position]) >> 16
-        yield words[position : position + length]
-        position += length
+    words, at = np.frombuffer(spirv, np.uint32).tolist(), 5
+    while at < len(words):
+        start, at = at, at + (words[at] >> 16)
+        yield words[start:at]
 
 
 def uses_ray_queries(spirv: bytes) -> bool:
@@ -48,7 +45,7 @@ def uses_ray_queries(spirv: bytes) -> bool:
     return any(words[1] == _CAPABILITY_RAY_QUERY for words in _preamble(spirv))
 
 
-def _preamble(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
+def _preamble(spirv: bytes) -> Iterator[list[int]]:
     """The capabilities, with which a module begins."""
     for words in instructions(spirv):
         if words[0] & 0xFFFF != _OP_CAPABILITY:

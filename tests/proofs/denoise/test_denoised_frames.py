@@ -114,7 +114,7 @@ def means_of_lobes(device, scene, size):
 ])  # fmt: skip
 def test_means_are_those_of_the_raw_frames(device, name):
     """The picture, its lobes and its tiles have the means of the same raw frames."""
-    found, raw = means_of_lobes(device, builtin(name), (96, 96))
+    found, raw = means_of_lobes(device, builtin(name), (64, 64))
     lobes = np.abs(found.sum(axis=(1, 2, 3)) / raw.sum(axis=(1, 2, 3)) - 1).max()
     ours, theirs = (sixteenths(picture.sum(axis=0)).mean(axis=-1) for picture in (found, raw))
     tiles = np.abs(ours / theirs - 1).max()

@@ -49,7 +49,7 @@ def watch(device, name, move):
         found = replicate(renderer, SEEDS, observe)
     pictures, lengths = found[:, 0], found[:, 1, ..., 0]
     with path_tracer_at_centers():
-        truth = trace(device, scene, 512, SIZE, move(scene, FRAMES - 1), seed=99)
+        truth = trace(device, scene, 256, SIZE, move(scene, FRAMES - 1), seed=99)
     squares = (pictures - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2)
     return squares.mean(axis=-1), lengths, np.array(shown[-4:])
 

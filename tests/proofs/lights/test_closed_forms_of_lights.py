@@ -108,7 +108,8 @@ def lit_floor(scene, light, size):
     if isinstance(light, sv.DirectionalLight):
         received = sun_irradiance(light.illuminance, light.angular_diameter, -light.direction[1])
     else:
-        received = over_pixels(scene.camera, size, functools.partial(irradiance, light), nodes=64)
+        is_hard = getattr(light, "inner_cone_angle", 0.0) > 0.5
+        received = over_pixels(scene.camera, size, functools.partial(irradiance, light), nodes=64 if is_hard else 32)
     return np.broadcast_to(received * light.color * ALBEDO / math.pi, (size, size, 3))
 
 

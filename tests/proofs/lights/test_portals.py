@@ -149,7 +149,7 @@ def measure_room(device, samples=512):
 
 def measure_gain(device):
     scenes = [window_room(sv.Environment(1000.0), with_portal=given) for given in (True, False)]
-    after, before = (take_picture(device, scene, (48, 32), 256, max_bounces=4) for scene in scenes)
+    after, before = (take_picture(device, scene, (48, 32), 128, max_bounces=4) for scene in scenes)
     yield Measurement(GAIN, _relative(after.variance, before.mean) / _relative(before.variance, before.mean), 0.3)
 
 

@@ -50,7 +50,7 @@ def test_lamp_over_our_materials(device, case):
     with seeded(*[LOBES_ADDED] * older):
         options = {"max_bounces": 1, "layering": "fresnel_product" if older else layering}
         made = take_picture(device, scene, (16, 16), 4096, **options)
-    surface = brdf.Surface(color, metallic, roughness, reflectance, layering)
+    surface = brdf.Surface(color, metallic, roughness, reflectance, layering, resolution=96)
     eye = scene.camera.transform[:3, 3]
     expected = over_pixels(scene.camera, 16, lambda points: lamp_over_surface(surface, points, eye))
     assert_equal(compare(made.mean, made.variance, expected, tile=8), 0.01)

@@ -54,7 +54,7 @@ def same(first, second, bar, what=""):
 
 @pytest.fixture(scope="module")
 def reference(device):
-    return take(device, room(), 256, seed=1)
+    return take(device, room(), 128, seed=1)
 
 
 def test_light_strategies_agree(device):
@@ -75,7 +75,7 @@ def test_light_strategies_agree_among_many_lamps(device):
     """Near a lamp the tree chooses it much more often than its power would."""
     places = itertools.product((-1.8, -0.6, 0.6, 1.8), (0.4,), (-1, 0.3, 1.6))
     scene = room([sv.Instance(shapes.sphere(0.15, 8), lamp(4.0), place(at=at)) for at in places])
-    mis, nee = (take(device, scene, 256, seed, light_strategy=name) for seed, name in enumerate(("mis", "nee")))
+    mis, nee = (take(device, scene, 128, seed, light_strategy=name) for seed, name in enumerate(("mis", "nee")))
     same(nee, mis, 0.015)
 
 
@@ -139,7 +139,7 @@ def test_mirrored_world_and_camera(device, reference, proper):
     for instance in scene:
         instance.transform = mirror @ instance.transform
     scene.camera.transform = mirror @ scene.camera.transform @ (mirror if proper else np.eye(4))
-    made = take(device, scene, 128, seed=6)
+    made = take(device, scene, 64, seed=6)
     if proper:
         made.runs = made.runs[:, :, ::-1]
     same(made, reference, 0.015, f"proper {proper}")
@@ -181,7 +181,7 @@ def test_instances_equal_their_baked_meshes(device):
             material = lamp((3, 2, 1)) if name in ("scaled", "mirrored and sheared") else paint
             instance = sv.Instance(mesh=shapes.sphere(0.7, 16), material=material, transform=transform)
             scene.add(baked(instance) if bake else instance)
-        pictures.append(take(device, scene, 128, seed=10 + bake))
+        pictures.append(take(device, scene, 64, seed=10 + bake))
         with sv.PathTracer(device, scene, SIZE) as tracer:
             tracer.render(samples=1)
             names = ("depth", "position", "geometric_normal", "shading_normal")

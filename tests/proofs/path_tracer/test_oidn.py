@@ -28,7 +28,7 @@ BARS = {"cornell_box": 0.0075, "mirror_hall": 0.035}
 @pytest.fixture(scope="module")
 def reference_of(device):
     """reference_of(name) -> the path tracer's picture of a built-in scene with many samples."""
-    return functools.cache(lambda name: trace(device, builtin(name), 600, SIZE, seed=1_000_003))
+    return functools.cache(lambda name: trace(device, builtin(name), 400, SIZE, seed=1_000_003))
 
 
 def luminance_error(picture, reference):

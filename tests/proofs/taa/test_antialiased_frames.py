@@ -48,9 +48,9 @@ def references(device):
 
 
 def settled(device, upscale=1):
-    """The picture of the Cornell box after 96 frames, and the same frame's samples."""
+    """The picture of the Cornell box after 48 frames, and the same frame's samples."""
     with make(device, cornell_box(), SIZE_OF_ERRORS, upscale=upscale) as renderer:
-        frame = settle(renderer, None, 96)
+        frame = settle(renderer, None, 48)
         return read(frame), read(frame, "sample_radiance")
 
 
@@ -98,7 +98,7 @@ def test_the_mean_is_that_of_the_samples(device):
     with make(device, builtin("mirror_hall")) as renderer:
         settle(renderer, None, 32)
         samples, picture = np.zeros((2, *SIZE, 3))
-        for _ in range(64):
+        for _ in range(32):
             frame = renderer.render()
             samples += read(frame, "sample_radiance")
             picture += read(frame)
