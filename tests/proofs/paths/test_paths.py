@@ -82,14 +82,14 @@ CHANGED = {"many_lights": {"sphere_count": 49, "box_count": 300}, "rooms": {"col
 def test_without_the_cache_paths_are_the_path_tracers(device, name):
     """P-REPL: with one light sample a vertex, and with several."""
     frames, bar = EFFORTS.get(name, (64, 0.01))
-    profile = Profile(Effort(16, 0, frames, 4096), Effort(), (bar, 0.0))
+    profile = Profile(Effort(16, 0, frames, 8192), Effort(), (bar, 0.0))
     scene = sv.builtin(name, **CHANGED.get(name, {}))
     hold(measure_means(device, profile, scene, kinds=("one", "several")))
 
 
 @pytest.mark.slow
 def test_lamp_under_a_ceiling(device):
-    profile = Profile(Effort(16, 0, 64, 4096), Effort(16, 24, 64), (0.01, 0.02))
+    profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
     hold(measure_means(device, profile, sv.builtin("lamp_gap", gap=0.01)))
 
 
