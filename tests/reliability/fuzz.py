@@ -39,7 +39,7 @@ def watch_files(folder: Path) -> list[str]:
     """The files outside a folder that are opened from now on, but for those of Python itself."""
     outside: list[str] = []
     places = folder, sys.prefix, sys.base_prefix, Path(sv.__file__).parent, Path(__file__).parent, "/proc", "/sys"
-    allowed = tuple(map(str, places))
+    allowed = tuple(map(os.path.realpath, places))
 
     def watch(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(arguments[0], (str, bytes, Path)):

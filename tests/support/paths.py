@@ -92,7 +92,7 @@ class Profile(NamedTuple):
     bars: tuple[float, float]
 
 
-FULL = Profile(Effort(16, 0, 512, 16384), Effort(16, 24, 256), (0.01, 0.02))
+FULL = Profile(Effort(16, 0, 128, 8192), Effort(16, 24, 64), (0.01, 0.02))
 
 
 def measure_means(device, profile, scene=None, kinds=tuple(RUNS)):

@@ -17,17 +17,9 @@ from solari_vk.scene.builtin import cornell_box, place
 SIZE = (32, 24)
 LIGHTINGS = ("paths", pytest.param("split", marks=pytest.mark.slow))
 # Views of light and the results that they show, by lighting.
-LOBES = {name: (name,) for name in ("paths_diffuse", "paths_specular")}
-LIGHT = {
-    "paths": {
-        **LOBES, "emission": ("emission",), "diffuse_radiance": ("diffuse_radiance",),
-        "specular_radiance": ("specular_radiance",),
-    },
-    "split": {
-        **LOBES, "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
-        "diffuse_radiance": ("di_diffuse", "gi_diffuse"), "specular_radiance": ("di_specular", "specular_gi"),
-    },
-}  # fmt: skip
+OF_BOTH = ("paths_diffuse", "paths_specular", "emission", "diffuse_radiance", "specular_radiance")
+LIGHT = {lighting: {name: (name,) for name in OF_BOTH} for lighting in ("paths", "split")}
+LIGHT["split"] |= {"di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",)}
 SURFACE = {
     "metallic": lambda frame: frame["gbuffer"][..., 2:3] >> 8 & 255,
     "roughness": lambda frame: 255 * frame["guides_normal_roughness"][..., 3:],
@@ -66,8 +58,7 @@ def camera_at(scene, index):
 
 def make(device, scene, lighting, **settings):
     small_cells = {"world_cache_lod_distance": 0.5}  # makes cells of several sizes visible
-    settings |= small_cells | {"denoise": lighting == "paths"}
-    return make_renderer(device, scene, SIZE, lighting=lighting, **settings)
+    return make_renderer(device, scene, SIZE, lighting=lighting, denoise=True, **small_cells, **settings)
 
 
 def not_viridis(codes):

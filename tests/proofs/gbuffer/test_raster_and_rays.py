@@ -244,7 +244,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "motion": (check_motion, Bug(GBUFFER_FILE, "is_mesh_static", "return true;")),
     "rest": (check_still, Bug(
         GBUFFER_FILE, "motion_vector", "return correct(world_position, previous_world_position) + 1e-7;")),
-    "frustum culling": (check_culling, Bug(CULL, "is_beyond", "return correct(box, normal, distance - 0.2);")),
+    "frustum culling": (check_culling, Bug(CULL, "is_beyond", "return correct(box, normal, distance - 0.3);")),
     "orthographic culling": (lambda device: check_culling(device, 5.0), Bug(
         CULL, "is_beyond", "return correct(box, normal, distance > 0.0 ? 0.5 * distance : distance);")),
     "occlusion culling": (check_culling, Bug(CULL, "is_occluded", "box.half_axes *= 0.5; return correct(box);")),

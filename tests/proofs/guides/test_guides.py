@@ -346,5 +346,6 @@ test_a_seeded_bug_is_noticed = bug_tests({
         MIRRORS_FILE, "previous_hit_position", "return world_position + 0.1;")),
     "clear walls": (measure_wall, NO_WALLS),
     LAMP: (measure_wall, Bug(
-        WRITE, "replace_primary_surface", "Guides found = correct(seen, pixel); found.is_noisy = true; return found;")),
+        WRITE, "replace_primary_surface", "Guides found = correct(seen, pixel); found.is_noisy = true; "
+        "found.shows_light = false; return found;")),
 })  # fmt: skip

@@ -191,7 +191,7 @@ def _expected(device):
 
 def measure_paths(device):
     """Paths without the world cache, with several light samples each, tile by tile."""
-    profile = Profile(Effort(8, 0, 256, 4096), Effort(8, 24, 64), (0.02, 0.02))
+    profile = Profile(Effort(8, 0, 128, 2048), Effort(), (0.02, 0.0))
     yield from measure_means(device, profile, room(IN_ROOM, glass=False), kinds=("several",))
 
 
@@ -323,7 +323,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         SAMPLING, "portal_choice_ratio", "return 1e-6;")),
     "less light through portals": (_floor, _DARKER),
     "rooms": (measure_room, _DARKER),
-    "paths": (measure_paths, _DARKER),
+    "paths": (measure_paths, _BRIGHTER),
     MEANS: (measure_frames, _DARKER),
     GAIN: (measure_gain, _BRIGHTER),
     FRAMES_GAIN: (measure_frames_gain, _BRIGHTER),

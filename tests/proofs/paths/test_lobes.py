@@ -165,7 +165,8 @@ def measure_lobes(device):
 def measure_distances(device):
     """In a ball of radius R, t^2 / (2 R)^2 of diffuse rays is uniformly distributed over [0, 1]."""
     radius, ball = 2.0, shapes.sphere(2.0, 96)
-    paint = sv.Material(base_color=rgb(0.5), perceptual_roughness=0.6, emissive=rgb(1.0))
+    # Rougher paint would propose some directions into the surface: no ray, and no distance.
+    paint = sv.Material(base_color=rgb(0.5), perceptual_roughness=0.1, emissive=rgb(1.0))
     inward = sv.Instance(mesh=sv.Mesh(ball.positions, ball.triangles[:, ::-1]), material=paint)
     scene = sv.Scene(inward, sv.Camera.look_at((0, 0, 0), (0, 0.3, -1)))
     lengths, wrong = [], 0

@@ -18,8 +18,8 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.scene.material import TEXTURES
 
-PIXELS, EFFORT = 16, Effort(16, 0, 12, 1024)  # a ball and its margins are so many pixels wide
-ONE_WAVELENGTH = Effort(16, 0, 48, 4096)  # of each path: colors have more noise
+PIXELS, EFFORT = 16, Effort(16, 0, 12, 512)  # a ball and its margins are so many pixels wide
+ONE_WAVELENGTH = Effort(16, 0, 48, 2048)  # of each path: colors have more noise
 
 # The other values with which a field has an effect. Glass is whole, so that no diffuse light hides its errors.
 GLASS = {"transmission": 1.0, "perceptual_roughness": 0.3}

@@ -23,7 +23,7 @@ NO_LAG = Rule("a frame after a block has jumped, reused light contains little of
 REUSE = {"lighting": "paths", "restir": True}
 MEAN = Rule("frames with reused light are as bright as frames without", *_PATHS)
 RESTIR = {**PLAIN, "restir": True}
-FULL = Effort(16, 24, 256, 16384)
+FULL = Effort(16, 24, 64, 8192)
 
 
 def measure_means(device, effort=FULL, scene=None, bar=0.02, **settings):
@@ -116,7 +116,7 @@ def coated_floor():
 
 
 def measure_coat(device):
-    scene, effort = coated_floor(), Effort(16, 8, 64)
+    scene, effort = coated_floor(), Effort(16, 8, 16)
     without, found = (observe(device, scene, effort, restir) for restir in (False, True))
     yield realtime.measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)
 
