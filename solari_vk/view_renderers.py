@@ -96,13 +96,15 @@ class ViewRenderer(_WorldsRenderer, Renderer):
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
-        self._shifts = np.zeros((2, 2, count))  # of what is rendered: their jitter, and principal_shift
+        self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
         self._blended_before = np.zeros(1, np.int64)
-        self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
-        self._changes = WorldChanges(device, worlds.count)
-        owned = self.views, self._changes.buffer
+        owned: list[ViewTable | Buffer] = []
         try:
+            self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
+            owned.append(self.views)
+            self._changes = WorldChanges(device, worlds.count)
+            owned.append(self._changes.buffer)
             super().__init__(device, binder, size, **options)
         except BaseException:
             for one in owned:
@@ -149,8 +151,8 @@ class ViewRenderer(_WorldsRenderer, Renderer):
     def render_views(
         self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
     ) -> None:
-        """Render the next frame. cut (N,): views without a history. keeps_cache: whether the world cache is that of
-        earlier frames."""
+        """Render the next frame. cut, (N,) or one for all: views without a history. keeps_cache: whether the world
+        cache is that of earlier frames."""
         self._has_lens = bool(written.lenses)
         self._prepare()
         self._show_worlds()

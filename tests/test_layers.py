@@ -168,7 +168,7 @@ def reached(path: Path) -> set[Path]:
 TRACE = GLSL / "scene" / "trace.glsl"
 ENTRY_POINTS = [path for path in SHADERS if path.suffix in STAGES]
 SUITE = GLSL / "passes" / "conformance"
-GIVEN = ("transforms", "cameras", "camera_ball", "vertices", "bounds", "texels", "smaller_level", "materials")
+GIVEN = ("transforms", "cameras", "views", "views_ball", "vertices", "bounds", "texels", "smaller_level", "materials")
 KERNELS = {"scene/deform.comp", *(f"scene/given/{name}.comp" for name in GIVEN)}
 """Run outside of frames, and write by address: gpu/frame/kernel.py."""
 

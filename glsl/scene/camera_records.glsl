@@ -54,7 +54,7 @@ struct FrameValues {
 const uint NO_SHUTTER = 0u, FIRST_OF_EXPOSURE = 1u, LATER_OF_EXPOSURE = 2u;
 const uint AFTER_EXPOSURE = 3u;  // no shutter, but the previous frame had one
 
-// Of shaders with MANY_VIEWS.
+// A view of shaders with MANY_VIEWS, which render many pictures in one frame.
 struct View {
     Camera current;
     Camera previous;  // that of the previous frame; the same as `current` after a cut

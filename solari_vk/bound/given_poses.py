@@ -1,4 +1,4 @@
-"""Poses and transforms that tensors give on the device: shaders write them to the records that the host leaves open."""
+"""Poses and transforms that tensors give on the device: shaders write them where the host leaves them open."""
 
 from __future__ import annotations
 

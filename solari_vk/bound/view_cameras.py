@@ -192,7 +192,7 @@ class Cameras:
         self._dtype, self._count, self._size = dtype, count, size
         self._pinholes: Written | None = None  # the latest
         self._seen: dict[str, Any] = {}  # what they were made from
-        self._plain: Mapping[str, Any] | None = None  # the same, as it was given, if that were single numbers
+        self._plain: Mapping[str, Any] | None = None  # the same, as it was given, if all were single numbers
 
     def read(self, cameras: Any, options: Mapping[str, Any]) -> Written:
         """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
@@ -218,8 +218,8 @@ class Cameras:
         count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
         numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
         seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
-        self._plain = given if plain and seen == self._seen else None
         if self._pinholes is not None and seen == self._seen:
+            self._plain = given if plain else None
             return self._pinholes
         near, ev100 = (np.broadcast_to(numbers.pop(name, getattr(DEFAULTS, name)), count) for name in ("near", "ev100"))
         if len(numbers) > 1:
@@ -239,7 +239,7 @@ class Cameras:
         records["jitter"] = records["principal_shift"] = shift
         records["focus_distance"] = DEFAULTS.focus_distance
         records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
-        self._seen = seen
+        self._seen, self._plain = seen, given if plain else None
         exposure, none = _each(exposure_of, ev100), np.empty((0, count), np.float32)
         self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, exposure, none)
         return self._pinholes

@@ -7,10 +7,10 @@ layout(local_size_x = 64) in;
 
 const uint JITTER = 24u, SAMPLE_OFFSET = 26u, CUT = 28u;  // rows
 
-vec3 pose_row(uint first, uint view) {
-    vec3 row;
-    for (uint i = 0u; i < 3u; i++) { row[i] = work.frame.poses.at[(first + i) * work.count + view]; }
-    return row;
+vec3 pose_column(uint first, uint view) {
+    vec3 column;
+    for (uint i = 0u; i < 3u; i++) { column[i] = work.frame.poses.at[(first + i) * work.count + view]; }
+    return column;
 }
 
 float number(uint row, uint view) { return work.frame.rows[row * work.count + view]; }
@@ -25,8 +25,8 @@ void main() {
     GivenView given = work.given.at[view];
     Camera now = given.camera;
     for (uint column = 0u; column < 4u; column++) {
-        now.world_from_view[column] = pose_row(3u * column, view);
-        now.view_from_world[column] = pose_row(12u + 3u * column, view);
+        now.world_from_view[column] = pose_column(3u * column, view);
+        now.view_from_world[column] = pose_column(12u + 3u * column, view);
     }
     now.jitter = vec2(number(JITTER, view), number(JITTER + 1u, view));
     Camera previous = now;

@@ -17,7 +17,7 @@ from solari_vk.gpu.device.recorded import Recorded
 
 class Mirror:
     """Has a buffer show an array of bytes, which may change at any time, as of the latest `upload`. then: records
-    commands for after each, with the barriers to later work."""
+    commands that follow each copy, with the barriers to later work."""
 
     def __init__(
         self, device: Device, memory: NDArray[np.uint8], name: str, then: Callable[[raw.CData], None] | None = None
