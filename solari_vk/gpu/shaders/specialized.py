@@ -1,7 +1,7 @@
 """A SPIR-V module whose specialization constants have their values, without the code that these switch off.
 
 Software drivers translate and optimize a whole module before they drop what constants switch off: without that code
-they create the pipelines of a frame in less than half of the time.
+they create the pipelines of a scene with few features in about half of the time.
 """
 
 from __future__ import annotations
