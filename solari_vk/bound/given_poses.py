@@ -20,7 +20,7 @@ def taken(device: Device, value: Any, what: str, *shapes: tuple[int, ...], where
 
 
 class GivenPoses(GivenNumbers):
-    """Writes matrices of tensors to records on the device. where, of: as of `GivenNumbers`."""
+    """Writes transforms and cameras of tensors to memory of the device. where, of: as of `GivenNumbers`."""
 
     def __init__(self, device: Device, where: str, of: str) -> None:
         super().__init__(device, f"{where}: ", of, "be finite, affine and invertible, and lie within 1e12")

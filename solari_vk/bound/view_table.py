@@ -1,7 +1,8 @@
 """The records of a batch's views for shaders with MANY_VIEWS: struct View of glsl/scene/camera_records.glsl.
 
-The device has them. Just before each frame glsl/scene/given/views.comp makes the next ones: of what changes
-seldom, of the numbers of a frame, and of the records so far, whose cameras become the previous ones.
+They are in the device's memory alone. Just before each frame glsl/scene/given/views.comp makes the next ones from three
+things: what the host uploads for each frame, what it uploads only when that changes, and the records of the frame
+before, whose cameras become the previous ones.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class ViewTable:
         self._first, self._written = True, False
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self.given_poses = GivenPoses(device, "Batch.render", "view")
-        self._poses: Buffer | None = None  # rows of those of tensors
+        self._poses: Buffer | None = None  # of tensors, as rows
         fields = layout.element.fields
         assert fields is not None
         given = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
@@ -79,8 +80,8 @@ class ViewTable:
             self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
     def must_write(self, sources: tuple[Any, ...], values: tuple[Any, ...]) -> bool:
-        """Whether `records` must be written before the next frame, because they are made from other objects or values
-        than those of the latest call, which this one takes the place of."""
+        """Whether `records` must be written before the next frame: where a source is another object than in the call
+        before, or a value isn't equal. Remembers both for the next call."""
         seen, known = self._seen
         self._written |= len(seen) != len(sources) or not all(map(is_, seen, sources)) or known != values
         self._seen = sources, values

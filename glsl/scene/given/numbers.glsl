@@ -1,5 +1,5 @@
-// Numbers of a tensor, and where they go: solari_vk/bound/given_numbers.py gives all memory by address, and puts
-// barriers around the shaders.
+// Memory that the host gives by address: numbers, such as those of a tensor, and where they go. The host puts barriers
+// around the shaders: solari_vk/bound/given_numbers.py and view_table.py.
 #ifndef SCENE_GIVEN_NUMBERS_GLSL
 #define SCENE_GIVEN_NUMBERS_GLSL
 
