@@ -296,7 +296,7 @@ class Renderer(ExposureRenderer):
             raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if not self._has(resource):
-            lit = lighting.that_has(resource)
+            lit = lighting.lighting_with(resource)
             if needed := "denoise=on" if resource in self._frame else lit and f"lighting={lit}":
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting {needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)

@@ -88,8 +88,8 @@ vec3 sample_cone(vec3 axis, float one_minus_cos_half_angle, vec2 u) {
     return normalize(axis - axis * one_minus_cos + sine * (frame[0] * cos(angle) + frame[1] * sin(angle)));
 }
 
-// The random numbers for which sample_cone returns a direction.
-vec2 cone_numbers(vec3 axis, float one_minus_cos_half_angle, vec3 direction, float one_minus_cos) {
+// The inverse of sample_cone: the random numbers for which it returns a direction.
+vec2 invert_cone_sample(vec3 axis, float one_minus_cos_half_angle, vec3 direction, float one_minus_cos) {
     vec3 local = direction * orthonormalize(axis);
     float angle = atan(local.y, local.x) / (2.0 * PI);
     return vec2(one_minus_cos / one_minus_cos_half_angle, angle < 0.0 ? angle + 1.0 : angle);

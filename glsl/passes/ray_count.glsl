@@ -1,4 +1,4 @@
-// Counts the rays of a pass, in pipelines that are built with a counter.
+// Counts the rays of a pass, in pipelines whose constant ray_counter is set.
 #ifndef PASSES_RAY_COUNT_GLSL
 #define PASSES_RAY_COUNT_GLSL
 

@@ -1,6 +1,6 @@
-// Rays that are reflected by metal mirrors, or pass glass, until they hit another surface, since the world cache's
-// diffuse cells can't stand for these. Differs from Solari, where all rays but those of specular GI see mirrors as
-// white walls.
+// Rays that are reflected by metal mirrors, or go through glass, until they hit another surface, since the world cache
+// holds irradiance, which says nothing of what these show. Differs from Solari, where all rays but those of specular GI
+// see mirrors as white walls.
 #ifndef PASSES_SPECULAR_CHAIN_GLSL
 #define PASSES_SPECULAR_CHAIN_GLSL
 
@@ -15,7 +15,7 @@ struct SpecularChainHit {
     RayTransmittance first_transmittance;  // of the first ray
     uint mirror_count;
     vec3 first_position;  // where the first ray ended, moved off the surface
-    vec3 emitted;         // light of lights seen in mirrors, which light samples can't find; includes throughput
+    vec3 emitted;         // by lights seen in mirrors, which light samples can't find; throughput is applied
 };
 
 bool is_metal_mirror(ResolvedMaterial material) {
@@ -34,14 +34,14 @@ bool continues_specular_chain(ResolvedMaterial material) {
         && (is_metal_mirror(material) || is_glass(material));
 }
 
-// Whether cells of the world cache can't stand for a surface, so that paths go on from it.
+// Whether a surface's reflection can't be computed from the irradiance of a cell, so that paths go on from it.
 bool has_no_cell(ResolvedMaterial material) {
     return continues_specular_chain(material)
         || (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE && transmits(material));
 }
 
-// `walk` ends with the throughput of the mirrors, and the transmittance of all rays but the first. Light samples find
-// the light that its first ray meets.
+// Afterwards walk.throughput has the reflectance of the mirrors and the transmittance of all rays but the first. Lights
+// that the first ray hits are left out, since light samples find them.
 SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
     SpecularChainHit found;
     found.emitted = vec3(0.0);
@@ -70,7 +70,7 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
             walk.direction = reflect(walk.direction, normal);
             continue;
         }
-        // All light takes the way through the glass, since one ray can't take two.
+        // Without Fresnel: all light is refracted, or reflected if that is total.
         walk.throughput *= found.surface.material.base.color;
         BaseMaterial base = found.surface.material.base;
         float ior = found.surface.material.glass.ior;

@@ -1,11 +1,11 @@
 // What rays pass through: surfaces that are cut out by their alpha (alpha mode "mask"), blended ones ("blend"), and
-// walls of thin smooth glass.
+// smooth thin-walled glass ("walls").
 //
 // A ray that looks for a surface hits a blended one with the probability alpha. What passes keeps its color, as in
 // glTF, which blends the picture of a surface over what lies behind it.
 //
-// A wall of glass is like a blended surface. Its alpha is the share of light that doesn't pass, in the color that
-// passes best, and what passes is filtered by a color. Camera rays always hit it.
+// A wall's delta lobe of straight transmission is treated like a blended surface: its alpha is one minus the largest
+// channel of the transmittance, and what passes is also multiplied by a color. Camera rays always hit walls.
 #ifndef SCENE_ALPHA_GLSL
 #define SCENE_ALPHA_GLSL
 

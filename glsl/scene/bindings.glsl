@@ -10,7 +10,7 @@
 // generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_X: the scene has a feature X, by
 // solari_vk/bound/features.py. SCENE_LAYERS: a coat, sheen, anisotropy or a specular weight; SCENE_LOBES: layers,
 // glass, diffuse transmission or a film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode
-// "blend", or walls of thin smooth glass.
+// "blend", or smooth thin-walled glass.
 #include "generated/bound/constants.glsl"
 #include "generated/bound/features.glsl"
 #include "generated/bound/material_record.glsl"
@@ -138,8 +138,9 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene
 #else
 #define scene_info scene_infos.at[0]
 #endif
-// Whether a world draws random numbers for a feature: not if only other worlds have it, so that its noise stays.
-bool draws_for(uint feature) { return (scene_info.without & feature) == 0u; }
+// Whether a world takes random numbers for a feature: not if only other worlds of the batch have it, so that the world
+// gives the same picture alone and in a batch.
+bool uses_random_numbers_for(uint feature) { return (scene_info.without & feature) == 0u; }
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.
 layout(set = 0) uniform sampler2D texture_images[];

@@ -135,7 +135,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
         vec3 transmitted = transmitted_color(material) * share;
         reflected = max(color - transmitted, 0.0);
         brdf.diffuse_transmission = prepare_diffuse_transmission(transmitted, reflected, brdf.specular, dielectric);
-        if (SCENE_DISPERSION) { brdf.diffuse_transmission.beyond.color *= material.glass.dispersed.passes; }
+        if (SCENE_DISPERSION) { brdf.diffuse_transmission.beyond.color *= material.glass.dispersed.transmitted_color; }
     }
     brdf.diffuse = prepare_diffuse(reflected, brdf.specular, dielectric);
     float diffuse = luminance(color * (1.0 - dielectric));

@@ -1,5 +1,5 @@
-// Next event estimation: chooses a point of a light, resolves it, and computes what it sends to a point in the world;
-// and what rays see of lights at infinity, and of those that they pass.
+// Next event estimation: chooses a point of a light, resolves it, and computes what it sends to a point in the world.
+// And its counterpart in MIS: the radiance of lights at infinity, and of pass-through lights, that a ray hits.
 #ifndef SCENE_SAMPLING_GLSL
 #define SCENE_SAMPLING_GLSL
 
@@ -8,7 +8,7 @@
 #include "generated/bound/lights/light_kinds.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/choice.glsl"
-#include "scene/lights/openings.glsl"
+#include "scene/lights/portal_sampling.glsl"
 #include "scene/lights/tree.glsl"
 #include "scene/lights/types.glsl"
 
@@ -54,8 +54,8 @@ ResolvedLightSample resolve_light_sample(LightSample light_sample) {
     return resolve_light_sample(light_sample, light_leaves.at[leaf].by_power.probability);
 }
 
-// Without occlusion. A light at infinity is computed like a point at distance 1.
-// Differs from Solari: it asks for the kind of light, since points and suns are no areas with a cosine of their own.
+// What a light sample sends to a receiver without occlusion. A light at infinity is computed like a point at distance
+// 1. Differs from Solari: the cosine at the light depends on its kind, since points and suns have no surface.
 LightContribution calculate_resolved_light_contribution(ResolvedLightSample light_sample, vec3 world_position) {
     light_sample = light_sample_for_receiver(light_sample, world_position);
     vec3 origin = is_at_infinity(light_sample.kind) ? vec3(0.0) : world_position;
@@ -75,16 +75,16 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
     );
 }
 
-// The radiance of a light that a ray hits, weighted by MIS against light samples, which choose the light with a
-// probability. `mis_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light
-// samples; 0 gives none.
+// The radiance of a light that a ray hits, with its MIS weight against light samples, which choose the light with the
+// probability `light_probability`. mis_pdf: Walk.mis_pdf.
 vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float mis_pdf) {
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
     float light_pdf = light_probability / light_hit.inverse_solid_angle_pdf;
     return light_hit.radiance * power_heuristic(mis_pdf, light_pdf);
 }
 
-// A sample for its shadow ray, which needs no more of one at infinity than its direction towards the light, `wi`.
+// Prepares a light sample for its shadow ray. Of a light at infinity only the direction towards it, `wi`, is kept: that
+// of the receiver's position, though the ray's origin is offset from there.
 ResolvedLightSample for_shadow_ray(ResolvedLightSample light_sample, vec3 wi) {
     if (is_at_infinity(light_sample.kind)) {
         light_sample.kind = LIGHT_DIRECTIONAL;
@@ -93,23 +93,25 @@ ResolvedLightSample for_shadow_ray(ResolvedLightSample light_sample, vec3 wi) {
     return light_sample;
 }
 
-// How often a receiver chooses a portal, over how often it is chosen by power.
+// The probability with which a receiver chooses a portal, over the portal's probability by power.
 float portal_choice_ratio(uint index, Receiver receiver) {
     LightSource light = light_sources.at[portal_light(index)];
     return leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
 }
 
-// The MIS weight, for a ray's radiance of an environment, of the part of it that one strategy of light samples (the
-// map, or one portal) stands for: its share by the balance heuristic, times the power heuristic of the ray's direction
-// against that strategy. strategy_pdf, pdf_sum: of this strategy and of all, where leaves are chosen by power;
-// choice_ratio: how often the receiver chooses the strategy, over how often it is chosen by power.
+// Light samples of an environment come from several strategies: its map, and each portal. Its radiance is split among
+// them by the balance heuristic (scene/lights/portal.glsl), and each share is a MIS problem of its own: a ray that hits
+// the environment against light samples of that strategy, by the power heuristic. Returns the ray's weight for one
+// strategy: the strategy's share times the power heuristic. strategy_pdf, pdf_sum: the pdfs of the strategy and of all
+// together, with leaves chosen by power; choice_ratio: the probability with which the receiver chooses the strategy,
+// over that by power.
 float strategy_weight(float strategy_pdf, float choice_ratio, float pdf_sum, float mis_pdf) {
     float share = pdf_sum > 0.0 ? strategy_pdf / pdf_sum : 1.0;  // the sum is 0 for lights without power
     return share * power_heuristic(mis_pdf, choice_ratio * strategy_pdf);
 }
 
-// The radiance of an environment along a ray that leaves a receiver, by MIS against samples of itself and of portals.
-// Shares are those at the receiver's position, as of light samples, rather than at the ray's origin off the surface.
+// The radiance of an environment along a ray that leaves a receiver, with its MIS weight against samples of the map and
+// of portals. Pdfs are those at the receiver's position, as for light samples, not at the ray's origin off the surface.
 vec3 mis_weighted_environment(
     LightSource light, LightHit light_hit, vec3 direction, float mis_pdf, Receiver receiver
 ) {
@@ -117,7 +119,7 @@ vec3 mis_weighted_environment(
     float map_pdf = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
     float pdf_sum = map_pdf, through_portals = 0.0;
     for (uint i = scene_info.first_portal_record; i < portal_end(); i++) {
-        float portal_pdf = density_of_opening(i, receiver.position, direction);
+        float portal_pdf = evaluate_portal_pdf(i, receiver.position, direction);
         if (!(portal_pdf > 0.0)) { continue; }
         pdf_sum += portal_pdf;
         through_portals += strategy_weight(portal_pdf, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
@@ -126,8 +128,8 @@ vec3 mis_weighted_environment(
     return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / pdf_sum : weight);
 }
 
-// The radiance of all lights at infinity along a ray that hit no surface. `receiver`: where the light samples were
-// chosen that compete with it.
+// The radiance of all lights at infinity along a ray that hit no surface, with its MIS weight. `receiver`: for which
+// the competing light samples were chosen.
 vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver receiver) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_end; i++) {
@@ -142,7 +144,7 @@ vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver r
     return radiance;
 }
 
-// The same for lights that a ray passes before it ends, without what lies before them.
+// The same for pass-through lights on a ray, without the transmittance of surfaces before them.
 vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, float mis_pdf) {
     vec3 radiance = vec3(0.0);
     if (!HAS_PASS_THROUGH_LIGHTS) { return radiance; }

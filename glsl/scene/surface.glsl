@@ -235,7 +235,7 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, vec3 ray_direction, floa
     return resolve_surface_interaction(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
 }
 
-// What a camera sees the surface emit.
+// What the surface emits towards a camera: unlit surfaces too.
 vec3 shown_emission(SurfaceInteraction surface) {
     return surface.emits_towards_ray || surface.unlit ? surface.material.emissive : vec3(0.0);
 }

@@ -138,7 +138,7 @@ bool trace_transmittance_in(
 
 // Decides which blended surfaces a ray passes (see alpha_threshold), independently of other rays.
 uvec2 random_alpha_seed(inout uint rng) {
-    return SCENE_BLEND && draws_for(WITHOUT_BLEND) ? uvec2(0u, rand_u(rng)) : uvec2(0u);
+    return SCENE_BLEND && uses_random_numbers_for(WITHOUT_BLEND) ? uvec2(0u, rand_u(rng)) : uvec2(0u);
 }
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {

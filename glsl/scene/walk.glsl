@@ -37,13 +37,13 @@ struct Medium {
 
 const Medium NO_MEDIUM = Medium(NO_INDEX);
 
-// The medium on the other side of a surface than that from which it is seen.
+// The medium behind a surface, on the side that wo is not on.
 Medium medium_below(uint instance, ResolvedMaterial material) {
     bool solid = SCENE_TRANSMISSION && material.base.solid && !material.base.inside;
     return Medium(solid ? instances.at[instance].material : NO_INDEX);
 }
 
-// The share of light that a way in a medium lets pass, by the law of Beer and Lambert.
+// Beer-Lambert transmittance of a distance in a medium.
 vec3 transmittance(Medium medium, float distance) {
     if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return vec3(1.0); }
     vec3 absorption = materials.at[medium.material].absorption;
@@ -57,8 +57,8 @@ struct Walk {
     vec3 origin;
     vec3 direction;
     float t_min, t_max;
-    bool is_camera_ray;  // sees front faces alone, and what lies behind blended surfaces untinted
-    // Whether the walk comes from the camera and left all surfaces by delta lobes: then it sees what unlit ones emit.
+    bool is_camera_ray;  // the camera's own ray: back faces are culled; for transmittance see Segment
+    // Whether the walk comes from the camera and left all surfaces by delta lobes: only then unlit surfaces emit.
     bool delta_path_from_camera;
     // p_b / n_l of Veach: the pdf of the direction in solid angle, over the number of light samples that compete with
     // it in MIS. INFINITY for delta lobes and where no light samples do, 0 where light samples alone find lights.
@@ -66,7 +66,7 @@ struct Walk {
     vec3 throughput;
     Medium medium;
     float wavelength;        // in nanometers, or ALL_WAVELENGTHS
-    float wavelength_below;  // the wavelength that it takes if it passes into the surface where it is
+    float wavelength_below;  // `wavelength` after transmission at the current surface: see disperse
     float cone_width;        // of the ray cone for texture filtering, which grows by cone_spread for each meter
     float cone_spread;
 };
@@ -85,11 +85,11 @@ Walk start_walk(CameraRay ray) {
     return walk;
 }
 
-// What lights emit that a ray passes through: spheres, which add to a ray's radiance but don't end it.
+// The radiance of pass-through lights on a ray: sphere lights, which add to a ray's radiance and don't end it.
 struct LightAlongRay {
-    vec3 radiance;
-    // For the candidates of reservoirs: an estimate without transmittance, which is the radiance over the probability
-    // that a ray passes the blended surfaces before the light.
+    vec3 radiance;  // times RayTransmittance.weight of the blended surfaces before the light
+    // In place of that over RayTransmittance.probability: since rays pass those surfaces by chance, this estimates the
+    // radiance without transmittance, as the target functions of reservoirs need it.
     vec3 radiance_over_probability;
 };
 
@@ -98,11 +98,11 @@ const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
 // A ray of a walk, to the next surface if there is one.
 struct Segment {
     Hit hit;
-    // Of blended surfaces and walls of glass before the hit. FULL_TRANSMITTANCE for camera rays: they pass no walls,
-    // and what blended surfaces let pass keeps its color.
+    // Of blended surfaces and thin-walled glass before the hit. FULL_TRANSMITTANCE for camera rays: they always hit
+    // thin-walled glass, and blended surfaces don't tint what is behind them.
     RayTransmittance transmittance;
     LightAlongRay along_ray;
-    uint rays;        // that this took
+    uint rays;  // the number of rays traced for the segment
 };
 
 Hit find_surface(Walk walk, inout uint rng) {
@@ -118,7 +118,8 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     float t_end = min(segment.hit.t, walk.t_max);
     uint lights = HAS_PASS_THROUGH_LIGHTS
         ? scene_info.first_light_at_infinity - scene_info.first_pass_through_light : 0u;
-    // One place for all rays, because drivers inline it: to lights on the way, and then to the surface.
+    // One loop for the transmittance to each pass-through light and, last, to the surface: drivers inline the trace, so
+    // that a second call would double the code.
     for (uint i = 0u; i <= lights; i++) {
         vec3 radiance = vec3(1.0);
         float t = walk.t_max;
@@ -167,8 +168,9 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
 }
 
-// Thin smooth glass has a delta lobe of straight transmission, which trace_segment samples: rays pass it by chance, as
-// blended surfaces. So what hits it is divided by the probability of a hit, and has no such lobe.
+// Smooth thin-walled glass has a delta lobe of straight transmission, which trace_segment has sampled: rays pass the
+// glass by chance, as they pass blended surfaces. So the throughput of a ray that hit it is divided by the probability
+// of a hit, and the lobe is removed from the material.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
     vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
@@ -178,43 +180,45 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     }
 }
 
-// Gives dispersive glass the index of refraction for the walk's wavelength. A walk with all wavelengths draws one by u,
-// which it takes only if it passes into the glass (wavelength_below): what the outside of the glass reflects keeps all
-// wavelengths.
+// Gives dispersive glass the index of refraction for the walk's wavelength. For a walk with all wavelengths one is
+// sampled by u, for transmission: reflection from outside keeps all wavelengths, with an index for each color. From
+// inside, such a walk (one that began there) takes the wavelength at once.
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, float u) {
     walk.wavelength_below = walk.wavelength;
     if (!material.base.solid) { return; }
     float dispersion = materials.at[instances.at[instance].material].dispersion;
     if (dispersion == 0.0) { return; }
-    bool chosen = walk.wavelength != ALL_WAVELENGTHS;
-    if (!chosen) { walk.wavelength_below = sample_wavelength(u); }
+    bool has_one = walk.wavelength != ALL_WAVELENGTHS;
+    if (!has_one) { walk.wavelength_below = sample_wavelength(u); }
     float ior = material.glass.ior;
-    vec3 wave_ior = dispersed_ior(ior, dispersion, vec3(1.0 / square(walk.wavelength_below)));
-    material.glass.dispersed = Dispersed(wave_ior.x, wave_ior, vec3(1.0));
-    if (chosen) { return; }
-    vec3 color = wave_color(walk.wavelength_below);
+    vec3 wavelength_ior = dispersed_ior(ior, dispersion, vec3(1.0 / square(walk.wavelength_below)));
+    material.glass.dispersed = Dispersed(wavelength_ior.x, wavelength_ior, vec3(1.0));
+    if (has_one) { return; }
+    vec3 color = wavelength_color(walk.wavelength_below);
     if (material.base.inside) {
         walk.wavelength = walk.wavelength_below;
         walk.throughput *= color;
     } else {
-        material.glass.dispersed.iors = dispersed_ior(ior, dispersion, bands_inverse_square());
-        material.glass.dispersed.passes = color;
+        material.glass.dispersed.reflected_iors = dispersed_ior(ior, dispersion, bands_inverse_square());
+        material.glass.dispersed.transmitted_color = color;
     }
 }
 
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, inout uint rng) {
-    if (SCENE_DISPERSION && draws_for(WITHOUT_DISPERSION)) { disperse(walk, instance, material, rand_f(rng)); }
+    if (SCENE_DISPERSION && uses_random_numbers_for(WITHOUT_DISPERSION)) {
+        disperse(walk, instance, material, rand_f(rng));
+    }
 }
 
-// What a surface emits, with its MIS weight. `light_pdf`: of light samples, in solid angle; 0 where they can't choose
-// it.
+// What a surface emits towards the walk, with throughput and MIS weight. `light_pdf`: the pdf in solid angle of light
+// samples for the same direction; 0 if they can't choose the surface.
 vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.mis_pdf, light_pdf);
     bool emits = surface.emits_towards_ray || surface.unlit && walk.delta_path_from_camera;
     return emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
-// The density in solid angle with which a receiver samples the point of a light where a ray from there has hit it.
+// The solid angle pdf of a light sample, chosen for the receiver, at the point that a ray from there has hit.
 float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3 direction) {
     float pdf = emissive_hit_pdf(surface, direction, hit.t);
     if (!(pdf > 0.0) || receiver.normal == vec3(0.0)) { return pdf; }
@@ -223,7 +227,7 @@ float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3
     return pdf * leaf_choice_probability(leaf, receiver) / light_leaves.at[leaf].by_power.probability;
 }
 
-// Where rays that go in a direction leave a surface.
+// The origin of rays in a direction, offset to that side of the surface.
 vec3 ray_origin(vec3 position, vec3 geometric_normal, float ray_offset, vec3 direction) {
     bool transmits = SCENE_TRANSMISSION && dot(direction, geometric_normal) < 0.0;
     return position + (transmits ? -ray_offset : ray_offset) * geometric_normal;
@@ -233,15 +237,15 @@ vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
     return ray_origin(surface.world_position, surface.geometric_world_normal, surface.ray_offset, direction);
 }
 
-// Whether a direction is possible: above the surface, or through glass below it, for its shading normal and for its
-// geometric normal. `cos_theta` is its cosine with the shading normal.
+// Whether a direction is on the same side of the surface by its shading normal and by its geometric normal: above, or
+// below if the scene has transmission. `cos_theta` is its cosine with the shading normal.
 bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
     float geometric = dot(direction, geometric_normal);
     return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
 }
 
-// Leaves a surface in a sampled direction; its origin remains to be set. `frame` has the shading normal as its z axis,
-// `below` is the medium on the other side. Returns whether the direction is possible.
+// Leaves a surface in a sampled direction; the caller sets walk.origin. `frame` has the shading normal as its z axis,
+// `below` is the medium on the other side. Returns is_on_valid_side of the direction.
 bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal, Medium below) {
     walk.direction = normalize(frame * next.wi);
     walk.t_min = 0.0;
@@ -256,25 +260,25 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
-// Russian roulette from FIRST_ROULETTE_BOUNCE on: `carried`, in proportion to the throughput, is the probability that a
-// walk goes on. Differs from Solari: it is clamped to 1, so that no energy is lost.
-bool survives(inout Walk walk, float carried, uint bounce, inout uint rng) {
-    float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
-    walk.throughput /= survival;
-    return carried > 0.0 && rand_f(rng) < survival;
+// Russian roulette from FIRST_ROULETTE_BOUNCE on. `survival_probability`, in proportion to the throughput, may be above
+// 1. Differs from Solari: it is clamped, so that no energy is lost.
+bool survives(inout Walk walk, float survival_probability, uint bounce, inout uint rng) {
+    float clamped = bounce >= FIRST_ROULETTE_BOUNCE ? min(survival_probability, 1.0) : 1.0;
+    walk.throughput /= clamped;
+    return survival_probability > 0.0 && rand_f(rng) < clamped;
 }
 
 // ---- light samples ----------------------------------------------------------------------------------
 
-// A light sample that waits for its shadow ray.
+// Next event estimation before the shadow ray.
 struct NextEvent {
-    vec3 radiance;  // unless the sample is occluded; 0: no shadow ray is needed
+    vec3 radiance;  // reflected at the surface, with throughput, if nothing is in between; 0: no shadow ray is needed
     vec3 origin;    // of the shadow ray
     Medium medium;  // in which it goes
     ResolvedLightSample light_sample;
 };
 
-// The share of the light of a light sample that reaches the origin of a shadow ray.
+// The transmittance between the origin of a shadow ray and a light sample, of surfaces and of the medium.
 vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
     light_sample = shadow_sample_for_receiver(light_sample, origin);
     vec3 visible = trace_light_transmittance(origin, light_sample);

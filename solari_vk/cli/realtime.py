@@ -98,7 +98,7 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
     """Raise SolariError for outputs that frames with these settings don't have, or have at another size."""
     check_aovs(names, "realtime", [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     for name in names:
-        if (needed := lighting.that_has(name)) not in ("", settings.lighting):
+        if (needed := lighting.lighting_with(name)) not in ("", settings.lighting):
             raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")

@@ -1,4 +1,4 @@
-"""The stages of light, for each lighting as the setting `lighting` names it."""
+"""The stages that compute light, for each value of the setting `lighting`."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def debug_view_pass(lighting: str) -> str:
     return "solari019/debug_view" if lighting == "split" else "display/debug_view"
 
 
-def that_has(resource: str) -> str:
-    """The name of the lighting whose stages have a resource; empty if none has."""
+def lighting_with(resource: str) -> str:
+    """The value of the setting `lighting` whose stages have a buffer or image of this name; empty if none has."""
     for name in FIELDS["lighting"].choices:
         found = stages((1, 1), Settings(lighting=name))
         if any(resource in (*stage.buffers, *stage.images) for stage in found):

@@ -12,10 +12,10 @@ from solari_vk.settings.layering import brdf_constants
 
 RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
-"""Results of later stages that take the memory of paths that waited, since all paths are traced by then."""
-MIN_TIMED_SAMPLES = 2  # paths that a pixel may take with frame_ms, at least
+"""Results of later stages that alias buffers of this one, since all paths are traced by then."""
+MIN_TIMED_SAMPLES = 2  # the least maximum of paths of a pixel with frame_ms
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
-WAVES = 3  # dispatches that go on with the paths that are left after their first rays
+WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
 def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
@@ -29,9 +29,9 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     short = 1 if settings.restir else settings.paths_short_history_samples
     timed = settings.frame_ms > 0
     samples = most_timed_samples(short) if timed else short
-    numbers = {"short_history_samples": short, "max_timed_samples": samples if timed else 0}
-    traced = brdf | numbers | {"paths_reuse": settings.restir}
-    of_list = Pass("paths/first_ray", indirect="paths_wave", constants=traced)
+    sample_counts = {"short_history_samples": short, "max_timed_samples": samples if timed else 0}
+    traced = brdf | sample_counts | {"paths_reuse": settings.restir}
+    of_list = Pass("paths/first_ray", indirect="paths_wave", constants=traced)  # over a list of pixels
     first = of_list if timed else Pass("paths/first_ray", threads=size, constants=traced)
     later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
     chosen = {"pixels_are_chosen": timed}
@@ -45,7 +45,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
             later if index else of_list if sample else first,
         )
     ]
-    choose = [Pass("paths/choose_pixels", threads=size, constants=numbers)]
+    choose = [Pass("paths/choose_pixels", threads=size, constants=sample_counts)]
     reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
     return Stage(
         "paths",

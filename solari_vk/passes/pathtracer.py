@@ -17,10 +17,10 @@ from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
-DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
+DISPATCH_MS = 100.0  # the target time of a dispatch: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MIN_ROWS = 8  # of a dispatch
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
-SAMPLE_BLOCK = 8  # pixels on a side of the block whose halves have numbers of samples of their own
+SAMPLE_BLOCK = 8  # pixels on a side of a block of adaptive sampling, whose halves have a number of samples each
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
 FIRST_HIT_AOVS = (
     "depth", "distance", "position", "geometric_normal", "shading_normal", "camera_normal", "uv", "albedo",
@@ -63,8 +63,8 @@ class Settings:
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace") -> Stage:
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
-    With the shader "illuminance", paths start at a point of the buffer `measured_points` for each pixel in place of the
-    camera. With "trace" the host may write `sample_ranges`.
+    With the shader "illuminance", the path of each pixel starts at its point of the buffer `measured_points` instead of
+    the camera. With "trace" the host may write `sample_ranges`.
     Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
@@ -111,7 +111,7 @@ def rows_of(size: tuple[int, int], pixels: int) -> int:
 def max_rows(size: tuple[int, int], pixel_ms: float = 0.0) -> int:
     """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog.
 
-    pixel_ms: the milliseconds of a sample of a pixel in another picture, if they are known: DISPATCH_MS then.
+    pixel_ms: the milliseconds of a sample of a pixel in another picture, if known; the dispatch then takes DISPATCH_MS.
     """
     rows = rows_of(size, MAX_FIRST_PIXELS)
     return rows if not pixel_ms else min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))

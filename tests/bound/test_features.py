@@ -30,7 +30,7 @@ def modules(path: str, **options):
 
 
 OF_FEATURES = {"evaluate_coat", "prepare_glass", "film_fresnel", "sample_wavelength",
-               "environment_radiance", "intersect_sphere", "cross_portal"}
+               "environment_radiance", "intersect_sphere", "intersect_portal_plane"}
 
 
 def functions(module) -> set[str]:

@@ -7,10 +7,10 @@
 #include "passes/paths/per_lobe.glsl"
 #include "passes/rows.glsl"
 
-// Demodulated radiance of a lobe at the pixel's surface, and its hit distance: the length of the first ray of the
-// first path whose first ray this lobe proposed (infinite without a hit), 0 if it proposed none; with restir, the
-// distance to the reservoir's sample, for the specular lobe only where that is reused. NO_PATH: the pixel takes no path
-// in this frame.
+// Demodulated radiance of a lobe at the pixel's surface, and in w its hit distance: the length of the first ray of the
+// first path whose first direction this lobe sampled (infinite without a hit), 0 if it sampled none. With restir, the
+// distance to the reservoir's sample, for the specular lobe only where that is reused. w is NO_PATH if the pixel takes
+// no path in this frame.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 const float NO_PATH = -1.0;
@@ -20,7 +20,7 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 // result `frame["error"]`.
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
-// A path that waits for its next ray, apart from what the pass that goes on with it computes again.
+// A path that waits for its next ray. What passes/paths/later_rays.comp can compute again is left out.
 struct PathState {
     uint rng;
     uint flags;  // bounce | delta_bounces << 8 | wavelength << 16 | DIFFUSE_AT_X2 | SPECULAR_ONLY
@@ -36,8 +36,8 @@ struct PathState {
     uint medium;  // Medium.material
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
-// The indices of the pixels whose paths wait: for waves with even index, then for those with odd index. Each view has a
-// queue of its own, so that threads which run together trace rays in one world.
+// Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.
+// Each view has a part of its own, so that a workgroup's rays are in one world.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
 // By view: the indices of the pixels with a short history.
 layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;
@@ -60,7 +60,7 @@ layout(set = 1, scalar) buffer PathsWaveBlock {
 
 // ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------
 
-// The candidates that a path gives to its pixel's reservoir: a point of a light, and the path's second vertex, x2.
+// The two candidates that a path gives to its pixel's reservoir: a point of a light, and the path's second vertex, x2.
 struct ReservoirCandidate {
     uvec4 light;         // a point of a light, as PathReservoir.point
     float light_resampling_weight;  // the target function times the unbiased contribution weight

@@ -1,4 +1,4 @@
-// The candidates that a path gives to its pixel's reservoir after its first ray, and the light that isn't reused.
+// The candidates of a path for its pixel's reservoir, after its first ray, and the light that reservoirs leave out.
 #ifndef PASSES_PATHS_CANDIDATE_GLSL
 #define PASSES_PATHS_CANDIDATE_GLSL
 
@@ -7,9 +7,10 @@
 
 uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The point of a light that the path's first ray has hit, as PathReservoir.point. One light stands for all that the ray
-// meets, with the weight of their sum, so that the mean is right: the first in the list that it passes, else the
-// surface that it hits, else one of the lights at infinity (a sun, its sky, portals before it), chosen by its share.
+// The point of a light that the path's first ray has hit, as PathReservoir.point. A ray may hit several lights; one of
+// them becomes the candidate, with the weight of their sum, which keeps the mean: the first pass-through light in the
+// list of lights, else the surface that it hits, else one of the strategies that sample its direction to infinity
+// (suns, environments, portals), chosen by its share of the luminance.
 uvec4 hit_light_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
@@ -32,19 +33,19 @@ uvec4 hit_light_point(inout Path path) {
         float probability = light_probability_by_power(light), emitted_luminance = luminance(light_hit.radiance);
         float map_pdf = probability / light_hit.inverse_solid_angle_pdf, pdf_sum = map_pdf;
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
-            pdf_sum += pdf_of_openings(path.vertex.position, path.walk.direction, NO_INDEX);
+            pdf_sum += sum_portal_pdfs(path.vertex.position, path.walk.direction, NO_INDEX);
         }
         float weight = emitted_luminance * strategy_weight(map_pdf, 1.0, pdf_sum, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         uint end = SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT ? portal_end() : 0u;
         for (uint j = scene_info.first_portal_record; j < end; j++) {
-            float portal_pdf = density_of_opening(j, path.vertex.position, path.walk.direction);
+            float portal_pdf = evaluate_portal_pdf(j, path.vertex.position, path.walk.direction);
             if (!(portal_pdf > 0.0)) { continue; }
             weight = emitted_luminance * strategy_weight(
                 portal_pdf, portal_choice_ratio(j, receiver(path.vertex)), pdf_sum, path.walk.mis_pdf
             );
             if (choose_weighted(sum, weight, path.rng)) {
-                vec2 u = numbers_of_opening(j, path.vertex.position, path.walk.direction);
+                vec2 u = invert_portal_sample(j, path.vertex.position, path.walk.direction);
                 point = pack_light_point(portal_light(j), 0u, u);
             }
         }
@@ -52,18 +53,18 @@ uvec4 hit_light_point(inout Path path) {
     return point;
 }
 
-// Whether a delta lobe, such as that of a smooth coat over a rough base, sampled the first and only ray of a path.
-// Other pixels can't take its direction: what the ray finds goes to the path's pixel at once.
-bool has_delta_ray(Path path) { return path.sum_of_inverse_pdfs == 0.0; }
+// Of a path that has traced its first ray: whether that is of a delta lobe, such as a smooth coat over a rough base.
+// Other pixels can't take its direction, so that the light goes to the path's own pixel without reservoirs.
+bool first_ray_is_delta(Path path) { return path.sum_of_inverse_pdfs == 0.0; }
 
-// Writes the candidates of a path that has traced its first ray alone, and returns the light that isn't reused. After
-// one ray, `path.radiance` is only what lights emit where it ended.
+// Writes the candidates of a path that has traced its first ray, and returns the light that reservoirs leave out. After
+// one ray, `path.radiance` is only what is emitted where it ended.
 PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
-    // Target functions leave out transmittance. The ray has passed the blended surfaces before its hit by chance, so
-    // that radiance over that probability is the estimate without transmittance.
+    // Target functions leave out transmittance. Since the ray has passed the blended surfaces before its hit by chance,
+    // radiance over the probability of that is the estimate without transmittance.
     RayTransmittance transmittance = path.first_transmittance;
-    PerLobe at_hit = NO_LIGHT;
-    bool delta = has_delta_ray(path);
+    PerLobe at_hit = ZERO_LOBES;
+    bool delta = first_ray_is_delta(path);
     if (!delta) {
         vec3 emitted = path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability;
         at_hit = scale(path.first_weight, emitted);

@@ -1,5 +1,5 @@
-// With the setting frame_ms: lists the pixels that take a path in this frame. Each workgroup's are kept together, so
-// that threads which run together trace neighboring rays. The other pixels have no sample.
+// With the setting frame_ms: lists the pixels that take a path in this frame. Those of a workgroup are neighbors in the
+// list, so that subgroups trace coherent rays. The other pixels have no sample.
 #version 460
 #include "passes/paths/bindings.glsl"
 #include "passes/paths/short_history.glsl"
@@ -15,12 +15,12 @@ void main() {
     bool chosen = inside && samples_per_pixel(index) > 0u;
     if (gl_LocalInvocationIndex == 0u) { group_count = 0u; }
     barrier();
-    uint place = chosen ? atomicAdd(group_count, 1u) : 0u;
+    uint slot = chosen ? atomicAdd(group_count, 1u) : 0u;
     barrier();
     if (gl_LocalInvocationIndex == 0u) { group_begin = atomicAdd(paths_chosen.count, group_count); }
     barrier();
     if (chosen) {
-        paths_chosen.at[group_begin + place] = index;
+        paths_chosen.at[group_begin + slot] = index;
     } else if (inside) {
         paths_diffuse.at[index] = paths_specular.at[index] = vec4(vec3(0.0), NO_PATH);
     }

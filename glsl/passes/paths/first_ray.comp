@@ -1,4 +1,4 @@
-// A path of each pixel, from the surface that the pixel shows: its light sample and its first ray.
+// Starts a path of each pixel at the surface that the pixel shows: next event estimation and the first ray.
 #version 460
 #include "common/pixel.glsl"
 #include "common/sobol.glsl"
@@ -15,14 +15,14 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 
 // Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
-// less noise than with independent ones. Further paths of the frame have sequences of their own, except for the number
-// that chooses the lobe, which is spread over the paths of a frame as in the van der Corput sequence.
+// less noise than with independent ones. Each further path of the frame has a sequence of its own, except for the
+// number that chooses the lobe: over the paths of a frame that is a shifted van der Corput sequence.
 Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
     Path path = start_path(seed_rng(pixel, this_frame.index, salt));
     if (SCENE_DISPERSION) {
-        float number = fract(wavelength_number(pixel) + unit_float(bitfieldReverse(sample_index)));
-        disperse(path.walk, surface.instance, surface.material, number);
+        float u = fract(wavelength_u(pixel) + unit_float(bitfieldReverse(sample_index)));
+        disperse(path.walk, surface.instance, surface.material, u);
     }
     path.vertex = make_vertex(surface);
     path.medium_below = medium_below(surface.instance, surface.material);
@@ -37,8 +37,8 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     return path;
 }
 
-// The pixel of an invocation: for the first path any of the picture, or those that are chosen; for further ones those
-// with little history.
+// The pixel of an invocation. First paths: each pixel of the picture, or with frame_ms those of choose_pixels.comp.
+// Further paths: the pixels with a short history.
 bool find_pixel_of_path(uint sample_index, out uvec2 pixel, out uint index) {
     pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
     if (sample_index == 0u && max_timed_samples == 0u) { return find_pixel(pixel, index); }
@@ -72,7 +72,7 @@ void main() {
     }
     Path path = start_path(pixel, surface, sample_index);
     bool goes_on = advance(path);
-    surface = load_gbuffer(pixel);  // again, instead of kept across rays
+    surface = load_gbuffer(pixel);  // loaded again, instead of kept in registers across rays
     PerLobe light = path_light(path);
     if (paths_reuse) { light = write_candidate(path, index, surface.material.base.perceptual_roughness); }
     if (goes_on) { store_path_state(path, index, 1u); }

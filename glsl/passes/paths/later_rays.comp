@@ -18,11 +18,12 @@ void main() {
     Path path = load_path_state(index);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 
-    bool again = true, goes_on = true;
+    // The first call of `arrive` only makes the vertex again. It is in the loop, since drivers inline each call.
+    bool resumed = true, goes_on = true;
     do {
-        goes_on = (again || trace_next_ray(path)) && arrive(path, again);
-        if (!again && paths_wave.index != LAST_WAVE) { break; }
-        again = false;
+        goes_on = (resumed || trace_next_ray(path)) && arrive(path, resumed);
+        if (!resumed && paths_wave.index != LAST_WAVE) { break; }
+        resumed = false;
     } while (goes_on);
     if (goes_on) { store_path_state(path, index, paths_wave.index + 1u); }
 
@@ -30,7 +31,8 @@ void main() {
     PerLobe light = path_light(path);
     if (paths_reuse) {
         paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
-        bool delta = paths_reservoir_candidates.at[index].path_contribution_weight == 0.0;  // as the first ray's lobe
+        // 0 only for a delta lobe (write_candidate), since the first ray has hit a surface
+        bool delta = paths_reservoir_candidates.at[index].path_contribution_weight == 0.0;
         if (delta || !reuses_specular(surface.material.base.perceptual_roughness)) {
             light.specular += apply_first_weight(path, path.reusable_radiance).specular;
         }

@@ -1,5 +1,6 @@
-// Begins a wave: sets its indirect dispatch, in each layer as many threads as the longest queue of a view has paths.
-// Wave 0 traces first rays: of all pixels, or of those that are chosen, then of further paths where history is short.
+// Begins a wave: sets its indirect dispatch, which has a layer for each view, with as many threads as the longest queue
+// has paths. Wave 0 traces first rays: for sample 0 those of all pixels, or of choose_pixels.comp's, for further
+// samples those of pixels with a short history.
 #version 460
 #include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"

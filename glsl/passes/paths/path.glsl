@@ -1,7 +1,7 @@
-// A path through the scene: from the first vertex, the surface that the pixel shows (x1 in papers, found by the
-// G-buffer), along the first ray to the second vertex (x2), and on until it ends: in the world cache, at no surface, by
-// Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997), as in the reference path tracer,
-// whose mean these paths have when world cache and regularization are off. Solari in Bevy 0.20 traces such paths.
+// A path through the scene. Its first vertex (x1 in papers) is the surface that the pixel shows, from the G-buffer; the
+// first ray leads from there to the second vertex (x2). It ends in the world cache, at no surface, by Russian roulette,
+// or at the bounce limit. MIS by the power heuristic (Veach 1997). Without world cache and regularization, the mean is
+// that of the reference path tracer. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
@@ -10,42 +10,43 @@
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
 
-// Before the bounce limit, paths end in the world cache if the last ray is longer than the cell's diagonal and the
-// footprint as wide as a cosine-weighted ray of that length makes it.
-const float MIN_RAY_IN_CELLS = 1.7320508;
-const float MIN_FOOTPRINT_IN_CELLS = 3.0699801;  // sqrt(3 pi)
+// Paths end in the world cache before the bounce limit if their last ray is longer than a cell's diagonal, and their
+// footprint larger than that of one such ray, sampled along the normal of a Lambert surface (1 / pdf = pi).
+const float MIN_RAY_IN_CELLS = 1.7320508;        // sqrt(3)
+const float MIN_FOOTPRINT_IN_CELLS = 3.0699801;  // sqrt(3) * sqrt(pi)
 
 // Whether pixels share light through reservoirs: passes/paths/reservoir.glsl.
 layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
-    Vertex vertex;                // where the path is; it goes on from here
+    Vertex vertex;                // the current one, from which the next ray leaves
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
-    Medium medium_below;          // on the other side of the vertex
-    bool specular_only;           // goes on by the specular lobe alone: the world cache gave the diffuse lobe's light
+    Medium medium_below;          // of the vertex: scene/walk.glsl
+    bool specular_only;           // the next direction is of the specular lobe: the world cache gave the diffuse light
     uint bounce;                  // rays traced so far
-    uint delta_bounces;        // of them, those that delta lobes sampled
-    PerLobe first_weight;    // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
+    uint delta_bounces;           // of them, those in directions of delta lobes
+    PerLobe first_weight;         // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
     RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
-    LightAlongRay first_along_ray;  // what lights emit that the first ray passes through
-    vec3 radiance;                // from x2 or infinity, without `reusable_radiance`
-    // With reuse, the light that leaves x2 by its diffuse lobe; and whether the path left it by that lobe.
+    LightAlongRay first_along_ray;  // of pass-through lights on the first ray
+    vec3 radiance;                // that the first ray carries from x2 or infinity, without `reusable_radiance`
+    // With reuse, the part of it that x2 reflects by its diffuse lobe; and whether later light counts as that.
     vec3 reusable_radiance;
     bool diffuse_at_x2;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
-    PerLobe direct;          // what the first vertex reflects of it, without `direct_transmittance`
+    PerLobe direct;               // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
-    bool first_ray_is_diffuse;    // whether the diffuse lobe proposed the first ray
-    // The solid angle in steradians over which the path's directions have spread so far; 0 while all were delta.
+    bool first_ray_is_diffuse;    // whether the diffuse lobe sampled the first ray's direction
+    // Over the path's directions so far, in steradians; 0 while all were of delta lobes. A measure of how far paths
+    // have spread.
     float sum_of_inverse_pdfs;
-    // The path's footprint in meters, the root of the area spread in Müller et al., "Real-time Neural Radiance Caching
-    // for Path Tracing" (2021): the sum over rays of length times the root of the solid angle. There each ray has that
-    // of its own direction, over the hit's cosine; here earlier ones count too.
+    // In meters: the sum over rays of length * sqrt(sum_of_inverse_pdfs). In the square root of the area spread of Müller
+    // et al., "Real-time Neural Radiance Caching for Path Tracing" (2021), sum_of_inverse_pdfs is only the ray's own
+    // 1 / pdf, over the cosine at its hit.
     float footprint;
     uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames
-    // What the first vertex samples with: the number of RIS candidates for its light sample, and the random numbers of
-    // its lobe and direction.
+    // For the first vertex: the number of RIS candidates of its light sample, and the random numbers of its lobe and
+    // direction.
     uint candidates;
     float lobe_u;
     vec2 u;
@@ -62,7 +63,7 @@ Path start_path(uint rng) {
     path.medium_below = NO_MEDIUM;
     path.specular_only = false;
     path.bounce = path.delta_bounces = 0u;
-    path.first_weight = path.direct = NO_LIGHT;
+    path.first_weight = path.direct = ZERO_LOBES;
     path.radiance = path.reusable_radiance = vec3(0.0);
     path.first_transmittance = FULL_TRANSMITTANCE;
     path.first_along_ray = NO_LIGHT_ALONG_RAY;
@@ -77,12 +78,12 @@ Path start_path(uint rng) {
     return path;
 }
 
-// What the first vertex reflects of a radiance that leaves x2.
+// What the first vertex reflects of radiance that leaves x2.
 PerLobe apply_first_weight(Path path, vec3 radiance) {
     return scale(path.first_weight, path.first_transmittance.weight * radiance);
 }
 
-// The light that the first vertex reflects of its light sample, and of what its first ray finds.
+// What the first vertex reflects of its light sample, and of what the first ray carries.
 PerLobe direct_light(Path path) { return scale(path.direct, path.direct_transmittance); }
 PerLobe indirect_light(Path path) {
     vec3 found = path.first_along_ray.radiance + path.first_transmittance.weight * path.radiance;
@@ -94,13 +95,14 @@ PerLobe path_light(Path path) {
     return PerLobe(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
-// diffuse_at_x2: whether the light leaves x2 by its diffuse lobe.
+// diffuse_at_x2: whether x2 reflects the light by its diffuse lobe.
 void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
     if (paths_reuse && diffuse_at_x2) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
-// The probability of next event estimation: the smoother a metal, the more it leaves to BRDF samples. Layers over it
-// that are no delta lobes ask for light samples as rough metals do: no ray meets a light that is a point.
+// The probability of next event estimation, which is lower the smoother a metal is, since BRDF samples find more of the
+// light then. A coat or sheen over the metal that isn't a delta lobe raises it: point lights are found by light samples
+// alone.
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
@@ -112,19 +114,19 @@ float nee_probability(Brdf brdf) {
     return is_coated ? max(probability, brdf.coat.perceptual_roughness) : probability;
 }
 
-// The weight of a BRDF sample by lobe.
+// The weight of a BRDF sample, BRDF times cosine over pdf, by lobe.
 PerLobe lobe_weights(BrdfSample next) {
     if (next.pdf == INFINITY) { return PerLobe(vec3(0.0), next.weight); }
     PerLobe values = PerLobe(next.diffuse_value, next.specular_value);
-    return next.pdf > 0.0 ? scale(values, vec3(1.0 / next.pdf)) : NO_LIGHT;
+    return next.pdf > 0.0 ? scale(values, vec3(1.0 / next.pdf)) : ZERO_LOBES;
 }
 
-// Whether the specular lobe is so broad that the cache stands for it too.
+// Whether the specular lobe is so broad that its light is computed from the cache's irradiance too.
 bool is_rough(ResolvedMaterial material) {
     return lambertian_surfaces || material.base.roughness >= paths_settings.cache_roughness;
 }
 
-// Moves the path to the surface that its last ray hit.
+// Makes the vertex of the surface that the path's last ray hit.
 void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     path.medium_below = medium_below(path.hit.instance, surface.material);
     regularize(surface.material, path.sum_of_inverse_pdfs);
@@ -136,9 +138,9 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
 }
 
-// Adds the light of the world cache at a hit. The cache stands for the diffuse lobe. Differs from Solari, where it
-// stands for the whole surface: the path goes on by the specular lobe, with that lobe's share of the energy as
-// probability, unless the lobe is nearly as broad as the diffuse one. Returns whether the path goes on.
+// Adds what the hit's diffuse lobe reflects of the world cache's irradiance. Returns whether the path goes on: always
+// if the cache isn't used here, else by the specular lobe alone, with that lobe's share of the albedo as probability.
+// Differs from Solari, where the cache is used for the whole surface, and paths end there; here it is only if is_rough.
 bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     if (frame_settings.world_cache == 0u || has_no_cell(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
@@ -176,9 +178,9 @@ bool trace_next_ray(inout Path path) {
         path.u = rand_vec2f(path.rng);
     }
     float probability = nee_probability(brdf);
-    float expected_candidates = probability * float(candidates);  // expected, for each BRDF sample
+    float expected_candidates = probability * float(candidates);  // for each BRDF sample, as MIS counts them
     RisLightSample ris_sample;
-    ris_sample.contribution = NO_LIGHT;
+    ris_sample.contribution = ZERO_LOBES;
     if (rand_f(path.rng) < probability) {
         ris_sample = sample_light_by_ris(path.vertex, candidates, expected_candidates, path.rng);
         ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
@@ -190,7 +192,8 @@ bool trace_next_ray(inout Path path) {
         path.first_ray_is_diffuse = next.diffuse;
         next.weight = vec3(1.0);
     } else if (paths_reuse && path.bounce == 1u) {
-        // Later light belongs to one lobe of x2.
+        // Reservoirs keep what x2 reflects by its diffuse lobe. So later light is counted for one lobe of x2, which is
+        // chosen by the luminance of its weight.
         PerLobe weights = lobe_weights(next);
         float diffuse_probability = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
         path.diffuse_at_x2 = rand_f(path.rng) < diffuse_probability;
@@ -204,8 +207,8 @@ bool trace_next_ray(inout Path path) {
     path.sum_of_inverse_pdfs += 1.0 / next.pdf;
     path.bounce += 1u;
     path.delta_bounces += next.pdf == INFINITY && path.delta_bounces < MAX_DELTA_BOUNCES ? 1u : 0u;
-    float carried = max_component(sum(apply_first_weight(path, path.walk.throughput)));
-    goes_on = goes_on && survives(path.walk, carried, path.bounce, path.rng);
+    float survival_probability = max_component(sum(apply_first_weight(path, path.walk.throughput)));
+    goes_on = goes_on && survives(path.walk, survival_probability, path.bounce, path.rng);
 
     if (max_component(sum(ris_sample.contribution)) > 0.0) {
         count_ray();
@@ -244,20 +247,20 @@ bool trace_next_ray(inout Path path) {
     return true;
 }
 
-// Moves the path to the surface that its last ray has hit. Returns whether it goes on. `again`: it has been there
-// before, and takes no light.
-bool arrive(inout Path path, bool again) {
+// Moves the path to the surface that its last ray has hit. Returns whether it goes on. `resumed`: the path was here
+// when it was stored, and only its vertex is made again, without adding light or throughput a second time.
+bool arrive(inout Path path, bool resumed) {
     vec3 throughput = path.walk.throughput;
     SurfaceInteraction surface = arrive_at_surface(path.walk, path.hit);
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
-    if (again) {
-        path.walk.throughput = throughput;  // has it already
+    if (resumed) {
+        path.walk.throughput = throughput;  // which has these factors already
     } else {
         float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
         add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
     }
     make_path_vertex(path, surface);
-    return again || look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
+    return resumed || look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
 }
 
 // Moves the path to the next vertex. Returns false when the path has ended.

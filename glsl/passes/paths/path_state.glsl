@@ -1,6 +1,6 @@
-// Paths that wait for their next ray. They go on in waves, each a dispatch over those that are left, because threads
-// that run together would otherwise wait for the few among them with long paths: Laine, Karras and Aila, "Megakernels
-// Considered Harmful: Wavefront Path Tracing on GPUs" (2013).
+// Paths that wait for their next ray. They are traced in waves: each is a dispatch over the paths that are left,
+// because a subgroup would otherwise wait for the few of its threads with long paths. Laine, Karras and Aila,
+// "Megakernels Considered Harmful: Wavefront Path Tracing on GPUs" (2013).
 #ifndef PASSES_PATHS_PATH_STATE_GLSL
 #define PASSES_PATHS_PATH_STATE_GLSL
 
@@ -29,8 +29,8 @@ void store_path_state(Path path, uint pixel_index, uint wave_index) {
     );
 }
 
-// The path as it was, but for the light that it has found, which is already in the pixel, and for its vertex: it
-// arrives there again.
+// A path as store_path_state has left it, but with no light, since what it had found is already in the pixel, and
+// without its vertex: `arrive` with `resumed` makes that again from the hit.
 Path load_path_state(uint pixel_index) {
     PathState state = paths_states.at[pixel_index];
     Path path = start_path(state.rng);

@@ -1,4 +1,4 @@
-// Radiance, BRDF or weight, split by lobe.
+// Radiance, BRDF or weight, split into the diffuse and the specular lobe.
 #ifndef PASSES_PATHS_PER_LOBE_GLSL
 #define PASSES_PATHS_PER_LOBE_GLSL
 
@@ -7,7 +7,7 @@ struct PerLobe {
     vec3 specular;  // with coat and glass
 };
 
-const PerLobe NO_LIGHT = PerLobe(vec3(0.0), vec3(0.0));
+const PerLobe ZERO_LOBES = PerLobe(vec3(0.0), vec3(0.0));
 
 PerLobe scale(PerLobe lobes, vec3 factor) {
     return PerLobe(lobes.diffuse * factor, lobes.specular * factor);

@@ -1,13 +1,14 @@
 // Reuse of light between pixels: Lin et al., "Generalized Resampled Importance Sampling: Foundations of ReSTIR" (2022).
-// A sample is a point of a light, which the shift keeps (Jacobian 1), or a path sample: its second vertex (x2) with the
-// light that leaves it by its diffuse lobe, which pixels shift by reconnection: Ouyang et al., "ReSTIR GI: Path
-// Resampling for Real-Time Path Tracing" (2021). Together they are all light of the pixel's diffuse lobe, and of its
-// specular lobe if that is rough enough, but for the light that x2 reflects specularly.
+// A reservoir holds one of two kinds of samples. A light sample is a point of a light; shifts keep it, with Jacobian 1.
+// A path sample is a path's second vertex (x2) with the radiance that leaves it by its diffuse lobe; pixels shift it by
+// reconnection: Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (2021). Together they are all
+// light that the pixel's diffuse lobe reflects, and its specular lobe if that is rough enough (reuses_specular), but
+// for the light that x2 reflects specularly, which goes to the pixel directly.
 //
-// Densities of points of lights are in primary sample space: over lights, parts and the random numbers in a part, so
-// that they stay valid when lights move or turn. Differs from Solari, whose samples keep the MIS weight of the strategy
-// that found them: here weights include it, and the target function is what the surface reflects of a sample, whichever
-// strategy finds it.
+// Pdfs of light samples are in primary sample space: over lights, parts and the random numbers in a part, so that they
+// stay valid when lights move or turn. Light samples are found by next event estimation and by BRDF sampling. The MIS
+// weight of these two strategies is part of a sample's resampling weight alone; the target function is the reflected
+// luminance, whichever strategy found the sample. Differs from Solari, whose samples keep their MIS weight.
 #ifndef PASSES_PATHS_RESERVOIR_GLSL
 #define PASSES_PATHS_RESERVOIR_GLSL
 
@@ -18,21 +19,21 @@
 #include "passes/ray_count.glsl"
 #include "scene/trace.glsl"
 
-// Shifts that change a solid angle by more than this factor are refused: their weights would be outliers.
+// Shifts with a Jacobian above this, or below its inverse, are undefined: their weights would be outliers.
 const float MAX_JACOBIAN = 8.0;
 
 const uint WAVELENGTH_SALT = 0x2C1B3C6Du;
 
-// The target function of a sample at a surface: without occlusion and transmittance.
+// The target function of a sample at a surface: the luminance that it reflects, without occlusion and transmittance.
 struct TargetFunction {
-    PerLobe integrand;  // to be multiplied by the sample's unbiased contribution weight
-    float value;             // its luminance
+    PerLobe integrand;  // reflected radiance, to be multiplied by the sample's unbiased contribution weight
+    float value;        // its luminance
 };
 
 const PathReservoir EMPTY_RESERVOIR = PathReservoir(uvec4(0u), vec3(0.0), 0.0, 0.0, NO_INDEX);
 
-// The number that chooses the wavelength of a pixel's light, the same in all passes of a frame.
-float wavelength_number(uvec2 pixel) {
+// The random number that chooses the wavelength of a pixel's light, the same in all passes of a frame.
+float wavelength_u(uvec2 pixel) {
     return sobol_point(this_frame.index, seed_rng(pixel, 0u, this_frame.seed ^ WAVELENGTH_SALT)).x;
 }
 
@@ -47,7 +48,7 @@ bool is_dispersive(GBufferSurface surface) {
 GBufferSurface dispersed(GBufferSurface surface, uvec2 pixel) {
     if (SCENE_DISPERSION) {
         Walk walk = start_walk(vec3(0.0), vec3(0.0));
-        disperse(walk, surface.instance, surface.material, wavelength_number(pixel));
+        disperse(walk, surface.instance, surface.material, wavelength_u(pixel));
     }
     return surface;
 }
@@ -79,7 +80,7 @@ ResolvedLightSample resolve_light_point(PathReservoir reservoir) {
 }
 
 TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
-    TargetFunction nothing = TargetFunction(NO_LIGHT, 0.0);
+    TargetFunction nothing = TargetFunction(ZERO_LOBES, 0.0);
     if (!(reservoir.weight > 0.0)) { return nothing; }
     vec3 direction, incident;
     if (is_path_sample(reservoir)) {
@@ -98,9 +99,9 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
     return TargetFunction(light, luminance(sum(light)));
 }
 
-// The solid angle of a piece of the hit's surface seen from `to`, over that seen from `from`; 1 for points of lights.
-// 0 when the shift is refused, because the surface faces away or the ratio is too far from 1. A shift is refused in
-// both directions or in none.
+// The Jacobian of the reconnection shift: the solid angle of a piece of x2's surface seen from `to`, over that seen
+// from `from`; 1 for light samples. 0 where the shift is undefined, because x2 faces away or by MAX_JACOBIAN. A shift
+// is undefined in both directions or in none.
 float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
     if (!is_path_sample(reservoir)) { return 1.0; }
     vec3 to_from = from.position - hit_position(reservoir), to_to = to.position - hit_position(reservoir);
@@ -111,7 +112,7 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
     return max(jacobian, 1.0 / jacobian) <= MAX_JACOBIAN ? jacobian : 0.0;
 }
 
-// The share of a sample's light that reaches a vertex.
+// The transmittance between a sample and a vertex.
 vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
     vec3 to_sample, origin = vertex.origin;
     float t_max = 1.0;
@@ -140,16 +141,16 @@ bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) 
     return trace_sample_transmittance(vertex, reservoir, in_previous_frame) != vec3(0.0);
 }
 
-// A pixel's reservoir after a merge, and the light of both samples, each with its MIS weight.
+// A pixel's reservoir after a merge, and what its surface reflects of both samples, each with its MIS weight.
 struct Merge {
     PathReservoir reservoir;
     PerLobe light;
 };
 
-// Merges another pixel's reservoir, of surface `there`, into this pixel's, by the generalized balance heuristic
-// with both pixels' targets and visibility. `other_confidence` is that of the other pixel for each of the two samples;
-// `choice` is a random number in [0, 1). Differs from Solari, where a pixel's own sample keeps half of its weight in
-// each merge with a neighbor: that has more noise here.
+// Merges another pixel's reservoir, of surface `there`, into this pixel's, by the generalized balance heuristic with
+// both pixels' targets and visibility. `other_confidence`: the other pixel's confidence in the MIS weight of this
+// pixel's sample (x) and of its own (y). `choice` is a random number in [0, 1). Differs from Solari, where a pixel's
+// own sample keeps half of its weight in each merge with a neighbor: that has more noise here.
 Merge merge_reservoirs(
     Vertex here, PathReservoir own, Vertex there, PathReservoir other, bool there_in_previous_frame,
     vec2 other_confidence, float choice
@@ -161,7 +162,8 @@ Merge merge_reservoirs(
         own_mis_weight = balance_heuristic(own.confidence * own_target.value, other_confidence.x * own_target_there);
         if (own_mis_weight < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_mis_weight = 1.0; }
     }
-    // Spatial reuse alone shades.
+    // Only for shading, which temporal reuse doesn't do. Without blended surfaces, samples are visible to their own
+    // pixel.
     if (SCENE_BLEND && own_target.value > 0.0 && !there_in_previous_frame) {
         own_target.integrand = scale(own_target.integrand, trace_sample_transmittance(here, own, false));
     }

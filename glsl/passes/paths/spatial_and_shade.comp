@@ -10,6 +10,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x51ED270Bu;
 
+// The distance from a vertex to the reservoir's sample.
 float sample_distance(Vertex vertex, PathReservoir reservoir) {
     if (is_path_sample(reservoir)) { return distance(vertex.origin, hit_position(reservoir)); }
     ResolvedLightSample light = resolve_light_point(reservoir);
@@ -21,7 +22,7 @@ void main() {
     uint index;
     if (!find_pixel(pixel, index)) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
-    Merge merged = Merge(paths_temporal_reservoirs.at[index], NO_LIGHT);
+    Merge merged = Merge(paths_temporal_reservoirs.at[index], ZERO_LOBES);
     if (surface.exists) {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
         Vertex vertex = make_vertex(dispersed(surface, pixel));

@@ -9,7 +9,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x9E1C5A37u;
 
-// evaluate_target asks of a reservoir's weight only whether it is above 0; the chosen one's is set last.
+// For evaluate_target a reservoir's weight need only be above 0 if the candidate exists; that of the result is set
+// last.
 PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
     PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_resampling_weight, NO_INDEX);
     uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);
@@ -25,8 +26,8 @@ PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, floa
     return chosen;
 }
 
-// A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
-// its confidence; otherwise those that found a remaining light would count too much.
+// A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed becomes
+// an empty sample with the same confidence: without it, those with a remaining light would be too bright in the mean.
 PathReservoir load_previous_reservoir(uvec2 pixel) {
     PathReservoir reservoir = paths_reservoirs.at[element_index(pixel, camera.size)];
     reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);
@@ -37,9 +38,9 @@ PathReservoir load_previous_reservoir(uvec2 pixel) {
     return reservoir;
 }
 
-// The confidence of the previous frame's reservoir for one sample. It is 0 for a light that the previous frame didn't
-// have, and for a path sample on a moving instance, whose hit point is out of date. For other path samples it falls
-// while lights change, since their radiance is out of date.
+// The confidence of the previous frame in the MIS weight of a sample. It is 0 for a light that the previous frame
+// didn't have, and for a path sample on a moving instance, whose position is out of date. For other path samples it
+// falls while lights change, since their radiance is out of date.
 float previous_confidence(float confidence, PathReservoir reservoir) {
     if (is_path_sample(reservoir)) {
         return is_static(reservoir.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;

@@ -1,4 +1,4 @@
-// A vertex of a path: a surface point seen from a direction, and the light that reaches it from lights.
+// A vertex of a path, a surface point seen from a direction; and next event estimation there.
 #ifndef PASSES_PATHS_VERTEX_GLSL
 #define PASSES_PATHS_VERTEX_GLSL
 
@@ -27,7 +27,7 @@ Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 
     return vertex;
 }
 
-// Where rays that go in a direction leave the vertex.
+// The origin of rays in a direction, offset to that side of the surface.
 vec3 ray_origin(Vertex vertex, vec3 direction) {
     bool transmits = SCENE_TRANSMISSION && dot(direction, vertex.geometric_normal) < 0.0;
     return transmits ? 2.0 * vertex.position - vertex.origin : vertex.origin;
@@ -40,9 +40,8 @@ PerLobe lobes_times_cosine(Vertex vertex, vec3 wi) {
     );
 }
 
-// Makes surfaces rougher that a path reaches after a non-delta bounce. Otherwise few paths would find caustics, each
-// far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for Holistic and Robust Light Transport"
-// (2013).
+// Makes surfaces rougher that a path reaches after a non-delta bounce, against fireflies of caustics. Kaplanyan and
+// Dachsbacher, "Path Space Regularization for Holistic and Robust Light Transport" (2013).
 void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
     float min_roughness = min(1.0, 0.5 * sqrt(sum_of_inverse_pdfs)) * paths_settings.regularization;
     if (SCENE_LAYERS) {
@@ -56,27 +55,27 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 // ---- light samples -----------------------------------------------------------------------------------
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `expected_candidates`: n of light samples in Veach's multi-sample model, the expected number of RIS
-// candidates for each BRDF sample.
+// samples. `expected_candidates`: n_l in Veach's multi-sample model, for one BRDF sample: the expected number of RIS
+// candidates.
 PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
-    if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
+    if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return ZERO_LOBES; }
     float light_pdf = expected_candidates * light.solid_angle_pdf;
     float mis_weight = power_heuristic(light_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
     return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);
 }
 
-// A light sample before its shadow ray.
+// Next event estimation before the shadow ray.
 struct RisLightSample {
     LightSample light_sample;
     ResolvedLightSample resolved;  // for its shadow ray
-    vec3 wi;               // towards the light
-    PerLobe contribution;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
+    vec3 wi;               // in world space, towards the light
+    PerLobe contribution;  // what the vertex reflects if nothing is in between; 0: no shadow ray is needed
 };
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
 
-// One of a stream of light samples, by the luminance that the vertex reflects of each.
+// Weighted reservoir sampling of light samples. The weight is the luminance of the contribution.
 struct RisReservoir {
     RisLightSample kept;
     float kept_weight;
@@ -91,21 +90,22 @@ void add_to_reservoir(inout RisReservoir reservoir, RisLightSample added, inout 
     }
 }
 
-// Whether a light sample comes from infinity past all portals, so that it is occluded if the vertex is in a room.
-bool comes_past_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 direction) {
+// Whether a light sample is at infinity in a direction that goes through no portal. If the vertex is in a room whose
+// openings are portals, such a sample is occluded.
+bool misses_all_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 direction) {
     if (!has_portals() || light_sample.kind == LIGHT_PORTAL || !is_at_infinity(light_sample.kind)) { return false; }
     return !passes_a_portal(receiver, direction);
 }
 
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005) of lights. The
-// target function is the unoccluded luminance that the vertex reflects. Samples that come past portals are occluded if
-// the vertex is in a room. Whether it is isn't known, so they have their own reservoir, which is taken with a
-// probability of at most 1/2: none has less than half of the samples that it would have if that were known.
+// target function is the unoccluded luminance that the vertex reflects. In a room, samples that miss all portals are
+// occluded, but whether the vertex is in a room isn't known. So these samples have a reservoir of their own, which is
+// chosen with a probability of at most 1/2 if the other has a sample: the loss is at most half of the samples.
 RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {
-    RisReservoir reservoir, past_portals;
-    reservoir.kept.contribution = NO_LIGHT;
+    RisReservoir reservoir, portal_misses;
+    reservoir.kept.contribution = ZERO_LOBES;
     reservoir.kept_weight = reservoir.weight_sum = 0.0;
-    past_portals = reservoir;
+    portal_misses = reservoir;
     for (uint i = 0u; i < candidates; i++) {
         ChosenLeaf chosen = choose_leaf(receiver(vertex), rng);
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
@@ -115,19 +115,19 @@ RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expecte
             light_sample, for_shadow_ray(resolved, light.wi), light.wi,
             evaluate_next_event(vertex, light, expected_candidates)
         );
-        if (comes_past_portals(resolved, vertex.position, light.wi)) {
-            add_to_reservoir(past_portals, ris_sample, rng);
+        if (misses_all_portals(resolved, vertex.position, light.wi)) {
+            add_to_reservoir(portal_misses, ris_sample, rng);
         } else {
             add_to_reservoir(reservoir, ris_sample, rng);
         }
     }
     float probability = 1.0;
-    if (SCENE_PORTAL && past_portals.weight_sum > 0.0) {
-        float past = past_portals.weight_sum / (past_portals.weight_sum + reservoir.weight_sum);
-        past = reservoir.weight_sum > 0.0 ? min(past, 0.5) : 1.0;
-        bool takes_past = rand_f(rng) < past;
-        probability = takes_past ? past : 1.0 - past;
-        if (takes_past) { reservoir = past_portals; }
+    if (SCENE_PORTAL && portal_misses.weight_sum > 0.0) {
+        float miss_probability = portal_misses.weight_sum / (portal_misses.weight_sum + reservoir.weight_sum);
+        miss_probability = reservoir.weight_sum > 0.0 ? min(miss_probability, 0.5) : 1.0;
+        bool takes_miss = rand_f(rng) < miss_probability;
+        probability = takes_miss ? miss_probability : 1.0 - miss_probability;
+        if (takes_miss) { reservoir = portal_misses; }
     }
     float ris_weight = reservoir.kept_weight > 0.0
         ? reservoir.weight_sum / (float(candidates) * reservoir.kept_weight * probability) : 0.0;

@@ -5,7 +5,7 @@
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/surface.glsl"
 
-// The number of an instance in its world, from its row.
+// The index of an instance within its world, from its row in `instances`.
 uint instance_number(uint row) {
 #ifdef MANY_VIEWS
     return row - views.at[view_index].first_instance;
@@ -29,7 +29,7 @@ void store_empty_aovs(uint index) {
     aov_material_id.at[index] = NO_INDEX;
 }
 
-// `mesh` is the instance's mesh or its ray mesh, of whichever the ray hit a triangle.
+// `mesh` is the one that hit.triangle is of: the instance's mesh, or its ray mesh.
 void store_aovs(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     SurfaceInteraction surface =
         resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);

@@ -11,9 +11,9 @@ layout(set = 1, scalar) uniform PathSamplingBlock {
     uint seed;
     uint first_row;             // the dispatch covers rows from here
     uint row_count;
-    uint first_sample;          // of the picture: where it begins in the sequences of its seed
-    uint sample_index;          // samples of earlier dispatches: of every pixel, or counted from its range's begin
-    uint has_sample_ranges;     // whether pixels have ranges of samples of their own
+    uint first_sample;          // the picture's first index in the low-discrepancy sequences of its seed
+    uint sample_index;          // samples before this dispatch: of each pixel, or of its range in sample_ranges
+    uint has_sample_ranges;     // whether sampling is adaptive: sample_ranges of trace.comp
     uint samples_per_dispatch;
     uint max_bounces;           // 0: only emission
     uint light_strategy;        // LIGHT_STRATEGY_*

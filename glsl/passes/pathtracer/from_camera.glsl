@@ -10,7 +10,7 @@ bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rn
     CameraRay ray = make_camera_ray(position);
     if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_aperture(rand_vec2f(rng))); }
     path.walk = start_walk(ray);
-    path.walk.cone_width = path.walk.cone_spread = 0.0;  // the finest level of textures: samples average it
+    path.walk.cone_width = path.walk.cone_spread = 0.0;  // for the finest mip level, which the samples average
     if (!is_seen(position)) { path.walk.throughput = vec3(0.0); }
     return false;
 }

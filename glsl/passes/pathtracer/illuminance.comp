@@ -1,5 +1,5 @@
-// The light that falls on points: the radiance that a white Lambert surface would have there, illuminance over pi.
-// Paths start at the points. The cylindrical illuminance is the mean over all normals perpendicular to an axis.
+// Illuminance at points, as the radiance that a white Lambert surface would have there: illuminance over pi. Paths
+// start at the points. The cylindrical illuminance is the mean over all normals perpendicular to an axis.
 #version 460
 #include "passes/pathtracer/trace.glsl"
 
@@ -30,6 +30,6 @@ bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rn
     return true;
 }
 
-uvec2 sample_range(uvec2 pixel) { return even_sample_range(); }
+uvec2 sample_range(uvec2 pixel) { return uniform_sample_range(); }
 
 void main() { trace_paths(); }

@@ -21,8 +21,8 @@ float sample_blackman_harris(float u) {
     return x;
 }
 
-// Samples an offset from the pixel's center in pixels, with the filter as the density, so that all samples weigh the
-// same.
+// Filter importance sampling: an offset from the pixel's center in pixels with the filter as pdf, so that all samples
+// have the same weight.
 vec2 sample_pixel_filter(vec2 u) {
     float radius = path_sampling.filter_radius;
     if (path_sampling.pixel_filter == PIXEL_FILTER_GAUSSIAN) {

@@ -1,4 +1,4 @@
-// Writes AOVs of the triangles that raster found, of meshes that rays don't hit where instances have a ray mesh.
+// Writes AOVs of the triangles that raster found, for scenes with instances whose ray mesh is another than their mesh.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"

@@ -9,7 +9,7 @@
 
 struct Path {
     Walk walk;
-    Receiver receiver;  // where the light samples were chosen that compete with the walk's direction
+    Receiver receiver;  // of the light samples that compete in MIS with the walk's direction
     uint bounce;        // the number of surfaces that the walk has left
     vec3 radiance;
     uint rays;          // of all samples of the pixel so far
@@ -24,13 +24,14 @@ struct Vertex {
     Medium below;  // on the other side
 };
 
-// Sets the walk of a new path of a pixel. Returns whether it starts at a vertex, which is set then, or else with a ray.
+// Starts a path of a pixel: either sets its walk, to trace the first ray, and returns false, or also sets a vertex from
+// which the walk goes on, and returns true.
 bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rng);
 
-// The samples that a pixel takes in this dispatch: those from x on that are below y.
+// The samples that a pixel takes in this dispatch: from index x to y - 1.
 uvec2 sample_range(uvec2 pixel);
 
-// The density of a bounce as MIS uses it: INFINITY gives light samples no weight, 0 gives them all the weight.
+// Walk.mis_pdf for the setting light_strategy: INFINITY gives light samples no weight, 0 gives them all the weight.
 float mis_pdf(float pdf) {
     if (path_sampling.light_strategy == LIGHT_STRATEGY_BRDF || pdf == INFINITY) { return INFINITY; }
     return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : pdf;
@@ -59,15 +60,15 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     return true;
 }
 
-// The probability that a path goes on, over its throughput. With 1 the error times the time is more: by 36 % in
-// mirror_hall, 22 % in cornell_box and 2 % in shiny_floor; with 4 by 8, 4 and 5 % more than with 3.
-const float SURVIVAL = 3.0;
+// Russian roulette's survival probability is this times the throughput. Inverse efficiency, error times render time, is
+// higher with 1, by 36 % in mirror_hall, 22 % in cornell_box and 2 % in shiny_floor, and with 4, by 8, 4 and 5 %.
+const float SURVIVAL_PER_THROUGHPUT = 3.0;
 
 // Adds a light sample at a surface, and samples the direction in which the walk leaves it. Returns whether it goes on.
 bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     SurfaceInteraction surface = vertex.surface;
     path.receiver = Receiver(surface.world_position, surface.world_normal);
-    uint light_rng = split_rng(rng);  // light samples draw more numbers or fewer; those after them stay the same ones
+    uint light_rng = split_rng(rng);  // light samples take any count of random numbers; later dimensions stay the same
     NextEvent event;
     event.radiance = vec3(0.0);
     if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF) {
@@ -77,12 +78,12 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
         );
     }
     BrdfSample next = sample_brdf(vertex.brdf, vertex.wo, rng);
-    bool possible = scatter(path.walk, next, vertex.frame, surface.geometric_world_normal, vertex.below);
+    bool valid = scatter(path.walk, next, vertex.frame, surface.geometric_world_normal, vertex.below);
     path.walk.mis_pdf = mis_pdf(path.walk.mis_pdf);
     path.walk.origin = ray_origin(surface, path.walk.direction);
     path.bounce += 1u;
-    float carried = SURVIVAL * max_component(path.walk.throughput);
-    bool goes_on = possible && survives(path.walk, carried, path.bounce, rng);
+    float survival_probability = SURVIVAL_PER_THROUGHPUT * max_component(path.walk.throughput);
+    bool goes_on = valid && survives(path.walk, survival_probability, path.bounce, rng);
 
     // last, when the surface isn't needed any more
     if (max_component(event.radiance) > 0.0) {
@@ -92,8 +93,8 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     return goes_on;
 }
 
-// The samples of a dispatch in which all pixels take the same number.
-uvec2 even_sample_range() {
+// The samples of this dispatch if sampling isn't adaptive.
+uvec2 uniform_sample_range() {
     return path_sampling.sample_index + uvec2(0u, path_sampling.samples_per_dispatch);
 }
 

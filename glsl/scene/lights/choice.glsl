@@ -1,12 +1,14 @@
-// Which leaf, and which of its triangles or texels (parts), a light sample takes: by power, from two levels of alias
-// tables. Walker, "An Efficient Method for Generating Discrete Random Variables with General Distributions" (1977).
-// Differs from Solari, which takes all lights, and all triangles of a light, with equal probability.
+// Chooses a leaf of the light tree (a light, or a cluster of triangles of an emissive mesh), and a part of it (a
+// triangle or a texel), by power, from two levels of alias tables. Walker, "An Efficient Method for Generating Discrete
+// Random Variables with General Distributions" (1977). Differs from Solari, which takes all lights, and all triangles
+// of a light, with equal probability.
 #ifndef SCENE_LIGHTS_CHOICE_GLSL
 #define SCENE_LIGHTS_CHOICE_GLSL
 
 #include "common/random.glsl"
 #include "scene/bindings.glsl"
 
+// The second step of the alias method, for a row that was drawn uniformly.
 uint choose(uint row, AliasTableRow drawn, inout uint rng) {
     return rand_u(rng) < drawn.threshold ? row : drawn.alias;
 }
@@ -16,6 +18,7 @@ uint choose_leaf(inout uint rng) {
     return choose(row, light_leaves.at[row].by_power, rng);
 }
 
+// Whether the parts of each of the light's leaves are equally likely.
 bool has_equal_parts(LightSource light) { return uvec2(light.parts) == uvec2(0u); }
 
 uint choose_part(LightLeaf leaf, inout uint rng) {
@@ -26,10 +29,11 @@ uint choose_part(LightLeaf leaf, inout uint rng) {
 
 struct PartOfLeaf {
     uint leaf;         // into light_leaves
-    float probability; // of the part once the leaf is chosen; 0 only where nothing is emitted
+    float probability; // of the part, given the leaf; 0 only where nothing is emitted
 };
 
-// Finds the leaf of a part by the halvings of solari_vk/bound/spatial_order.py.
+// Finds the leaf of a part. Leaves are made by halving the list of parts LightSource.halvings times, with the larger
+// half first, as in solari_vk/bound/spatial_order.py.
 PartOfLeaf part_of_leaf(LightSource light, uint part) {
     if (light.halvings == NO_INDEX) { return PartOfLeaf(light.first_leaf + part, 1.0); }
     uint leaf = 0u, first = 0u, count = light.part_count;

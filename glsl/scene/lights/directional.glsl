@@ -32,11 +32,11 @@ uint debug_color_id_directional(uint index) { return ~index; }
 
 LightHit evaluate_directional(uint index, vec3 direction) {
     DirectionalLight light = directional_lights.at[index];
-    // |a - b|^2 / 2 = 1 - cos keeps the digits that the dot product of nearly equal directions loses
+    // |a - b|^2 / 2 = 1 - cos is without the cancellation of 1 - dot(a, b) for nearly equal directions
     vec3 difference = direction - light.direction_to_light;
     float one_minus_cos = 0.5 * dot(difference, difference);
     if (one_minus_cos > light.one_minus_cos_half_angle) { return NO_LIGHT_HIT; }
-    vec2 u = cone_numbers(light.direction_to_light, light.one_minus_cos_half_angle, direction, one_minus_cos);
+    vec2 u = invert_cone_sample(light.direction_to_light, light.one_minus_cos_half_angle, direction, one_minus_cos);
     return LightHit(light.radiance, light.solid_angle, 0u, u, INFINITY);
 }
 

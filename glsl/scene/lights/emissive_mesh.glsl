@@ -31,11 +31,11 @@ float emission_cosine_emissive_mesh(uint double_sided, float cosine) {
     return max(cosine, double_sided != 0u ? -cosine : 0.0);
 }
 
-// The number of the view of instances, so that a light has the same color in both.
+// The id by which the debug view of instances chooses colors, so that an instance has the same color in both views.
 uint debug_color_id_emissive_mesh(uint index) { return instances.at[index].id; }
 
-// The density in solid angle with which sampling lights chooses the direction to a hit at distance `ray_t`; 0 for a
-// surface that is no light.
+// The solid angle pdf of a light sample at a hit at distance `ray_t`, where leaves are chosen by power; 0 for a surface
+// that is no light.
 float emissive_hit_pdf(SurfaceInteraction hit, vec3 ray_direction, float ray_t) {
     float cosine = abs(dot(ray_direction, hit.geometric_world_normal));
     return hit.area_pdf_by_power > 0.0 && cosine > 0.0 ? square(ray_t) / cosine * hit.area_pdf_by_power : 0.0;

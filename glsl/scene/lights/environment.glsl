@@ -1,18 +1,18 @@
-// Lights that are pictures of all directions at infinity: environment maps, by longitude and latitude. Light samples
-// take texels by their light and points of a texel uniformly; radiance is interpolated between the texels' centers,
-// alike for light samples and for rays that meet the light, so that both have the same mean.
+// Environment maps at infinity, by longitude and latitude. Light samples choose a texel by its power and a point of the
+// texel uniformly; radiance is interpolated between the texels' centers, for light samples and for rays that hit the
+// light alike, so that both have the same mean.
 #ifndef SCENE_LIGHTS_ENVIRONMENT_GLSL
 #define SCENE_LIGHTS_ENVIRONMENT_GLSL
 
 #include "common/math.glsl"
 #include "common/packing.glsl"
 #include "scene/bindings.glsl"
-#include "scene/lights/openings.glsl"
+#include "scene/lights/portal_sampling.glsl"
 #include "scene/lights/types.glsl"
 
 struct Environment {
     Words texels;  // rgb9e5
-    AliasTable choices;  // among the texels
+    AliasTable choices;  // of texels, by power
     uvec2 size;       // in texels: longitude, latitude; the first row is up
     float scale;      // radiance of a texel that holds 1, before the intensity
     float intensity;
@@ -23,7 +23,7 @@ layout(set = 0, scalar) readonly buffer EnvironmentsBlock {
     Environment at[];
 } environments;
 
-const float MIN_POLAR_SINE = 1e-6;  // so that a ray to a pole meets the light
+const float MIN_POLAR_SINE = 1e-6;  // so that the pdf is finite at the poles
 
 vec3 load_texel(Environment map, ivec2 texel) {
     uint column = texel.x < 0 ? map.size.x - 1u : uint(texel.x) == map.size.x ? 0u : uint(texel.x);
@@ -40,7 +40,7 @@ vec3 environment_radiance(Environment map, vec2 position) {
     return map.intensity * map.scale * mix(upper, lower, share.y);
 }
 
-// The solid angle of a texel over the share of its picture's area.
+// The solid angle of a texel, as if it were all at one polar angle.
 float texel_solid_angle(Environment map, float polar_sine) {
     return 2.0 * PI * PI / (float(map.size.x) * float(map.size.y)) * max(polar_sine, MIN_POLAR_SINE);
 }
@@ -79,15 +79,15 @@ LightHit evaluate_environment(uint index, vec3 direction) {
     );
 }
 
-// What samples of the environment stand for in the light from a direction; samples of portals stand for the rest.
+// Weights the radiance by the balance heuristic against samples of portals: scene/lights/portal.glsl.
 ResolvedLightSample sample_for_receiver_environment(ResolvedLightSample light_sample, vec3 receiver) {
     if (!has_portals()) { return light_sample; }
     vec3 direction = light_sample.world_position;
     LightHit light_hit = evaluate_environment(light_sample.data, direction);
     if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return light_sample; }
     LightSource light = light_sources.at[scene_info.first_environment + light_sample.data];
-    float own = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
-    light_sample.radiance *= own > 0.0 ? own / (own + pdf_of_openings(receiver, direction, NO_INDEX)) : 1.0;
+    float map_pdf = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
+    light_sample.radiance *= map_pdf > 0.0 ? map_pdf / (map_pdf + sum_portal_pdfs(receiver, direction, NO_INDEX)) : 1.0;
     return light_sample;
 }
 

@@ -1,4 +1,4 @@
-// Lights at a point, which no ray meets.
+// Lights at a point, which no ray can hit.
 #ifndef SCENE_LIGHTS_POINT_GLSL
 #define SCENE_LIGHTS_POINT_GLSL
 
@@ -10,7 +10,7 @@ layout(set = 0, scalar) readonly buffer PointLightsBlock {
     PunctualLight at[];
 } point_lights;
 
-const float MIN_POINT_DISTANCE = 1e-4;  // meters: light doesn't grow any more where a surface is nearer
+const float MIN_POINT_DISTANCE = 1e-4;  // meters; irradiance is no larger at surfaces nearer than this
 
 ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_probability) {
     PunctualLight light = point_lights.at[index];

@@ -1,7 +1,8 @@
-// Lights that are spheres: points and spots with a radius. Rays see them and pass through, up to the ball in those that
-// cast shadows (solari_vk/bound/lights/bodies.py). A light sample is a direction on the unit sphere; each receiver maps
-// it to the cone of directions in which it sees the sphere, with the same density everywhere: Shirley, Wang and
-// Zimmerman, "Monte Carlo Techniques for Direct Lighting Calculations" (1996).
+// Lights that are spheres: points and spots with a radius. They are no geometry: rays take up their light and go on. A
+// light that is to cast shadows has an opaque ball just below its surface (solari_vk/bound/lights/bodies.py). A light
+// sample is stored as a point of the unit sphere, independently of receivers; for each receiver it is mapped uniformly
+// to the cone of directions in which that sees the sphere: Shirley, Wang and Zimmerman, "Monte Carlo Techniques for
+// Direct Lighting Calculations" (1996).
 #ifndef SCENE_LIGHTS_SPHERE_GLSL
 #define SCENE_LIGHTS_SPHERE_GLSL
 
@@ -35,7 +36,7 @@ SphereCone sphere_cone(PunctualLight light, vec3 receiver) {
     return cone;
 }
 
-// The distance at which a ray enters the sphere. Its direction's cosine to the cone's axis is 1 - one_minus_cos.
+// The distance at which a ray enters the sphere. one_minus_cos is that of its angle with the cone's axis.
 float sphere_distance(PunctualLight light, SphereCone cone, float one_minus_cos) {
     float squared_sine = one_minus_cos * (2.0 - one_minus_cos);
     float half_chord = safe_sqrt(square(light.radius) - square(cone.distance) * squared_sine);
@@ -83,7 +84,7 @@ LightHit intersect_sphere(uint index, vec3 origin, vec3 direction, float t_max) 
     float along = 1.0 - 2.0 * one_minus_cos / cone.one_minus_cos;
     vec3 sideways = safe_normalize(direction - cone.axis * (1.0 - one_minus_cos), vec3(0.0));
     vec3 on_unit_sphere = along * cone.axis + safe_sqrt(1.0 - square(along)) * sideways;
-    vec2 u = cone_numbers(SPHERE_POLE, 2.0, on_unit_sphere, 1.0 - on_unit_sphere.z);
+    vec2 u = invert_cone_sample(SPHERE_POLE, 2.0, on_unit_sphere, 1.0 - on_unit_sphere.z);
     return LightHit(light.strength * cone.falloff, 2.0 * PI * cone.one_minus_cos, 0u, u, t);
 }
 

@@ -10,13 +10,13 @@
 #include "scene/bindings.glsl"
 #include "scene/lights/choice.glsl"
 
-// What receives light: a point, and the normal of its shading.
+// The point for which a light is sampled, with its shading normal: LightSampleContext in pbrt.
 struct Receiver {
     vec3 position;
     vec3 normal;
 };
 
-// Without a receiver leaves are chosen by power, wherever they are.
+// Without a receiver, leaves are chosen by power alone.
 const Receiver NO_RECEIVER = Receiver(vec3(0.0), vec3(0.0));
 
 struct ChosenLeaf {
@@ -81,6 +81,7 @@ float node_probability(uint node, Receiver receiver) {
     return probability;
 }
 
+// The choice by power decides between lights at infinity, which it also chooses, and the tree of the finite ones.
 ChosenLeaf choose_leaf(Receiver receiver, inout uint rng) {
     uint row = choose_leaf(rng);
     LightLeaf leaf = light_leaves.at[row];

@@ -5,8 +5,8 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 
-// What a light has of its own: the texels of an environment, or the summed areas of a portal's map. One type for both,
-// since shader optimizers confuse types that are alike.
+// A buffer that belongs to one light: the texels of an environment, or the summed-area tables of a portal's maps. One
+// type for both, since shader optimizers confuse types that are alike.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Words { uint at[]; };
 
 // A point of a light, by the seed of its random numbers. Differs from Solari: 32 bits each for light and triangle, so
@@ -17,8 +17,8 @@ struct LightSample {
     uint seed;
 };
 
-// The point of a LightSample in world space. Of point lights and spheres, light_sample_for_receiver (each kind's file
-// has its own) makes what one receiver sees.
+// The point of a LightSample in world space. What some kinds of lights send depends on the receiver: its sample is what
+// light_sample_for_receiver returns, which calls the kind's sample_for_receiver_NAME.
 struct ResolvedLightSample {
     uint kind;
     uint data;            // what the kind stores for emission_cosine and light_sample_for_receiver
@@ -29,12 +29,12 @@ struct ResolvedLightSample {
     float inverse_area_pdf;  // one over the pdf in area; for kinds at infinity, in solid angle
 };
 
-// What a ray sees of a light at infinity, or of one that it passes.
+// What a ray finds of a light at infinity, or of one that it goes through, such as a sphere light.
 struct LightHit {
     vec3 radiance;
     float inverse_solid_angle_pdf;  // one over the pdf of the direction, once the light is chosen; 0: no hit
     uint part;  // of the light that the ray hits
-    vec2 u;     // the random numbers for which light samples of the part have the ray's direction
+    vec2 u;     // the inverse of sampling: the random numbers for which a light sample has the ray's direction
     float t;    // of the hit; INFINITY for lights at infinity
 };
 

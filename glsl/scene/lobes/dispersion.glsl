@@ -1,5 +1,5 @@
-// Dispersion: glass bends light of short waves more, as KHR_materials_dispersion has it. A path has light of all waves
-// until it passes into such glass, and from there on one wavelength, in proportion to what each color sees of it.
+// Dispersion, as in KHR_materials_dispersion. A path carries all wavelengths until it is refracted into dispersive
+// glass, and a single one from there on (TerminateSecondary in pbrt), weighted by what red, green and blue see of it.
 #ifndef SCENE_LOBES_DISPERSION_GLSL
 #define SCENE_LOBES_DISPERSION_GLSL
 
@@ -11,9 +11,8 @@ const vec3 BANDS = vec3(610.0, 540.0, 450.0);
 const float BAND_WIDTH = 70.0;
 const float ALL_WAVELENGTHS = 0.0;
 
-// The share of the light of a wavelength that each color sees, over the density with which sample_wavelength samples
-// it: 1 in the mean.
-vec3 wave_color(float wavelength) {
+// The response of red, green and blue to a wavelength, over the pdf of sample_wavelength: 1 in the mean.
+vec3 wavelength_color(float wavelength) {
     vec3 bands = max(BAND_WIDTH - abs(wavelength - BANDS), 0.0);
     return 3.0 * bands / max(bands.r + bands.g + bands.b, 1e-3);
 }
@@ -36,9 +35,9 @@ vec3 bands_inverse_square() { return -log(1.0 - square(BAND_WIDTH) / (BANDS * BA
 
 // What a material's dispersion makes of it for a path.
 struct Dispersed {
-    float ior;    // for the path's wavelength; 0: without dispersion
-    vec3 iors;    // for each color of what is reflected
-    vec3 passes;  // factor of light that passes: 1 where the path has its wavelength already
+    float ior;               // for the path's wavelength; 0: without dispersion
+    vec3 reflected_iors;     // for reflection of red, green and blue
+    vec3 transmitted_color;  // factor of transmitted light; 1 if the path had one wavelength already
 };
 
 const Dispersed NOT_DISPERSED = Dispersed(0.0, vec3(0.0), vec3(1.0));

@@ -45,7 +45,7 @@ GlassParameters unpack_glass(uint bits) {
 struct Glass {
     float weight;        // 0: the surface isn't made of glass
     float eta;           // the index of refraction below the surface over that above it, as seen by wo
-    Dispersed dispersed; // its `iors` are etas too
+    Dispersed dispersed; // its `reflected_iors` are etas too
     bool thin;           // light passes the wall without being bent
     float roughness;
     vec3 color;          // of the light that passes
@@ -61,7 +61,7 @@ vec3 glass_fresnel(Glass glass, float cosine) {
     if (!(reflected < 1.0)) { return vec3(1.0); }
     vec3 bare = reflected * glass.tint;
     if (SCENE_DISPERSION && glass.dispersed.ior > 0.0) {
-        vec3 etas = glass.dispersed.iors;
+        vec3 etas = glass.dispersed.reflected_iors;
         bare.g = dielectric_fresnel(etas.g, cosine) * glass.tint.g;
         bare.r = dielectric_fresnel(etas.r, cosine) * glass.tint.r;
         bare.b = dielectric_fresnel(etas.b, cosine) * glass.tint.b;
@@ -73,7 +73,9 @@ vec3 glass_fresnel(Glass glass, float cosine) {
     return mix(bare, filmed, glass.film.weight);
 }
 
-vec3 passing_color(Glass glass) { return SCENE_DISPERSION ? glass.color * glass.dispersed.passes : glass.color; }
+vec3 passing_color(Glass glass) {
+    return SCENE_DISPERSION ? glass.color * glass.dispersed.transmitted_color : glass.color;
+}
 
 // The probability with which a microfacet reflects instead of refracting.
 float glass_reflects(Glass glass, float cosine) {
@@ -110,9 +112,9 @@ Glass prepare_glass(GlassParameters parameters, BaseMaterial base, float cosine)
     glass.dispersed = NOT_DISPERSED;
     if (SCENE_DISPERSION && parameters.dispersed.ior > 0.0) {
         float least = mirror ? 1.0 : 1.005;
-        vec4 iors = max(vec4(parameters.dispersed.iors, parameters.dispersed.ior), least);
+        vec4 iors = max(vec4(parameters.dispersed.reflected_iors, parameters.dispersed.ior), least);
         vec4 etas = base.inside ? 1.0 / iors : iors;
-        glass.dispersed = Dispersed(iors.w, etas.rgb, parameters.dispersed.passes);
+        glass.dispersed = Dispersed(iors.w, etas.rgb, parameters.dispersed.transmitted_color);
         glass.eta = etas.w;
     }
     glass.thin = !base.solid;

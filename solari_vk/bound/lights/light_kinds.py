@@ -14,12 +14,12 @@ choose between the kinds. Each NAME.glsl defines:
     uint debug_color_id_NAME(uint index)
         A number that stays the same while other lights are added and removed; debug views give each number a color.
     LightHit evaluate_NAME(uint index, vec3 direction)
-        Kinds at infinity only: what a ray in this direction meets if it meets no surface.
+        Kinds at infinity only: what a ray in this direction finds of the light if it hits no surface.
     LightHit intersect_NAME(uint index, vec3 origin, vec3 direction, float t_max)
-        Kinds that rays pass only: what a ray of this length sees of the light.
+        Kinds that rays pass only: what a ray of this length finds of the light.
     ResolvedLightSample sample_for_receiver_NAME(ResolvedLightSample light_sample, vec3 receiver)
-        Kinds that depend on the receiver only: what a resolved sample is to one receiver. Samples of kinds that rays
-        meet BEYOND them are then, as those of kinds at infinity, directions with densities in solid angle.
+        Kinds that depend on the receiver only: the resolved sample as one receiver sees it. Samples of kinds that rays
+        meet BEYOND them are then directions with pdfs in solid angle, as those of kinds at infinity.
 
 `index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
 buffer, in set 0. tests/proofs/lights/test_light_kinds.py adds two kinds in this way.
@@ -98,7 +98,7 @@ def _portal_record(light: Portal) -> dict[str, Any]:
     u, v, normal = 2 * light.half_u.astype(np.float64), 2 * light.half_v.astype(np.float64), light.transform[:3, 2]
     return {
         "corner": light.center - light.half_u - light.half_v, "side_u": u, "side_v": v, "normal": normal,
-        "across_u": np.cross(v, normal) / light.area, "across_v": np.cross(normal, u) / light.area, "area": light.area,
+        "dual_u": np.cross(v, normal) / light.area, "dual_v": np.cross(normal, u) / light.area, "area": light.area,
     }  # fmt: skip
 
 

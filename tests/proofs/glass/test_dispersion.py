@@ -132,7 +132,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         FILE, "dispersed_ior", "return correct(ior, 0.9 * dispersion, inverse_square);")),
     "bands": (lambda device: check_prism(device, "an edge"), Bug(FILE, "BAND_WIDTH", "50.0")),
     "light is gained": (lambda device: check_furnace(device, roughness=0.5), Bug(
-        FILE, "wave_color", "return 1.03 * correct(wavelength);")),
+        FILE, "wavelength_color", "return 1.03 * correct(wavelength);")),
     "frames": (test_frames_have_the_path_tracers_colors, Bug(
-        "passes/paths/reservoir.glsl", "wavelength_number", "return 0.7 * correct(pixel);")),
+        "passes/paths/reservoir.glsl", "wavelength_u", "return 0.7 * correct(pixel);")),
 }, quick=("the equation",))  # fmt: skip

@@ -106,14 +106,14 @@ def test_directions_have_their_density(shaders):
     hold(measure_sampling(shaders))
 
 
-OPENINGS, PORTAL = "scene/lights/openings.glsl", "scene/lights/portal.glsl"
+SAMPLING, PORTAL = "scene/lights/portal_sampling.glsl", "scene/lights/portal.glsl"
 _check = with_shaders(measure_sampling)
 test_a_seeded_bug_is_noticed = bug_tests({
     CHI_SQUARED: (_check, Bug(
-        OPENINGS, "choose_step", "return correct(portal, seen, first, last, weight, axis, u * u);")),
-    WHOLE: (_check, Bug(OPENINGS, "density_in", "return 0.8 * correct(pane, portal, seen);")),
-    SAME: (_check, Bug(OPENINGS, "texel_at", "return correct(portal, seen, place * place);")),
-    INVERSE: (_check, Bug(OPENINGS, "invert_sample_place", "return correct(portal, seen, place).yx;")),
-    FOLLOWS: (_check, Bug(OPENINGS, "look_through", "Outlook seen = correct(portal, receiver); "
-                          "seen.map_side ^= (portal.map_size + 1u) * (portal.map_size + 1u); return seen;")),
+        SAMPLING, "sample_column_or_row", "return correct(portal, window, first, last, weight, axis, u * u);")),
+    WHOLE: (_check, Bug(SAMPLING, "texel_pdf", "return 0.8 * correct(rectangle, portal, window);")),
+    SAME: (_check, Bug(SAMPLING, "texel_at", "return correct(portal, window, uv * uv);")),
+    INVERSE: (_check, Bug(SAMPLING, "invert_window_sample", "return correct(portal, window, uv).yx;")),
+    FOLLOWS: (_check, Bug(SAMPLING, "find_window", "MapWindow window = correct(portal, receiver); "
+                          "window.map_offset ^= (portal.map_size + 1u) * (portal.map_size + 1u); return window;")),
 }, quick=(CHI_SQUARED,))  # fmt: skip

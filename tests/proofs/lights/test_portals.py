@@ -306,8 +306,8 @@ def test_portals_shorten_no_histories(device):
     assert lengths.mean() > 9.5
 
 
-OPENINGS, PORTAL, SAMPLING = "scene/lights/openings.glsl", "scene/lights/portal.glsl", "scene/sampling.glsl"
-_TWICE = Bug(OPENINGS, "pdf_of_openings", "return 0.0;")
+WINDOWS, PORTAL, SAMPLING = "scene/lights/portal_sampling.glsl", "scene/lights/portal.glsl", "scene/sampling.glsl"
+_TWICE = Bug(WINDOWS, "sum_portal_pdfs", "return 0.0;")
 _DARKER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
               "found.radiance *= 0.7; return found;")  # fmt: skip
 _BRIGHTER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
@@ -315,10 +315,10 @@ _BRIGHTER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found
 test_a_seeded_bug_is_noticed = bug_tests({
     "what portals sample counts twice": (_exact, _TWICE),
     "portals are seen from one side": (_floor, Bug(
-        OPENINGS, "density_of_opening", "return dot(direction, portals.at[index].normal) < 0.0 ? 0.0 "
+        WINDOWS, "evaluate_portal_pdf", "return dot(direction, portals.at[index].normal) < 0.0 ? 0.0 "
         ": correct(index, origin, direction);")),
     "a wrong density": (_exact, Bug(
-        OPENINGS, "density_of_opening", "return 0.5 * correct(index, origin, direction);")),
+        WINDOWS, "evaluate_portal_pdf", "return 0.5 * correct(index, origin, direction);")),
     "rays count as if no portal were sampled": (_exact, Bug(
         SAMPLING, "portal_choice_ratio", "return 1e-6;")),
     "less light through portals": (_floor, _DARKER),

@@ -96,7 +96,7 @@ def mean_intensity(kind):
 
 def test_a_seeded_bug_is_noticed(device, tmp_path):
     """Horizontal angles that turn the other way."""
-    bug = Bug("scene/lights/punctual.glsl", "profile_share",
+    bug = Bug("scene/lights/punctual.glsl", "profile_intensity",
               "light.profile_axes[1] = -light.profile_axes[1]; return correct(light, direction);")  # fmt: skip
     with seeded(bug):
         found, expected = measured_and_expected(device, "C, whole", light_of(tmp_path, "C, whole"))

@@ -33,8 +33,8 @@ void main() {
         found = light_sample_for_receiver(found, receiver);
         drawn.at[i] = Drawn(
             index, found.world_position, 1.0 / found.inverse_area_pdf,
-            density_of_opening(index, receiver, found.world_position), u,
-            numbers_of_opening(index, receiver, found.world_position)
+            evaluate_portal_pdf(index, receiver, found.world_position), u,
+            invert_portal_sample(index, receiver, found.world_position)
         );
     }
     if (i < chances.at.length()) {
@@ -45,6 +45,6 @@ void main() {
         vec3 direction = normalize(to_place);
         float solid_angle = portal.area * abs(dot(direction, portal.normal)) / dot(to_place, to_place);
         chances.at[i] =
-            density_of_opening(i / (GRID * GRID), receiver, direction) * solid_angle / float(GRID * GRID);
+            evaluate_portal_pdf(i / (GRID * GRID), receiver, direction) * solid_angle / float(GRID * GRID);
     }
 }
