@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.shaders.headers import enumeration
 
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")
-"""mis: multiple importance sampling of light samples and BRDF samples. nee: light samples alone (next event estimation).
+"""mis: multiple importance sampling of light samples and BRDF samples. nee: next event estimation, light samples alone.
 brdf: BRDF samples alone. All have the same mean."""
 _SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
 PIXEL_FILTERS = {"box": 0.5, "gaussian": 2.0, "blackman_harris": 1.5}

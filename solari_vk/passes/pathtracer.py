@@ -17,7 +17,7 @@ from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
-DISPATCH_MS = 100.0  # the target time of a dispatch: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
+DISPATCH_MS = 100.0  # target: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MIN_ROWS = 8  # of a dispatch
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of a block of adaptive sampling, whose halves have a number of samples each
