@@ -34,7 +34,8 @@ bool has_alpha(Material material) {
     return SCENE_ALPHA && (material.flags & (MATERIAL_MASK | MATERIAL_BLEND)) != 0u;
 }
 
-// The same for thin glass: such that attenuate_by_surface gives the light that passes straight.
+// The same for thin-walled glass, solved for the transmittance `through` of the delta lobe: attenuate_by_surface makes
+// (1 - opacity) * mix(1, filter, opacity) of what is returned.
 vec4 resolve_thin_wall(
     Instance instance, Material material, Mesh mesh, uint triangle, vec2 barycentrics, vec3 direction, vec3 color
 ) {

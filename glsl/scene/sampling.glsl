@@ -122,6 +122,7 @@ vec3 mis_weighted_environment(
         float portal_pdf = evaluate_portal_pdf(i, receiver.position, direction);
         if (!(portal_pdf > 0.0)) { continue; }
         pdf_sum += portal_pdf;
+        // with 1 for pdf_sum, which is known after the loop
         through_portals += strategy_weight(portal_pdf, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
     }
     float weight = strategy_weight(map_pdf, 1.0, pdf_sum, mis_pdf);

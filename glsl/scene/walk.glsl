@@ -88,8 +88,8 @@ Walk start_walk(CameraRay ray) {
 // The radiance of pass-through lights on a ray: sphere lights, which add to a ray's radiance and don't end it.
 struct LightAlongRay {
     vec3 radiance;  // times RayTransmittance.weight of the blended surfaces before the light
-    // In place of that over RayTransmittance.probability: since rays pass those surfaces by chance, this estimates the
-    // radiance without transmittance, as the target functions of reservoirs need it.
+    // Over RayTransmittance.probability instead: since rays pass those surfaces by chance, this estimates the radiance
+    // without transmittance, as the target functions of reservoirs need it.
     vec3 radiance_over_probability;
 };
 
@@ -98,8 +98,8 @@ const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
 // A ray of a walk, to the next surface if there is one.
 struct Segment {
     Hit hit;
-    // Of blended surfaces and thin-walled glass before the hit. FULL_TRANSMITTANCE for camera rays: they always hit
-    // thin-walled glass, and blended surfaces don't tint what is behind them.
+    // Of blended surfaces and thin-walled glass before the hit. FULL_TRANSMITTANCE for camera rays, which hit all such
+    // glass and aren't tinted by blended surfaces.
     RayTransmittance transmittance;
     LightAlongRay along_ray;
     uint rays;  // the number of rays traced for the segment
@@ -118,8 +118,7 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
     float t_end = min(segment.hit.t, walk.t_max);
     uint lights = HAS_PASS_THROUGH_LIGHTS
         ? scene_info.first_light_at_infinity - scene_info.first_pass_through_light : 0u;
-    // One loop for the transmittance to each pass-through light and, last, to the surface: drivers inline the trace, so
-    // that a second call would double the code.
+    // One loop traces to each pass-through light and last to the surface, since drivers inline each call.
     for (uint i = 0u; i <= lights; i++) {
         vec3 radiance = vec3(1.0);
         float t = walk.t_max;
@@ -168,9 +167,8 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
 }
 
-// Smooth thin-walled glass has a delta lobe of straight transmission, which trace_segment has sampled: rays pass the
-// glass by chance, as they pass blended surfaces. So the throughput of a ray that hit it is divided by the probability
-// of a hit, and the lobe is removed from the material.
+// Smooth thin-walled glass has a delta lobe of straight transmission, which trace_segment has sampled: rays pass it by
+// chance. So the throughput of a ray that hit it is divided by the probability of a hit, and the lobe is removed.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
     vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
@@ -180,9 +178,8 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     }
 }
 
-// Gives dispersive glass the index of refraction for the walk's wavelength. For a walk with all wavelengths one is
-// sampled by u, for transmission: reflection from outside keeps all wavelengths, with an index for each color. From
-// inside, such a walk (one that began there) takes the wavelength at once.
+// Gives dispersive glass the index of refraction for the walk's wavelength. For a walk with all wavelengths, one is
+// sampled by u for transmission. Reflection outside keeps all, with an index for each color; inside it takes the one.
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, float u) {
     walk.wavelength_below = walk.wavelength;
     if (!material.base.solid) { return; }
@@ -210,8 +207,7 @@ void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, i
     }
 }
 
-// What a surface emits towards the walk, with throughput and MIS weight. `light_pdf`: the pdf in solid angle of light
-// samples for the same direction; 0 if they can't choose the surface.
+// What a surface emits, with throughput and MIS weight. light_pdf: in solid angle; 0 if light samples can't choose it.
 vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.mis_pdf, light_pdf);
     bool emits = surface.emits_towards_ray || surface.unlit && walk.delta_path_from_camera;
@@ -237,8 +233,8 @@ vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
     return ray_origin(surface.world_position, surface.geometric_world_normal, surface.ray_offset, direction);
 }
 
-// Whether a direction is on the same side of the surface by its shading normal and by its geometric normal: above, or
-// below if the scene has transmission. `cos_theta` is its cosine with the shading normal.
+// Whether the shading and the geometric normal put a direction on the same side of the surface: above, or below if the
+// scene has transmission. `cos_theta` is its cosine with the shading normal.
 bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
     float geometric = dot(direction, geometric_normal);
     return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
@@ -260,8 +256,8 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
 }
 
-// Russian roulette from FIRST_ROULETTE_BOUNCE on. `survival_probability`, in proportion to the throughput, may be above
-// 1. Differs from Solari: it is clamped, so that no energy is lost.
+// Russian roulette from FIRST_ROULETTE_BOUNCE on. survival_probability, in proportion to the throughput, may exceed 1.
+// Differs from Solari: it is clamped, so that no energy is lost.
 bool survives(inout Walk walk, float survival_probability, uint bounce, inout uint rng) {
     float clamped = bounce >= FIRST_ROULETTE_BOUNCE ? min(survival_probability, 1.0) : 1.0;
     walk.throughput /= clamped;

@@ -40,8 +40,8 @@ struct Path {
     // Over the path's directions so far, in steradians; 0 while all were of delta lobes. A measure of how far paths
     // have spread.
     float sum_of_inverse_pdfs;
-    // In meters: the sum over rays of length * sqrt(sum_of_inverse_pdfs). In the square root of the area spread of Müller
-    // et al., "Real-time Neural Radiance Caching for Path Tracing" (2021), sum_of_inverse_pdfs is only the ray's own
+    // In meters: the sum over rays of length * sqrt(sum_of_inverse_pdfs). In the root of the area spread of Müller et
+    // al., "Real-time Neural Radiance Caching for Path Tracing" (2021), sum_of_inverse_pdfs is only the ray's own
     // 1 / pdf, over the cosine at its hit.
     float footprint;
     uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames

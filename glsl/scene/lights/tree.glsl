@@ -29,8 +29,9 @@ const float MIN_SQUARED_RATIO = 0.002;  // of the smallest distance to the large
 const float MIN_IMPORTANCE = 1e-37;
 
 // How much light a node may send to a receiver, up to a factor: its power over the product of the smallest and the
-// largest distance, which is near the mean of 1 / distance^2 over the bounds, times a cosine at the receiver. Never 0,
-// so that no light is lost.
+// largest distance, which is near the mean of 1 / distance^2 over the bounds, times an estimate of the cosine at the
+// receiver: the bounds' height over its tangent plane, over the geometric mean of these distances. Never 0, so that no
+// light is lost.
 float importance(LightNode node, Receiver receiver) {
     vec3 to_center = node.center - receiver.position;
     vec3 farthest = abs(to_center) + node.half_size, nearest = max(abs(to_center) - node.half_size, 0.0);

@@ -94,7 +94,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         // Differs from Solari: later bounces sample the whole BRDF, so that matte surfaces need no MIS of their own.
         BrdfSample next = sample_brdf(brdf, wo, rng);
         spread(cone, next, brdf.specular.roughness);
-        bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
+        bool valid = scatter(walk, next, frame, surface.geometric_world_normal, below);
         walk.origin = ray_origin(surface, walk.direction);
         if (as_solari) { cone.width = widen_as_solari(cone.width, ray_t, surface.material.base.roughness); }
         // last, when the surface isn't needed any more
@@ -102,10 +102,10 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
             count_ray();
             radiance += event.radiance * trace_shadow_ray(event.origin, event.medium, event.light_sample);
         }
-        float carried = max_component(walk.throughput);
-        if (!(possible && carried > 0.0)) { return radiance; }
+        float survival_probability = max_component(walk.throughput);
+        if (!(valid && survival_probability > 0.0)) { return radiance; }
         uint bounce = visited + mirrors;
-        if (bounce >= FIRST_ROULETTE_BOUNCE && !survives(walk, carried, bounce, rng)) { return radiance; }
+        if (bounce >= FIRST_ROULETTE_BOUNCE && !survives(walk, survival_probability, bounce, rng)) { return radiance; }
     }
 }
 
@@ -157,8 +157,8 @@ void main() {
     Walk walk = start_walk(camera_ray);
     walk.cone_width += walk.cone_spread * distance;
     Medium below = medium_below(surface.instance, surface.material);
-    bool possible = scatter(walk, next, frame, surface.geometric_world_normal, below);
-    if (!(possible && max_component(walk.throughput) > 0.0)) { return; }
+    bool valid = scatter(walk, next, frame, surface.geometric_world_normal, below);
+    if (!(valid && max_component(walk.throughput) > 0.0)) { return; }
     walk.origin = ray_origin(
         surface.world_position, surface.geometric_world_normal, surface.ray_offset, walk.direction
     );
