@@ -36,7 +36,7 @@ struct Path {
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
     PerLobe direct;          // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
-    bool first_ray_is_diffuse;    // whether the diffuse lobe proposed the first ray
+    bool first_ray_is_diffuse;    // whether the first ray was sampled from the diffuse lobe
     // The solid angle in steradians over which the path's directions have spread so far; 0 while all were delta.
     float sum_of_inverse_pdfs;
     // The path's footprint in meters, the root of the area spread in Müller et al., "Real-time Neural Radiance Caching
