@@ -19,7 +19,7 @@ const float MIN_PSR_ALBEDO = 0.02;  // least albedo by which light of primary su
 // Reflections: Zhdan, "ReBLUR" (2021).
 // Perceptual roughness from which reflections move like their surface; and up to which like their virtual image.
 const float SURFACE_MOTION_ROUGHNESS = 0.8, VIRTUAL_MOTION_ROUGHNESS = 0.5;
-const float LOBE_NORMAL_TOLERANCE = 0.1;  // times alpha: tolerated 1 - cosine between the normals of two frames
+const float LOBE_NORMAL_TOLERANCE = 0.1;  // 1 - the cosine between the normals of two frames, as a multiple of alpha
 const float MIN_LOBE_ALPHA = 0.02;  // narrower lobes count as this wide
 // Specular light that surface motion moves stays valid while the direction to the camera changes by less than about
 // VIEW_TOLERANCE * alpha + MIRROR_VIEW_TOLERANCE, in radians.
@@ -37,9 +37,9 @@ const float FAST_WEIGHT = 0.2;  // weight of the newest frame in LobeHistory.fas
 const float FAST_VARIANCE_RATIO = 0.111;
 const float MIN_GRADIENT_FRAMES = 3.0;  // least history length of pixels whose temporal gradient is measured
 const int MAX_NEIGHBORHOOD_RADIUS = 2;  // in gradient cells (gradient_cell.glsl) from the center one
-// A temporal gradient of so many standard deviations of its noise begins to count as a change of light, and counts
-// fully. The second pair is for cells where passes/light_change.glsl expects that EXPECTED_CHANGE or more of the light
-// changes.
+// In standard deviations of a temporal gradient's noise: up to the first number the gradient counts as noise, from the
+// second as a change of light, with a smoothstep between them. CHANGE_SIGMAS_IF_EXPECTED is for cells where
+// passes/light_change.glsl expects that EXPECTED_CHANGE or more of the light changes.
 const vec2 CHANGE_SIGMAS = vec2(3.5, 6.0), CHANGE_SIGMAS_IF_EXPECTED = vec2(0.5, 1.5);
 const float EXPECTED_CHANGE = 0.25;  // share of the light
 const float CHANGE_EXPONENT = 16.0;  // the confidence is the share of light that didn't change, to this power
@@ -68,7 +68,7 @@ const float MIN_VARIANCE_FRAMES = 2.0;  // history length from which samples of 
 const float PLANE_TOLERANCE = 1.0;
 const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float PSR_NORMAL_TOLERANCE = 0.05;  // the same for the light of PSR surfaces
-const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // times alpha: the same for the specular lobe of primary surfaces
+const float SPECULAR_NORMAL_TOLERANCE = 0.1;  // the same for the specular lobe, as a multiple of alpha
 // Surfaces with less alpha (squared perceptual roughness) are filtered as if they had this: the first where light has
 // converged; the second where it is noisy, since it is better to blur the reflections of smooth surfaces than to show
 // their noise; the third where it is noisy and the blur can't tell the edges of bright reflections from noise

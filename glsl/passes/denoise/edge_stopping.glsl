@@ -39,8 +39,8 @@ EdgeStopping make_edge_stopping(Guide guide, ivec2 pixel, float relative_error, 
     vec3 plane = vec3(view_normal.xy * slopes, offset_per_depth);
     vec2 squared_pixel_angle = vec2(0.0);
     if (has_lens(camera)) {
-        // Differences to the rays of the pixels to the right and below. In a cube map the pixel to the right may be on
-        // another face; then the one to the left is taken.
+        // Not a pinhole: differences to the rays of the pixels to the right and below. In a cube map the pixel to the
+        // right may be on another face; then the one to the left is taken.
         vec2 position = vec2(pixel) + 0.5 + camera.jitter;
         vec3 direction = view_ray(position, camera).direction;
         vec2 x = 2.0 * camera.tan_half_fov.x * (vec2(position.x, position.x + 1.0) / float(camera.size.x) - 0.5);
