@@ -31,8 +31,8 @@ from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
 THIS_FRAME = (
-    "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_offset", "picture_shift",
-    "shutter_state", "exposed_rows",
+    "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_jitter",
+    "user_jitter_change", "shutter_state", "exposed_rows",
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)

@@ -185,7 +185,7 @@ class ViewRenderer(_WorldsRenderer, Renderer):
             frame = views.records["frame"]
             frame["seed"], frame["exposure"], frame["lighting_change"] = seeds, written.exposure, self._change
             frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
-            frame["picture_shift"] = written.jitter - self._own_jitter
+            frame["user_jitter_change"] = written.jitter - self._own_jitter
             shifts = written.jitter * np.divide(size, self.size), samples["principal_shift"]
             self._shifts = np.array([of_all.T for of_all in shifts], order="C")
             self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)

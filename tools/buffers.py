@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solari_vk.gpu.frame.stages import History, Within
+from solari_vk.gpu.frame.stages import Aliased, History
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device.device import Device
@@ -118,7 +118,7 @@ def traffic(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Traffic]:
             found[name] = Traffic(source_of(stage, of_name))
             if isinstance(size, History):
                 found[f"previous_{name}"] = Traffic(found[name].source)
-        names |= {size.host: name for name, size in declared.items() if isinstance(size, Within)}
+        names |= {size.host: name for name, size in declared.items() if isinstance(size, Aliased)}
         for row in rows:
             if row.stage == stage.name:
                 for kind, accessed in (("writers", row.writes), ("readers", row.reads)):

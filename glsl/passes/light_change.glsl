@@ -1,5 +1,5 @@
-// How much of the light at a point may have changed in recent frames, by the lists of lights alone: no light is sampled
-// and no ray is traced, so that lights that went out count too.
+// How much of the light at a point may have changed in recent frames, from the host's list of changed lights: no light
+// is sampled and no ray is traced, so that lights that went out count too.
 #ifndef PASSES_LIGHT_CHANGE_GLSL
 #define PASSES_LIGHT_CHANGE_GLSL
 
@@ -8,8 +8,8 @@
 
 // A light that was added, removed, moved or changed in power.
 struct ChangedLight {
-    vec3 place;
-    float power;   // by which the light changed, in lumens, roughly
+    vec3 place;     // the center of the light
+    float power;    // by which the light changed, in lumens, roughly
     float recency;  // 1 in the first frame of a change; falls to 0
 };
 #ifdef MANY_VIEWS
@@ -27,9 +27,10 @@ layout(set = 1, scalar) uniform ChangedLightsBlock {
 } changed_lights;
 #endif
 
-const float NEW_CHANGE = 1.0, ANY_CHANGE = 0.0;  // how recent
-const float MIN_VISIBLE = 0.01;  // share of white; less light can't be seen
-const float GLOBAL_OVER_DIRECT = 8.0;  // upper estimate of global over direct illumination
+// Values of min_recency: lights that began to change in this frame, and all in the list.
+const float NEW_CHANGE = 1.0, ANY_CHANGE = 0.0;
+const float MIN_VISIBLE = 0.01;  // least visible luminance, as a share of white in the picture
+const float GLOBAL_OVER_DIRECT = 8.0;  // upper estimate: direct and indirect light over direct light
 
 // The share, from 0 to 1, of the irradiance at a position that may have changed: what the changed lights send there
 // without occlusion, so that the share is too large behind walls. Lights that changed less recently don't count.

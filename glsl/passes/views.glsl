@@ -64,6 +64,8 @@ uvec2 find_pixel_of(uint index) { return uvec2(index % camera.size.x, index / ca
 
 #endif
 
+// Turns an invocation's place in the grid of all views into the pixel within its view, which is chosen, and the pixel's
+// element in buffers. Returns false outside of all views.
 bool find_pixel(inout uvec2 pixel, out uint index) { return find_element(pixel, camera.size, index); }
 
 #endif

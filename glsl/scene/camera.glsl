@@ -7,7 +7,7 @@
 #include "scene/camera_block.glsl"
 #include "scene/lens.glsl"
 
-bool is_parallel(Camera from) { return from.parallel_range > 0.0; }
+bool is_orthographic(Camera from) { return from.orthographic_range > 0.0; }
 
 // Whether the projection isn't a pinhole's: distorted, fisheye or panoramic. Depth of field is lens_radius > 0.
 bool has_lens(Camera from) { return SCENE_LENSES && from.lens.kind != PINHOLE; }
@@ -28,26 +28,27 @@ vec3 on_aperture(vec3 along, vec2 offset, Camera from) {
     return vec3(beside.xy - share * across * along.xy, -across);
 }
 
-// The line of sight of a position in the picture, in view space: the point at a depth is start + depth * along.
-struct ViewLine {
-    vec3 start;
-    vec3 along;
+// The camera ray through a position in the picture, in view space. `direction` isn't normalized: the point at a depth
+// is origin + depth * direction.
+struct ViewRay {
+    vec3 origin;
+    vec3 direction;
 };
 
 // position: in pixels, with jitter; the center of the first pixel is (0.5, 0.5). Through a point of the lens beside its
-// middle the line leads to the same point in focus: Haeberli and Akeley, "The Accumulation Buffer" (1990).
-ViewLine view_line(vec2 position, Camera from) {
+// middle the ray leads to the same point in focus: Haeberli and Akeley, "The Accumulation Buffer" (1990).
+ViewRay view_ray(vec2 position, Camera from) {
     vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
     if (has_lens(from)) {
         vec2 at = ndc * from.tan_half_fov;
         vec3 along = lens_direction(at, from.lens), beside = on_aperture(along, from.lens_offset, from);
-        return ViewLine((lens_start(at, from.lens) + beside) * Y_UP, (along - beside / from.focus_distance) * Y_UP);
+        return ViewRay((lens_start(at, from.lens) + beside) * Y_UP, (along - beside / from.focus_distance) * Y_UP);
     }
     vec2 lateral = ndc * from.tan_half_fov * vec2(1.0, -1.0);
-    bool parallel = is_parallel(from);
-    return ViewLine(
-        vec3((parallel ? lateral : vec2(0.0)) + from.lens_offset, 0.0),
-        vec3((parallel ? vec2(0.0) : lateral) - from.lens_offset / from.focus_distance, -1.0)
+    bool orthographic = is_orthographic(from);
+    return ViewRay(
+        vec3((orthographic ? lateral : vec2(0.0)) + from.lens_offset, 0.0),
+        vec3((orthographic ? vec2(0.0) : lateral) - from.lens_offset / from.focus_distance, -1.0)
     );
 }
 
@@ -69,24 +70,24 @@ bool is_seen(vec2 pixel_position) {
 
 // The ray through a position of the picture in pixels, without jitter.
 CameraRay make_camera_ray(vec2 pixel_position) {
-    ViewLine line = view_line(pixel_position + camera.jitter, camera);
+    ViewRay in_view = view_ray(pixel_position + camera.jitter, camera);
     mat3 axes = mat3(camera.world_from_view);
-    float slant = length(line.along);
+    float slant = length(in_view.direction);
     CameraRay ray;
-    ray.origin = camera.world_from_view[3] + axes * line.start;
-    ray.direction = normalize(axes * line.along);
+    ray.origin = camera.world_from_view[3] + axes * in_view.origin;
+    ray.direction = normalize(axes * in_view.direction);
     ray.t_min = camera.near * slant;
     ray.depth_per_t = 1.0 / slant;
     // A pixel's height at distance 1 shrinks with the square of the slant towards the picture's edge. The
     // picture's pixels count, so that upscaled pictures show textures as sharply as others.
     float height = 2.0 * camera.tan_half_fov.y / (float(camera.picture_size.y) * slant * slant);
-    bool parallel = is_parallel(camera);
-    ray.cone_width = parallel ? height : 0.0;
-    ray.cone_spread = parallel ? 0.0 : height;
+    bool orthographic = is_orthographic(camera);
+    ray.cone_width = orthographic ? height : 0.0;
+    ray.cone_spread = orthographic ? 0.0 : height;
     if (has_lens(camera)) {
         vec2 below = vec2(0.0, float(camera.size.y) / float(camera.picture_size.y));
-        vec3 along = view_line(pixel_position + camera.jitter + below, camera).along;
-        ray.cone_spread = length(normalize(along) - line.along / slant);
+        vec3 along = view_ray(pixel_position + camera.jitter + below, camera).direction;
+        ray.cone_spread = length(normalize(along) - in_view.direction / slant);
     }
     return ray;
 }
@@ -121,7 +122,7 @@ bool is_camera_static() {
         && previous_camera.tan_half_fov == camera.tan_half_fov
         && previous_camera.principal_shift == camera.principal_shift
         && previous_camera.lens_offset == camera.lens_offset && previous_camera.focus_distance == camera.focus_distance
-        && previous_camera.parallel_range == camera.parallel_range && previous_camera.lens == camera.lens;
+        && previous_camera.orthographic_range == camera.orthographic_range && previous_camera.lens == camera.lens;
 }
 
 const int LENS_STEPS = 6;
@@ -151,7 +152,7 @@ vec2 project_view_to_uv(vec3 point, Camera from) {
         return seen ? 0.5 + 0.5 * at / from.tan_half_fov - shift : vec2(-1000.0);
     }
     if (!(view.z < 0.0)) { return vec2(-1000.0); }
-    precise vec2 uv = 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
+    precise vec2 uv = 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_orthographic(from) ? 1.0 : -view.z));
     return uv - shift;
 }
 
@@ -169,10 +170,10 @@ vec2 shorter_way(vec2 motion) {
 
 // Where the middle of the lens shows the point at a depth that is seen at a position of the picture, both in uv.
 vec2 uv_from_lens_middle(vec2 uv, float depth, Camera from) {
-    ViewLine line = view_line(uv * vec2(from.size) + from.principal_shift, from);
+    ViewRay ray = view_ray(uv * vec2(from.size) + from.principal_shift, from);
     Camera middle = from;
     middle.lens_offset = vec2(0.0);
-    return project_view_to_uv(line.start + depth * line.along, middle);
+    return project_view_to_uv(ray.origin + depth * ray.direction, middle);
 }
 
 #endif

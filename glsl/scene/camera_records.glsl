@@ -20,19 +20,21 @@ struct Lens {
 struct Camera {
     mat4x3 world_from_view;  // the camera looks along -z, y up
     mat4x3 view_from_world;
-    // Horizontal, vertical; of parallel projections half the width and the height in meters, of lenses in focal
+    // Horizontal, vertical; of orthographic ones half the width and the height in meters, of lenses in focal
     // lengths.
     vec2 tan_half_fov;
     float near;              // distance of the near plane
-    float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane
+    float orthographic_range;  // 0 for perspective; else how far raster sees behind the near plane
     float lens_radius;       // 0 where all is sharp
     float focus_distance;    // along the view axis, of wide lenses along the ray
     uint aperture_blades;    // the corners of the aperture; 0 for a disk
     float aperture_rotation;
     uvec2 size;              // in pixels, of what is rendered
     uvec2 picture_size;      // in pixels, of the picture that is made of it
-    vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
-    vec2 principal_shift;    // the part of it by which the principal point lies beside the middle
+    // Offset of this frame's samples from the pixels' positions, in pixels: the sum of FrameValues.sample_jitter, of
+    // the jitter that the user gives the camera, and of principal_shift.
+    vec2 jitter;
+    vec2 principal_shift;    // by which the principal point lies beside the middle, in pixels
     vec2 lens_offset;        // in meters: the point of the lens through which all rays of this frame pass
     Lens lens;
 };
@@ -44,8 +46,9 @@ struct FrameValues {
     float exposure;
     float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
     uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
-    vec2 sample_offset;     // of the samples in pixels, apart from the user's own offset; Camera.jitter is their sum
-    vec2 picture_shift;     // change of the user's own offset since the previous frame, in pixels of the picture
+    vec2 sample_jitter;     // within the pixels, for antialiasing: a part of Camera.jitter
+    // Change since the previous frame of the jitter that the user gives the camera, in pixels of the picture.
+    vec2 user_jitter_change;
     uint shutter_state;     // below
     uvec2 exposed_rows;     // of the picture, if there is a shutter: the first one, and the one after the last
 };

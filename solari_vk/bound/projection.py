@@ -17,10 +17,10 @@ from solari_vk.scene.quasirandom import PLASTIC_STEPS, additive, radical_inverse
 Numbers = tuple[float, ...]
 # Of struct Camera.
 FIELDS = (
-    "world_from_view", "view_from_world", "tan_half_fov", "near", "parallel_range", "lens_radius", "focus_distance",
+    "world_from_view", "view_from_world", "tan_half_fov", "near", "orthographic_range", "lens_radius", "focus_distance",
     "aperture_blades", "aperture_rotation", "size", "picture_size", "jitter", "principal_shift", "lens_offset", "lens",
 )  # fmt: skip
-PARALLEL_RANGE = 4096.0
+ORTHOGRAPHIC_RANGE = 4096.0
 """How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
 
 
@@ -99,7 +99,7 @@ class Projection(NamedTuple):
             a, d, g, b, e, h, c, f, i, x, y, z,
             j, n, q, k, o, r, m, p, s,
             -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
-            *lens.half, camera.near, PARALLEL_RANGE * height, camera.aperture / 2,
+            *lens.half, camera.near, ORTHOGRAPHIC_RANGE * height, camera.aperture / 2,
             camera.focus_distance, camera.aperture_blades, camera.aperture_rotation,
         )  # fmt: skip
         found = lens.kind, lens.limit, lens.reach, *lens.distortion

@@ -59,7 +59,7 @@ class ViewTable:
         rows = memory[SHARED.itemsize :].view(np.float32).reshape(_ROWS, count)
         self._rows, self._cut = rows[:POSE_NUMBERS], rows[_CUT]
         self.offsets = rows[_OFFSETS:_CUT].reshape(2, 2, count)
-        """Camera.jitter and FrameValues.sample_offset by x and y (2, 2, N), kept from frame to frame."""
+        """Camera.jitter and FrameValues.sample_jitter by x and y (2, 2, N), kept from frame to frame."""
         self.shared["columns"], self.shared["world_parts"] = columns, world_parts
         with device.undone_on_error():
             self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")

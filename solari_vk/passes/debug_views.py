@@ -37,7 +37,7 @@ _GROUPS = (
         ),
         "denoise_noise": (
             "standard error of the diffuse light before the blur over its mean, yellow for 1.",
-            "show_share(history_noise(index))",
+            "show_share(history_relative_error(index))",
         ),
         "denoise_error": (
             "estimated standard error of the denoised luminance over it, yellow for 25 %.",

@@ -9,10 +9,10 @@ of a still picture tends to the truth.
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.stages import History, Pass, Stage, Within
+from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 
-CELL = 4  # width in pixels of a cell of `denoise_cells`
+CELL_SIZE = 4  # width in pixels of a gradient cell, an element of `denoise_cells`
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 
@@ -43,13 +43,13 @@ def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: b
     Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
     """
     pixels, skips = size[0] * size[1], {"skips_pixels": skips_pixels}
-    cells = (grid[0] * -(-size[0] // grid[0] // CELL), grid[1] * -(-size[1] // grid[1] // CELL))
+    cells = (grid[0] * -(-size[0] // grid[0] // CELL_SIZE), grid[1] * -(-size[1] // grid[1] // CELL_SIZE))
     return Stage(
         "denoise",
         buffers={
             **dict.fromkeys(("denoise_cells", "denoise_neighborhoods"), cells[0] * cells[1]),
-            "denoise_ping": Within("previous_denoise_diffuse", pixels),
-            "denoise_pong": Within("previous_denoise_specular", pixels),
+            "denoise_ping": Aliased("previous_denoise_diffuse", pixels),
+            "denoise_pong": Aliased("previous_denoise_specular", pixels),
         },
         passes=[
             Pass("denoise/temporal_gradient", threads=cells, constants=skips),
@@ -62,5 +62,5 @@ def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: b
 
 
 def glsl_header() -> str:
-    """`const uint CELL = 4u;`"""
-    return constants(CELL=CELL)
+    """`const uint CELL_SIZE = 4u;`"""
+    return constants(CELL_SIZE=CELL_SIZE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from solari_vk.gpu.frame.stages import Pass, Stage, Within
+from solari_vk.gpu.frame.stages import Aliased, Pass, Stage
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
@@ -25,7 +25,7 @@ def compose_stage(size: tuple[int, int], settings: Settings, scratch: Mapping[st
         "compose",
         buffers={
             **dict.fromkeys((*PARTS, "raw_radiance", "error"), pixels),
-            **{name: Within(buffer, pixels) for name, buffer in scratch.items()},
+            **{name: Aliased(buffer, pixels) for name, buffer in scratch.items()},
             "ray_counts": RAY_COUNTERS,
         },
         passes=[Pass("display/compose", threads=size, constants=brdf_constants(settings))],

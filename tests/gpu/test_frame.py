@@ -12,7 +12,7 @@ from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame import slot
-from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Pass, Stage, Step, Within
+from solari_vk.gpu.frame.frame import Aliased, Frame, History, IfUsed, Pass, Stage, Step
 from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.gpu.shaders.compiler import CompilationError
 
@@ -78,14 +78,14 @@ def test_a_buffer_within_another(device, root, shaders):
     """It has the other's memory, so that passes which write both have a barrier between them."""
     shaders.write("fill_b", START + "void main() { " + INDEX + "if (i < 16u) b.at[i] = 100u + i; }\n")
     passes = [Pass("fill_a", threads=64), Pass("fill_b", threads=64)]
-    stage = Stage("x", buffers={"a": 64, "b": Within("a", 16)}, passes=passes)
+    stage = Stage("x", buffers={"a": 64, "b": Aliased("a", 16)}, passes=passes)
     with Frame(device, [stage], glsl_root=root) as frame:
         frame.submit()
         np.testing.assert_array_equal(frame["b"], 100 + np.arange(16))
         np.testing.assert_array_equal(frame["a"], [*range(100, 116), *range(16, 64)])
         assert [row.barrier for row in frame.describe()] == ["", "WAW a (fill_a)"]
         assert frame.memory == {"a": 256}
-        frame.rebuild([Stage("x", buffers={"a": 64, "b": Within("c", 16)}, passes=passes)])  # there is no c
+        frame.rebuild([Stage("x", buffers={"a": 64, "b": Aliased("c", 16)}, passes=passes)])  # there is no c
         assert frame.memory == {"a": 256, "b": 64}
         frame.submit()
         np.testing.assert_array_equal(frame["a"], np.arange(64))
@@ -96,7 +96,7 @@ def test_a_buffer_within_that_of_the_previous_frame(device, root, shaders):
     declared = START + "layout(set = 1, scalar) buffer PreviousABlock { uint at[]; } previous_a;\n"
     shaders.write("swap", declared + "void main() { " + INDEX + "a.at[i] = previous_a.at[i] + 1u; }\n")
     shaders.write("fill_b", START + "void main() { " + INDEX + "b.at[i] = 100u; }\n")
-    stage = Stage("x", buffers={"a": History(64), "b": Within("previous_a", 64)},
+    stage = Stage("x", buffers={"a": History(64), "b": Aliased("previous_a", 64)},
                   passes=[Pass("swap", threads=64), Pass("fill_b", threads=64)])  # fmt: skip
     with Frame(device, [stage], glsl_root=root) as frame:
         for expected_a in (1, 2, 3):
@@ -424,8 +424,8 @@ def with_a(item: Pass) -> Stage:
         (Stage("s", passes=[FILL]), r"a \(storage_buffer\) is used by fill_a, but no stage declares it"),
         (Stage("s", buffers={"a": 4, "q": 4}, passes=[FILL]), "stage s declares q, which none"),
         (Stage("s", buffers={"a": 0}, passes=[FILL]), "a needs a whole number of elements above 0"),
-        (Stage("s", buffers={"a": 4, "b": Within("a", 5)}, passes=[Pass("a_to_b", 1)]), "b needs 20 bytes within a"),
-        (Stage("s", buffers={"a": History(4), "b": Within("a", 1)}, passes=[Pass("a_to_b", 1)]),
+        (Stage("s", buffers={"a": 4, "b": Aliased("a", 5)}, passes=[Pass("a_to_b", 1)]), "b needs 20 bytes within a"),
+        (Stage("s", buffers={"a": History(4), "b": Aliased("a", 1)}, passes=[Pass("a_to_b", 1)]),
          "previous_NAME of one"),
         (Stage("s", buffers={"a": 4}, images={"picture": 3}, passes=[FILL]), "declares picture"),
         (Stage("s", buffers={"picture": 4}, passes=[Pass("accumulate", threads=1)]), "picture is a storage_image"),

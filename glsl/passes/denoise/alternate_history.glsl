@@ -1,5 +1,5 @@
 // The history of a second surface in a pixel. Samples are jittered within the pixel, so that at edges they show one of
-// two surfaces by turns: the history of one is put aside in the frames that show the other.
+// two surfaces by turns: while frames show one of them, the history of the other is put aside here.
 #ifndef PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
 #define PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
 

@@ -8,7 +8,7 @@ struct Denoised {
     vec3 diffuse;  // demodulated, as all light of the denoiser
     vec3 specular;
     vec3 psr_albedo;  // of primary surface replacement, by which the specular light is demodulated too; else 1
-    vec2 deviations;  // standard deviations of the noise that is left in both luminances
+    vec2 deviations;  // standard deviations of the noise that is left in the luminances of both lobes
 };
 
 // Whether a pixel is denoised: the denoiser is on, and what the pixel shows has noise.
@@ -20,14 +20,14 @@ bool uses_denoiser(uint index) {
 float history_length(uint index) { return unpack_lobe_history(denoise_diffuse.at[index]).frames; }
 float specular_history_length(uint index) { return unpack_lobe_history(denoise_specular.at[index]).frames; }
 
-// The relative standard error of the diffuse lobe's mean over frames.
-float history_noise(uint index) {
+// The standard error of the diffuse lobe's mean over frames, over that mean.
+float history_relative_error(uint index) {
     LobeHistory lobe = unpack_lobe_history(denoise_diffuse.at[index]);
     float mean = luminance(lobe.radiance), variance = max(lobe.second_moment - mean * mean, 0.0);
     return mean > 0.0 ? sqrt(variance / max(lobe.frames, 1.0)) / mean : 0.0;
 }
 
-// The estimated error of the luminance of light that is multiplied by these albedos: noise and the filter's bias.
+// The estimated error of a pixel's luminance, remodulated by these albedos: of noise and of the blur's bias.
 float standard_error(Denoised light, float history_length, vec3 diffuse_albedo, vec3 specular_albedo) {
     float noise = length(light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
     return (ERROR_OVER_NOISE + BIAS_OVER_NOISE * sqrt(8.0 / max(history_length, 8.0))) * noise;

@@ -33,14 +33,14 @@ void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
         mat2 weights;  // by the side and the lobe
         for (int side = 0; side < 2; side++) {
             ivec2 step = (2 * side - 1) * ivec2(1 - axis, axis), other = clamp(pixel + step, ivec2(0), last);
-            uint at = element_index(other, camera.size);
+            uint other_index = element_index(other, camera.size);
             weights[side] = other == pixel + step
-                ? edge_stopping_weights(edges, denoise_guides.at[at], step)
+                ? edge_stopping_weights(edges, denoise_guides.at[other_index], step)
                 : vec2(0.0);
-            found[side] = load_filtered(at);
+            found[side] = load_filtered(other_index);
         }
         weights = transpose(weights);
-        float distance = this_frame.sample_offset[axis];
+        float distance = this_frame.sample_jitter[axis];
         add_first_order_term(
             diffuse.radiance, own.diffuse, found[0].diffuse, found[1].diffuse, weights[0], distance
         );

@@ -31,7 +31,7 @@ void store_bits(uint index, uvec4 bits) {
 struct FilterSum {
     vec3 radiance;
     float weight_sum;       // sum of the edge-stopping weights
-    float accepted_weight;  // sum of the weights by which signals were added, after the comparison of light
+    float accepted_weight;  // sum of the weights by which signals were added: with luminance weights
     float sensitivity;      // sum of the derivatives of `radiance` by each signal, since weights depend on signals too
     float variance;         // of `radiance` if the noise of all pixels is independent
     float correlated_deviation;  // standard deviation of `radiance` if the noise of all pixels is the same
@@ -55,15 +55,16 @@ vec2 luminances(uint means, Signals signals) {
     return vec2(unpack_positive(means, 16u), unpack_positive(means >> 16u, 16u));
 }
 
-// Whether wider passes would change nothing that can be seen in the sum of both lobes: there is little noise left.
-// Where all is black they may bring light.
+// Whether so little noise is left in the sum of both lobes that wider passes would change nothing visible. Where all is
+// black they may bring light: false.
 bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
     vec2 deviations = vec2(signals.diffuse.standard_error, signals.specular.standard_error);
     if (min(deviations.x, deviations.y) < 0.0) { return false; }
-    ivec2 at = texel_of(pixel);
-    vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, at).g, imageLoad(guides_specular_albedo, at).g);
-    if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }
+    ivec2 texel = texel_of(pixel);
+    // Green stands for the luminance of the albedos.
+    vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, texel).g, imageLoad(guides_specular_albedo, texel).g);
+    if (kind != PRIMARY_SURFACE) { albedos = vec2(0.0, 1.0); }  // all light of a PSR surface is specular
     return length(albedos * deviations) < CONVERGED_NOISE * dot(albedos, values);
 }
 
@@ -88,7 +89,7 @@ void add_neighbor(
     add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * luminance_weight - 3.0, 0.0));
 }
 
-// The weighted mean. The center gets CENTER_WEIGHT, and what the comparisons of light took from its neighbors' weights.
+// The weighted mean. The center gets CENTER_WEIGHT, and what the luminance weights took from its neighbors.
 Signal mean(FilterSum sum, Signal center) {
     if (center.standard_error >= 0.0) {
         sum.weight_sum += CENTER_WEIGHT;
@@ -107,23 +108,24 @@ void main() {
     ivec2 pixel = ivec2(found), size = ivec2(camera.size);
     uvec4 bits = load_bits(index);
     uint state = state_of(bits.z);
+    // Turns DONE into DONE_IN_BOTH in the copy.
     if (state == DONE) { store_bits(index, bits ^ uvec4(0u, 0u, (DONE ^ DONE_IN_BOTH) << 30u, 0u)); }
     if (is_done(state)) { return; }
     Guide guide = load_guide(pixel);
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
-    float min_alpha_if_uncertain = state == REFLECTION_EDGES_UNKNOWN ? MIN_ALPHA_UNKNOWN_EDGES : MIN_ALPHA_NOISY;
+    float min_alpha_if_noisy = state == REFLECTION_EDGES_UNKNOWN ? MIN_ALPHA_UNKNOWN_EDGES : MIN_ALPHA_NOISY;
     float relative_error = max(own.specular.standard_error, 0.0) / max(values.y, 1e-9);
-    EdgeStopping edges = make_edge_stopping(guide, pixel, relative_error, min_alpha_if_uncertain);
+    EdgeStopping edges = make_edge_stopping(guide, pixel, relative_error, min_alpha_if_noisy);
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {
             if (x == 0 && y == 0) { continue; }
             ivec2 step = ivec2(x, y) << level, other = pixel + step, inside = clamp(other, ivec2(0), size - 1);
-            uint at = element_index(inside, camera.size);
+            uint other_index = element_index(inside, camera.size);
             float kernel = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
-            vec2 weights = kernel * edge_stopping_weights(edges, denoise_guides.at[at], step);
-            uvec4 other_bits = load_bits(at);
+            vec2 weights = kernel * edge_stopping_weights(edges, denoise_guides.at[other_index], step);
+            uvec4 other_bits = load_bits(other_index);
             Signals neighbor = unpack_signals(other_bits.xyz);
             bool other_done = is_done(neighbor.state);
             vec2 differences = luminances(other_bits.w, neighbor) - values;
@@ -131,7 +133,8 @@ void main() {
             add_neighbor(specular, own.specular, neighbor.specular, differences.y, weights.y, other_done);
         }
     }
-    // Where noise explains little of what neighbors differ by, or most of them are done, wider passes find no more.
+    // Where the luminance weights reject most neighbors, since noise doesn't explain their differences or they are
+    // done, wider passes would reject theirs too.
     vec2 accepted_weight = vec2(diffuse.accepted_weight, specular.accepted_weight),
         weight_sum = vec2(diffuse.weight_sum, specular.weight_sum);
     bool rejects_neighbors = level > 0u && all(lessThan(accepted_weight, MIN_ACCEPTED_RATIO * weight_sum));

@@ -1,5 +1,5 @@
-// Sums over a cell of CELL x CELL pixels (the strata of A-SVGF; solari_vk/passes/denoise.py has the size): how much
-// light differs from its history, and how bright it is. And what the cells around a cell tell of its pixels.
+// Gradient cells, the strata of A-SVGF: sums over CELL_SIZE x CELL_SIZE pixels (solari_vk/passes/denoise.py) of how
+// much light differs from its history, and of how bright it is; and what follows from the cells around a cell.
 #ifndef PASSES_DENOISE_GRADIENT_CELL_GLSL
 #define PASSES_DENOISE_GRADIENT_CELL_GLSL
 
@@ -11,17 +11,17 @@
 
 struct Gradient {
     float difference_sum;  // luminance minus that of the history; noise of either sign cancels out
-    float sum_of_squares;     // of these differences
-    float sum_of_max;         // the larger of both luminances, by which A-SVGF normalizes gradients
+    float sum_of_squares;  // of these differences
+    float sum_of_max;      // the larger of both luminances, by which A-SVGF normalizes gradients
 };
 
 struct LobeGradient {
     Gradient current;     // of this frame
-    Gradient fast;         // of the fast history, LobeHistory.fast_luminance
-    float variance_sum;   // of one frame's luminance (temporal)
-    float luminance_sum;  // of means that include this frame
-    float max_luminance;  // the largest of these
-    float pixels;
+    Gradient fast;        // of the fast history, LobeHistory.fast_luminance
+    float variance_sum;   // of the temporal variances of one frame's luminance
+    float luminance_sum;  // of the histories' means, this frame included
+    float max_luminance;  // the largest of these means
+    float pixels;         // the number of pixels in luminance_sum
 };
 
 struct PackedLobeGradient {
@@ -35,8 +35,9 @@ struct GradientCell {
     PackedLobeGradient specular;
 };
 
-// What the cells around one tell of each lobe: the confidence in the history, which is the share of it that changes of
-// light leave valid (a power of A-SVGF's 1 - lambda), and the luminance by which variance.comp clamps fireflies.
+// What follows from the cells around a cell, for the diffuse and the specular lobe: the confidence in the history, by
+// which history lengths are multiplied (a power of A-SVGF's 1 - lambda), and the mean of the 3 x 3 cells without the
+// brightest pixel, by which variance.comp clamps fireflies.
 struct CellNeighborhood {
     vec2 confidence;
     vec2 trimmed_mean_luminance;
@@ -45,9 +46,9 @@ struct CellNeighborhood {
 layout(set = 1, scalar) buffer DenoiseCellsBlock { GradientCell at[]; } denoise_cells;
 layout(set = 1, scalar) buffer DenoiseNeighborhoodsBlock { CellNeighborhood at[]; } denoise_neighborhoods;
 
-uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
+uvec2 cell_count() { return (camera.size + CELL_SIZE - 1u) / CELL_SIZE; }
 
-uint cell_at(ivec2 pixel) { return element_index(uvec2(pixel) / CELL, cell_count()); }
+uint cell_at(ivec2 pixel) { return element_index(uvec2(pixel) / CELL_SIZE, cell_count()); }
 
 const Gradient NO_GRADIENT = Gradient(0.0, 0.0, 0.0);
 const LobeGradient NO_PIXELS = LobeGradient(NO_GRADIENT, NO_GRADIENT, 0.0, 0.0, 0.0, 0.0);

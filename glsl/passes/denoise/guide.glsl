@@ -11,7 +11,7 @@
 #include "passes/guides/bindings.glsl"
 #include "scene/camera.glsl"
 
-const uint NOT_DENOISED = 0u;     // nothing that has noise: no surface, or a metal mirror that shows a light or nothing
+const uint NOT_DENOISED = 0u;     // shows nothing noisy: no surface, or a metal mirror that shows a light or no surface
 const uint PRIMARY_SURFACE = 1u;  // what the pixel shows itself
 // Primary surface replacement: the guides are of the surface that a pixel shows in a mirror of metal or through clear
 // glass, in the place of its own.
@@ -38,10 +38,10 @@ uvec2 pack_guide(Guide guide) {
 }
 
 // The point that a pixel position shows at a depth, relative to the camera. `Camera.jitter` is more than this frame's
-// sample jitter: it includes the jitter that the application gives its camera, and the shift of the principal point.
+// sample jitter: it includes the jitter that the user gives the camera, and the shift of the principal point.
 vec3 position_at(vec2 pixel_position, float depth, Camera from) {
-    ViewLine line = view_line(pixel_position + from.jitter, from);
-    return mat3(from.world_from_view) * line.start + depth * (mat3(from.world_from_view) * line.along);
+    ViewRay ray = view_ray(pixel_position + from.jitter, from);
+    return mat3(from.world_from_view) * ray.origin + depth * (mat3(from.world_from_view) * ray.direction);
 }
 
 uint kind_of(uvec2 guide) { return guide.x >> 30u; }
@@ -90,7 +90,8 @@ vec3 psr_albedo(ivec2 pixel, uint kind) {
 Guide make_guide(ivec2 pixel) {
     float depth_value = imageLoad(guides_depth, texel_of(pixel)).x;
     vec4 normal_roughness = imageLoad(guides_normal_roughness, texel_of(pixel));
-    // Alphas of passes/guides/write.comp: 1 if the guides are of the primary surface; 1 if what they show has noise.
+    // Flags of passes/guides/write.comp: whether the guides are of the primary surface, and whether what they show has
+    // noise.
     bool is_primary = imageLoad(guides_specular_albedo, texel_of(pixel)).a > 0.5;
     bool is_noisy = imageLoad(guides_diffuse_albedo, texel_of(pixel)).a > 0.5;
     Guide guide;
@@ -103,10 +104,10 @@ Guide make_guide(ivec2 pixel) {
     return guide;
 }
 
-// The width in meters of what a pixel shows at a depth. In parallel projections tan_half_fov is half the height in
+// The width in meters of what a pixel shows at a depth. In orthographic projections tan_half_fov is half the height in
 // meters.
 float pixel_width(float depth) {
-    return 2.0 * camera.tan_half_fov.y / float(camera.size.y) * (is_parallel(camera) ? 1.0 : depth);
+    return 2.0 * camera.tan_half_fov.y / float(camera.size.y) * (is_orthographic(camera) ? 1.0 : depth);
 }
 
 #endif

@@ -25,9 +25,9 @@ void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
     sum.pixels += other.pixels;
 }
 
-// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. `variance` is that of the difference's sum by
-// the histories' moments; the sum of the squared differences estimates it too, and counts where it is larger, as
-// histories may miss outliers.
+// The share of the history that remains valid. `sigmas`: CHANGE_SIGMAS. `variance`: of sum.difference_sum, as the
+// variances of the histories predict it. sum.sum_of_squares is another estimate of it, from this frame; the larger one
+// counts, since a history may not have met outliers yet.
 float confidence(Gradient sum, float variance, vec2 sigmas) {
     float deviation = sqrt(max(sum.sum_of_squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
@@ -36,13 +36,13 @@ float confidence(Gradient sum, float variance, vec2 sigmas) {
 }
 
 float confidence(LobeGradient sum, vec2 sigmas) {
-    float fast = confidence(sum.fast, FAST_VARIANCE * sum.variance_sum, sigmas);
+    float fast = confidence(sum.fast, FAST_VARIANCE_RATIO * sum.variance_sum, sigmas);
     return min(confidence(sum.current, sum.variance_sum, sigmas), fast);
 }
 
-// The share of a cell's light that may have changed in recent frames: the larger of what the changed lights send to
-// the cell's position, and of the share of all lights' power that changed. Demodulated radiance is about
-// irradiance / pi.
+// The share of a cell's light that may have changed in recent frames: the larger of what the changed lights may send to
+// the cell's position, over its irradiance, and of the share of all lights' power that changed. Irradiance is about pi
+// times demodulated radiance.
 float cell_light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance_sum / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
@@ -52,10 +52,10 @@ vec2 change_sigmas(float change) {
     return mix(CHANGE_SIGMAS, CHANGE_SIGMAS_IF_EXPECTED, min((1.0 / EXPECTED_CHANGE) * change, 1.0));
 }
 
-// By which variance.comp clamps fireflies: the mean without the brightest pixel. Of few pixels their sum, which none
-// exceeds, so none is clamped.
+// The mean without the brightest pixel. For too few pixels it is their sum, so that variance.comp, which clamps
+// fireflies by it, clamps none of them.
 float trimmed_mean_luminance_of(LobeGradient sum) {
-    if (sum.pixels <= MIN_TRIMMED_PIXELS) { return sum.luminance_sum; }
+    if (sum.pixels <= MAX_UNTRIMMED_PIXELS) { return sum.luminance_sum; }
     return max(sum.luminance_sum - sum.max_luminance, 0.0) / (sum.pixels - 1.0);
 }
 
@@ -65,15 +65,16 @@ void main() {
     if (denoise_settings.denoise == 0u || !find_element(found, cells, index)) { return; }
     ivec2 cell = ivec2(found);
     GradientCell own = denoise_cells.at[index];
-    ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
+    ivec2 middle = min(cell * int(CELL_SIZE) + int(CELL_SIZE) / 2, ivec2(camera.size) - 1);
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
     vec2 sigmas = change_sigmas(cell_light_change(unpack_gradient(own.diffuse), position));
     vec2 specular_sigmas = change_sigmas(cell_light_change(unpack_gradient(own.specular), position));
     vec2 lobe_confidence = vec2(1.0), trimmed_mean_luminance = vec2(0.0);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
-    for (int ring = 0; ring <= MAX_RING; ring++) {
+    // Neighborhoods of 1, 3 x 3 and 5 x 5 cells: each step adds the ring of cells at the edge of the larger square.
+    for (int ring = 0; ring <= MAX_NEIGHBORHOOD_RADIUS; ring++) {
         for (int y = -ring; y <= ring; y++) {
-            int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
+            int step = abs(y) == ring ? 1 : 2 * ring;  // in the square's inner rows only its two edges
             for (int x = -ring; x <= ring; x += max(step, 1)) {
                 ivec2 other = cell + ivec2(x, y);
                 if (!is_inside(other, cells)) { continue; }
@@ -89,7 +90,8 @@ void main() {
             trimmed_mean_luminance = vec2(trimmed_mean_luminance_of(diffuse), trimmed_mean_luminance_of(specular));
         }
     }
-    // Within an exposure the mean over its times is what is asked for.
+    // With a shutter (motion blur) a picture is the mean of frames at several times of its exposure. Light that differs
+    // between these times is averaged, not forgotten.
     if (this_frame.shutter_state == LATER_OF_EXPOSURE) { lobe_confidence = vec2(1.0); }
     denoise_neighborhoods.at[index] = CellNeighborhood(lobe_confidence, trimmed_mean_luminance);
 }

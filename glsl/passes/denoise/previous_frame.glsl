@@ -13,43 +13,44 @@ struct PreviousSurface {
     vec2 pixel;     // in pixels without jitter; centers are at + 0.5
     vec3 position;  // relative to the previous camera
     vec3 normal;
-    // Whether position and normal are those of the previous frame. Else, for PSR surfaces and poses that changed, they
-    // are this frame's, and is_consistent compares depths.
+    // Whether position and normal are those of the previous frame. Else, for PSR surfaces and for meshes that skinning
+    // or morph targets have deformed, they are this frame's, and is_consistent compares depths.
     bool has_plane;
 };
 
 // Pixels of the previous frame with their weights.
 struct Taps {
-    uint at[16];
+    uint indices[16];
     float weights[16];
     int count;
     float weight;  // sum of `weights`, by which what is read is divided; 0 without taps
     float normal_deviation;  // sum of |weight| (1 - the cosine between their normals and the surface's)
 };
 
-// Converts motion from uv to pixels of the rendered frame. Adds the shift of the whole picture when the jitter that the
-// application gives its camera has changed: picture_shift, in pixels of the upscaled picture. The jitter of the frame's
-// own samples is no motion.
-vec2 in_pixels(vec2 motion) {
-    return (motion + this_frame.picture_shift / vec2(camera.picture_size)) * vec2(camera.size);
+// Converts motion from uv to pixels of the rendered frame. Adds the shift of the whole picture by a change of the
+// jitter that the user gives the camera. The sample jitter is no motion.
+vec2 motion_in_pixels(vec2 motion) {
+    return (motion + this_frame.user_jitter_change / vec2(camera.picture_size)) * vec2(camera.size);
 }
 
 // The pixel of the previous frame that shows what this pixel shows, without jitter; exactly the same pixel when neither
 // the camera nor the point moved. Both positions are relative to the cameras of their frames.
 vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
     vec3 now = position + camera.world_from_view[3], before = previous_position + previous_camera.world_from_view[3];
-    return vec2(pixel) + 0.5 + in_pixels(motion_vector(now, before));
+    return vec2(pixel) + 0.5 + motion_in_pixels(motion_vector(now, before));
 }
 
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
-    // The motion of the guides' surface, for both lobes: of PSR surfaces that of the virtual position, else
-    // guides_motion.
-    vec2 motion = in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
+    // Surface motion, of both lobes: that of the primary surface, or of the PSR surface's virtual position.
+    vec2 motion = motion_in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
     uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
     bool has_plane = guide.kind == PRIMARY_SURFACE && !has_new_pose(instance);
-    // Light is averaged over the lens as over the pixel: what is seen through another point of it counts as unmoved.
-    if (rests_behind_lens(instance)) {
-        return PreviousSurface(vec2(pixel) + 0.5 + in_pixels(vec2(0.0)), guide.position, guide.normal, has_plane);
+    // With depth of field each frame looks through another point of the lens. The history averages over these points as
+    // over the positions within a pixel: their parallax isn't motion.
+    if (only_lens_sample_moved(instance)) {
+        return PreviousSurface(
+            vec2(pixel) + 0.5 + motion_in_pixels(vec2(0.0)), guide.position, guide.normal, has_plane
+        );
     }
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
     if (!has_plane || !moved) {
@@ -83,7 +84,7 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
     if (abs(weight) < 1e-3 || !is_inside(pixel, camera.size)) { return; }
     Guide previous_guide = load_previous_guide(pixel);
     if (!is_consistent(previous_guide, previous, guide, plane_distance)) { return; }
-    taps.at[taps.count] = element_index(pixel, camera.size);
+    taps.indices[taps.count] = element_index(pixel, camera.size);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
@@ -93,9 +94,9 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
 
 // The taps around a position that showed the surface: with Catmull-Rom weights, which keep reprojected light sharp, or
 // bilinear ones where some of the taps showed another surface.
-Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_distance) {
-    ivec2 corner = ivec2(floor(where - 0.5));
-    vec2 fraction = where - 0.5 - vec2(corner);
+Taps find_taps(vec2 position, PreviousSurface previous, Guide guide, float plane_distance) {
+    ivec2 corner = ivec2(floor(position - 0.5));
+    vec2 fraction = position - 0.5 - vec2(corner);
     Taps taps = no_taps();
     if (max(fraction.x, fraction.y) < 1e-3) {  // nothing moved
         add_tap(taps, corner, 1.0, previous, guide, plane_distance);
@@ -124,7 +125,7 @@ void add_history(inout LobeHistory sum, LobeHistory found, float weight) {
     sum.inverse_hit_distance += weight * found.inverse_hit_distance;
 }
 
-// Catmull-Rom overshoots.
+// Catmull-Rom weights may be negative, so that the sum overshoots beyond what is possible.
 LobeHistory without_overshoot(LobeHistory lobe) {
     vec3 radiance = max(lobe.radiance, vec3(0.0));
     return LobeHistory(
@@ -136,7 +137,9 @@ LobeHistory without_overshoot(LobeHistory lobe) {
 LobeHistory read_diffuse(Taps taps) {
     LobeHistory sum = NO_HISTORY;
     for (int i = 0; i < taps.count; i++) {
-        add_history(sum, unpack_lobe_history(previous_denoise_diffuse.at[taps.at[i]]), taps.weights[i] / taps.weight);
+        add_history(
+            sum, unpack_lobe_history(previous_denoise_diffuse.at[taps.indices[i]]), taps.weights[i] / taps.weight
+        );
     }
     return without_overshoot(sum);
 }
@@ -144,7 +147,9 @@ LobeHistory read_diffuse(Taps taps) {
 LobeHistory read_specular(Taps taps) {
     LobeHistory sum = NO_HISTORY;
     for (int i = 0; i < taps.count; i++) {
-        add_history(sum, unpack_lobe_history(previous_denoise_specular.at[taps.at[i]]), taps.weights[i] / taps.weight);
+        add_history(
+            sum, unpack_lobe_history(previous_denoise_specular.at[taps.indices[i]]), taps.weights[i] / taps.weight
+        );
     }
     return without_overshoot(sum);
 }

@@ -72,7 +72,8 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     return blend(surface_history, virtual_history, share);
 }
 
-// The history of an unmoved surface: the pixel's own, or its alternate.
+// Where nothing moved: keeps the pixel's own history if it is of this surface. Else takes the alternate history, if
+// that is of this surface, and puts the pixel's own aside as the new alternate.
 void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
     if (guide.kind != NOT_DENOISED && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];

@@ -16,14 +16,16 @@ struct Signals {
     uint state;
 };
 
-// The state of a pixel's signals in a buffer. What is done is left as it is by later passes, and is copied once, so
-// that it is in both buffers. REFLECTION_EDGES_UNKNOWN: the history is too short for variance.comp to look for the
-// edges of bright reflections, at which the blur is to stop.
+// The state of a pixel's signals. DONE: the blur has finished them. Its next pass copies them to the other ping-pong
+// buffer, as DONE_IN_BOTH; those after it skip the pixel. REFLECTION_EDGES_UNKNOWN: being filtered, but the history is
+// so short (MIN_VARIANCE_FRAMES) that variance.comp couldn't find the edges of bright reflections and keep the blur
+// from crossing them.
 const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, REFLECTION_EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // packed in place of a standard error, none of which is packed to this
 
 // Eight bits a channel with a shared exponent (RGBE), that of the largest channel, which is scaled to between 127.5 and
-// 255. random: 30 bits, for stochastic rounding.
+// 255, so that the dither of less than 1 doesn't overflow. Exponents below 8 would make a scale denormal. random: 30
+// bits, for stochastic rounding.
 uint pack_color(vec3 color, uint random) {
     color = clamp(color, 0.0, LARGEST_PACKED);
     uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);

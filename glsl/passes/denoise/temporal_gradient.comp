@@ -1,5 +1,6 @@
 // Sums for each cell of pixels how much this frame's light, and that of the latest frames, differ from the mean of all
-// earlier frames. No path is retraced as in A-SVGF: the sums over pixels tell differences from noise.
+// earlier frames. Unlike A-SVGF it retraces no paths: in sums over many pixels noise averages out, changes of light
+// stay.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/gradient_cell.glsl"
@@ -32,7 +33,7 @@ void main() {
     uvec2 cell = gl_GlobalInvocationID.xy, cells = cell_count();
     uint cell_index;
     if (denoise_settings.denoise == 0u || !find_element(cell, cells, cell_index)) { return; }
-    uvec2 begin = cell * CELL, end = min(begin + CELL, camera.size);
+    uvec2 begin = cell * CELL_SIZE, end = min(begin + CELL_SIZE, camera.size);
     LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {

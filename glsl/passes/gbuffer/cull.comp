@@ -42,9 +42,9 @@ bool is_outside_frustum(ViewBox box) {
     // middle. A pixel's width is 2 / size of tan_half_fov.
     vec2 margin = 1.0 + 4.0 / vec2(camera.size), shift = 2.0 * camera.jitter / vec2(camera.size) * vec2(1.0, -1.0);
     vec4 slope = camera.tan_half_fov.xyxy * vec4(margin + shift, margin - shift);  // right, top, left, bottom
-    bool parallel = is_parallel(camera);
-    vec4 distance = parallel ? slope : vec4(0.0);
-    slope = parallel ? vec4(0.0) : slope;
+    bool orthographic = is_orthographic(camera);
+    vec4 distance = orthographic ? slope : vec4(0.0);
+    slope = orthographic ? vec4(0.0) : slope;
     return is_beyond(box, vec3(1.0, 0.0, slope.x), distance.x) || is_beyond(box, vec3(-1.0, 0.0, slope.z), distance.z)
         || is_beyond(box, vec3(0.0, 1.0, slope.y), distance.y) || is_beyond(box, vec3(0.0, -1.0, slope.w), distance.w)
         || is_beyond(box, vec3(0.0, 0.0, 1.0), -camera.near);
@@ -58,7 +58,7 @@ bool is_occluded(ViewBox box) {
         vec3 corner = box.center + box.half_axes * (2.0 * vec3(i & 1u, i >> 1u & 1u, i >> 2u) - 1.0);
         float view_depth = -corner.z - box.rounding;
         if (view_depth <= camera.near) { return false; }
-        vec2 ndc = corner.xy * vec2(1.0, -1.0) / (camera.tan_half_fov * (is_parallel(camera) ? 1.0 : view_depth));
+        vec2 ndc = corner.xy * vec2(1.0, -1.0) / (camera.tan_half_fov * (is_orthographic(camera) ? 1.0 : view_depth));
         vec2 position = (0.5 + 0.5 * ndc) * vec2(camera.size) - camera.jitter;
         low = min(low, position);
         high = max(high, position);
@@ -76,8 +76,8 @@ bool is_occluded(ViewBox box) {
             farthest = min(farthest, depth_pyramid.at[pyramid_index(level, uvec2(x, y))]);
         }
     }
-    float depth_value = is_parallel(camera)
-        ? 1.0 - (nearest - camera.near) / camera.parallel_range + 1e-6
+    float depth_value = is_orthographic(camera)
+        ? 1.0 - (nearest - camera.near) / camera.orthographic_range + 1e-6
         : camera.near / nearest * 1.0001;
     return depth_value < farthest;
 }

@@ -98,9 +98,9 @@ GBufferSurface unpack_gbuffer(
     surface.exists = depth_value > 0.0;
     surface.instance = surface_texel.y;
     surface.view_depth = surface.exists ? from.near / depth_value : INFINITY;
-    ViewLine line = view_line(position, from);
-    vec3 start = from.world_from_view[3] + mat3(from.world_from_view) * line.start;
-    vec3 along = mat3(from.world_from_view) * line.along;
+    ViewRay ray = view_ray(position, from);
+    vec3 start = from.world_from_view[3] + mat3(from.world_from_view) * ray.origin;
+    vec3 along = mat3(from.world_from_view) * ray.direction;
     surface.world_position = start + (surface.exists ? along * surface.view_depth : vec3(0.0));
     surface.wo = -normalize(along);
     surface.geometric_world_normal = unpack_octahedral_2x16(surface_texel.x);
@@ -163,8 +163,9 @@ bool is_static(uint instance_index) {
     return mesh != NO_INDEX && is_mesh_static(instance_index, meshes.at[mesh]);
 }
 
-// Whether nothing moved since the previous frame but the point of the lens through which all is seen.
-bool rests_behind_lens(uint instance_index) {
+// Whether nothing moved since the previous frame but, for depth of field, the point of the lens through which this
+// frame sees all.
+bool only_lens_sample_moved(uint instance_index) {
     return camera.lens_radius > 0.0 && previous_camera.lens_radius == camera.lens_radius
         && previous_camera.focus_distance == camera.focus_distance
         && previous_camera.world_from_view == camera.world_from_view
@@ -208,11 +209,12 @@ vec2 hit_motion_vector(Hit hit, Mesh mesh) {
     return motion_vector(now, previous_world_position(hit, mesh, object_position, now));
 }
 
-// The background is infinitely far, so only the camera's rotation moves it. In parallel projections it has one color.
+// The background is infinitely far, so only the camera's rotation moves it. In orthographic projections it has one
+// color.
 vec2 background_motion_vector(CameraRay ray) {
     vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
     vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    return is_parallel(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
+    return is_orthographic(camera) || is_camera_static() ? vec2(0.0) : motion_vector(far, previous_far);
 }
 
 // The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.

@@ -21,8 +21,8 @@ void main() {
     vec3 view = mat3(camera.view_from_world) * (world_position - camera.world_from_view[3]);
     vec2 jitter = 2.0 * camera.jitter / vec2(camera.size);
     vec2 across = view.xy * vec2(1.0, -1.0) / camera.tan_half_fov;
-    if (is_parallel(camera)) {
-        gl_Position = vec4(across - jitter, 1.0 + (view.z + camera.near) / camera.parallel_range, 1.0);
+    if (is_orthographic(camera)) {
+        gl_Position = vec4(across - jitter, 1.0 + (view.z + camera.near) / camera.orthographic_range, 1.0);
     } else {
         gl_Position = vec4(across + jitter * view.z, camera.near, -view.z);
     }

@@ -111,7 +111,7 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
     }
     bool rested = is_camera_static() && previous_chain == chain
         && (instance == NO_INDEX || previous_position == surface.world_position);
-    bool unmoved = rested || is_parallel(camera) && instance == NO_INDEX;  // one color, as the background by itself
+    bool unmoved = rested || is_orthographic(camera) && instance == NO_INDEX;  // one color, as the background by itself
     guides.specular_motion = unmoved ? vec2(0.0) : motion_vector(virtual_position, previous_virtual_position);
     return guides;
 }

@@ -8,9 +8,9 @@
 #include "passes/rows.glsl"
 
 // Demodulated radiance of a lobe at the pixel's surface, and in w its hit distance: the length of the first ray of the
-// first path whose first direction this lobe sampled (infinite without a hit), 0 if it sampled none. With restir, the
-// distance to the reservoir's sample, for the specular lobe only where that is reused. w is NO_PATH if the pixel takes
-// no path in this frame.
+// pixel's first path whose first ray was sampled from this lobe (infinite without a hit), 0 if there is none. With
+// restir, the distance to the reservoir's sample, for the specular lobe only where that is reused. w is NO_PATH if the
+// pixel takes no path in this frame.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 const float NO_PATH = -1.0;

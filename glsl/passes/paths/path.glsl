@@ -36,7 +36,7 @@ struct Path {
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
     PerLobe direct;               // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;
-    bool first_ray_is_diffuse;    // whether the diffuse lobe sampled the first ray's direction
+    bool first_ray_is_diffuse;    // whether the first ray was sampled from the diffuse lobe
     // Over the path's directions so far, in steradians; 0 while all were of delta lobes. A measure of how far paths
     // have spread.
     float sum_of_inverse_pdfs;

@@ -82,7 +82,7 @@ bool was_visible(ivec2 pixel, vec2 position) {
 // The motion in uv without that of the point of the lens through which a frame sees: the picture is the mean over the
 // lens, which stays.
 vec2 motion_without_lens(ivec2 pixel, vec2 motion) {
-    if (rests_behind_lens(imageLoad(gbuffer_surface, texel_of(pixel)).y)) { return vec2(0.0); }
+    if (only_lens_sample_moved(imageLoad(gbuffer_surface, texel_of(pixel)).y)) { return vec2(0.0); }
     float distance = camera.near / max(imageLoad(depth, texel_of(pixel)).x, 1e-9);
     vec2 uv = (vec2(pixel) + 0.5 + camera.jitter - camera.principal_shift) / vec2(camera.size);
     vec2 before = uv_from_lens_middle(uv + motion, distance, previous_camera);
@@ -93,7 +93,7 @@ vec2 motion_without_lens(ivec2 pixel, vec2 motion) {
 vec2 motion_in_picture(ivec2 pixel) {
     vec2 motion = imageLoad(guides_specular_motion, texel_of(pixel)).xy;
     if (camera.lens_radius > 0.0) { motion = motion_without_lens(pixel, motion); }
-    return motion * vec2(camera.picture_size) + this_frame.picture_shift;
+    return motion * vec2(camera.picture_size) + this_frame.user_jitter_change;
 }
 
 // ---- what still holds -------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ float common_difference(ivec2 center) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size) || !is_finite_color(load_sample(pixel))) { continue; }
         HistorySample history = load_history(ivec2(floor((vec2(pixel) + 0.5
-            + this_frame.sample_offset) / render_scale())));
+            + this_frame.sample_jitter) / render_scale())));
         if (history.weight == 0.0) { continue; }
         float difference = relative_difference(load_sample(pixel), history.radiance);
         sum += difference;

@@ -21,7 +21,7 @@ const NearestSample NO_NEAREST_SAMPLE = NearestSample(vec3(0.0), false);
 vec2 render_scale() { return vec2(camera.size) / vec2(camera.picture_size); }
 
 // Where a position of the picture lies among the samples, of which the first is at 0.
-vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - this_frame.sample_offset; }
+vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - this_frame.sample_jitter; }
 
 vec3 load_sample(ivec2 pixel) { return sample_radiance.at[element_index(pixel, camera.size)]; }
 

@@ -5,7 +5,7 @@
 #include "scene/camera_records.glsl"
 #include "scene/given/numbers.glsl"
 
-// What changes seldom: cameras without poses and jitter, and frames without index, has_history and sample_offset.
+// What changes seldom: cameras without poses and jitter, and frames without index, has_history and sample_jitter.
 struct GivenView {
     Camera camera;
     FrameValues frame;
@@ -20,7 +20,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Fra
     uint shared_values[3];  // the first ones of ViewsBlock in glsl/scene/camera_block.glsl
     uint index;
     Floats poses;  // rows with a number for each view: world_from_view, then view_from_world
-    float rows[];  // the host's poses, jitter, sample_offset, and 1 for views without history
+    float rows[];  // the host's poses, jitter, sample_jitter, and 1 for views without history
 };
 
 layout(push_constant, scalar) uniform Work {

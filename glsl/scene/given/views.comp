@@ -6,7 +6,7 @@
 
 layout(local_size_x = 64) in;
 
-const uint JITTER = 24u, SAMPLE_OFFSET = 26u, CUT = 28u;  // rows
+const uint JITTER = 24u, SAMPLE_JITTER = 26u, CUT = 28u;  // rows
 
 vec3 pose_column(uint first, uint view) {
     vec3 column;
@@ -35,7 +35,7 @@ void main() {
     FrameValues frame = given.frame;
     frame.index = work.frame.index;
     frame.has_history = uint(has_history);
-    frame.sample_offset = vec2(number(SAMPLE_OFFSET, view), number(SAMPLE_OFFSET + 1u, view));
+    frame.sample_jitter = vec2(number(SAMPLE_JITTER, view), number(SAMPLE_JITTER + 1u, view));
     uint previous_first_instance = work.views.at[view].first_instance;
     work.views.at[view] = View(now, previous, frame, given.world, given.first_instance, previous_first_instance);
 }

@@ -31,13 +31,13 @@ from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
-from solari_vk.gpu.frame.stages import Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step, Within
+from solari_vk.gpu.frame.stages import Aliased, Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Binding
 
-__all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step",
-           "Within"]  # fmt: skip
+__all__ = ["Aliased", "Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage",
+           "Step"]  # fmt: skip
 
 SIDES = 2  # of a history, which slots take in turn
 
@@ -192,7 +192,7 @@ class Frame(InParts):
 
     def resource(self, name: str) -> Any:
         """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none. For
-        a buffer within another one it is the whole of that one."""
+        a buffer that aliases another one it is the whole of that one."""
         index = (self.frame_count - 1) % SIDES if self.frame_count else 0
         bound = self._resources.named(index) | self._external
         if name not in bound:
@@ -256,7 +256,7 @@ class Frame(InParts):
 
     @property
     def memory(self) -> dict[str, int]:
-        """The bytes of buffers and images that stages declare, by name; both of a history, none within another one."""
+        """The bytes of buffers and images that stages declare, by name; both of a history, no aliases."""
         return self._resources.sizes
 
     @property
@@ -280,7 +280,7 @@ class Frame(InParts):
 
     def describe(self) -> list[Row]:
         """The steps: the resources they read and write, the reasons for their barriers, and their GPU times. A buffer
-        within another one has that one's name here."""
+        that aliases another one has that one's name here."""
         timings = self.timings if self.frame_count else {}
         rows = []
         stages = [stage.name for stage in self.stages for _ in stage.passes]

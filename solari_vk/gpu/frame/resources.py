@@ -13,7 +13,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.stages import Draw, History, IfUsed, Stage, Within
+from solari_vk.gpu.frame.stages import Aliased, Draw, History, IfUsed, Stage
 from solari_vk.gpu.shaders.spirv import Binding
 
 PREVIOUS = "previous_"
@@ -32,11 +32,11 @@ class Resources:
     """The resources of a list of stages, by name."""
 
     def __init__(
-        self, device: Device, made: dict[str, _Made] | None = None, within: dict[str, Within] | None = None
+        self, device: Device, made: dict[str, _Made] | None = None, aliased: dict[str, Aliased] | None = None
     ) -> None:
         self._device = device
         self._made = {} if made is None else made
-        self._within = {} if within is None else within
+        self._aliased = {} if aliased is None else aliased
 
     def named(self, slot: int) -> dict[str, Any]:
         """The resource of each name in a slot: a history's two resources swap between slots."""
@@ -45,15 +45,15 @@ class Resources:
             found[name] = made.items[slot % len(made.items)]
             if len(made.items) > 1:
                 found[PREVIOUS + name] = made.items[1 - slot]
-        return found | {name: found[size.host] for name, size in self._within.items()}
+        return found | {name: found[size.host] for name, size in self._aliased.items()}
 
     def element_count(self, name: str) -> int | None:
-        """The elements of a buffer that is part of another one; None for any other name."""
-        return self._within[name].count if name in self._within else None
+        """The elements of a buffer that aliases another one; None for any other name."""
+        return self._aliased[name].count if name in self._aliased else None
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The bytes of each name's resource, or of both that a history has; without names within others."""
+        """The bytes of each name's resource, or of both that a history has; without names that alias others."""
         return {name: sum(item.size for item in made.items) for name, made in self._made.items()}
 
     def changed_to(self, stages: Sequence[Stage], interface: Interface) -> Resources:
@@ -62,22 +62,22 @@ class Resources:
         Raises SolariError for a name declared twice, that no shader has, or whose size makes no sense.
         """
         made: dict[str, _Made] = {}
-        within: dict[str, Within] = {}
+        aliased: dict[str, Aliased] = {}
         attachments = _attachments(stages)
-        result = Resources(self._device, made, within)
+        result = Resources(self._device, made, aliased)
         try:
             for stage in stages:
                 for name, size in (*stage.buffers.items(), *stage.images.items()):
-                    if name in made or name in within:
+                    if name in made or name in aliased:
                         raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
                     if isinstance(size, IfUsed):
                         if name not in interface.bindings:
                             continue
                         size = size.size
-                    if isinstance(size, Within):
+                    if isinstance(size, Aliased):
                         if (host := size.host.removeprefix(PREVIOUS)) in made:
-                            _check_within(stage, name, size, interface, made[host].spec)
-                            within[name] = size
+                            _check_aliased(stage, name, size, interface, made[host].spec)
+                            aliased[name] = size
                             continue
                         size = size.count
                     spec = _specification(stage, name, size, interface, attachments.get(name, ""))
@@ -149,7 +149,7 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface, att
     return ("image", copies, *_image_size(stage, name, size), binding.image_format, attachment)
 
 
-def _check_within(stage: Stage, name: str, size: Within, interface: Interface, host: tuple[Any, ...]) -> None:
+def _check_aliased(stage: Stage, name: str, size: Aliased, interface: Interface, host: tuple[Any, ...]) -> None:
     kind, copies, host_bytes, *_ = host
     if kind != "buffer" or (copies == 2) != size.host.startswith(PREVIOUS):
         raise SolariError(

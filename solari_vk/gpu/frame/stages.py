@@ -25,10 +25,10 @@ class History:
 
 
 @dataclass(frozen=True)
-class Within:
-    """The size of a buffer of `count` elements in the memory of the buffer `host`, where the same stage or an earlier
-    one declares it, else in memory of its own. A pass that writes one of the two destroys the contents of the other.
-    Of a history, `host` is the previous frame's: previous_NAME."""
+class Aliased:
+    """The size of a buffer of `count` elements that aliases the memory of the buffer `host`, where the same stage or an
+    earlier one declares it, else in memory of its own. A pass that writes one of the two destroys the contents of the
+    other. Of a history, `host` is the previous frame's: previous_NAME."""
 
     host: str
     count: int
@@ -148,6 +148,6 @@ class Stage:
     """
 
     name: str
-    buffers: Mapping[str, int | History | IfUsed | Within] = field(default_factory=dict)
+    buffers: Mapping[str, int | History | IfUsed | Aliased] = field(default_factory=dict)
     images: Mapping[str, Size | History | IfUsed] = field(default_factory=dict)
     passes: Sequence[Pass | Draw | Step] = ()

@@ -119,7 +119,7 @@ def test_a_lamp_in_motion(device):
 
 SAMPLES = "passes/taa/samples.glsl"
 BUGS = {
-    "light of a mirrored lamp stays there": Bug("passes/denoise/variance.comp", "extend", ""),
+    "light of a mirrored lamp stays there": Bug("passes/denoise/variance.comp", "add_bounds", ""),
     "reflections of curved surfaces in motion": Bug("passes/denoise/constants.glsl", "LOBE_NORMAL_TOLERANCE", "1e9"),
     "blended surfaces in motion": Bug("passes/taa/history.glsl", "is_blended",
                                       "return is_still(center) && correct(center);"),

@@ -193,7 +193,8 @@ def check_turns(device):
     assert abs(columns[column] / columns[column - 8] - 1) / 9 < 0.05
 
 
-TEMPORAL, PAST, BLUR = "passes/denoise/reproject.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
+REPROJECT, BLUR = "passes/denoise/reproject.comp", "passes/denoise/blur.comp"
+PREVIOUS_FRAME = "passes/denoise/previous_frame.glsl"
 BUGS = {
     "reflections that are seldom found": (check_rare_reflections, Bug(
         "passes/denoise/variance.comp", "add_moments",
@@ -205,11 +206,12 @@ BUGS = {
         "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
         "found.radiance *= min(sum.luminance_sum / max(sum.weight_sum * luminance(found.radiance), 1e-9), 1.0); "
         "return found;")),
-    "histories": (check_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),
-    "new pixels": (check_motion, Bug(PAST, "add_tap", "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), "
-                                     "weight, previous, guide, plane_distance);")),
+    "histories": (check_motion, Bug(PREVIOUS_FRAME, "motion_in_pixels", "return correct(-motion);")),
+    "new pixels": (check_motion, Bug(
+        PREVIOUS_FRAME, "add_tap", "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), weight, previous, "
+        "guide, plane_distance);")),
     "patterns": (check_sharp, Bug(
-        PAST, "find_taps", "return correct(floor(where) + 0.5, previous, guide, plane_distance);")),
+        PREVIOUS_FRAME, "find_taps", "return correct(floor(position) + 0.5, previous, guide, plane_distance);")),
     "light off": (check_light_off, Bug(
         "passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
     "not finite": (check_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
@@ -217,8 +219,8 @@ BUGS = {
                                "edges.plane_offset = 0.0; return correct(edges, other, step);")),
     "turns": (check_turns, Bug(
         "passes/denoise/alternate_history.glsl", "unpack_alternate", "diffuse = specular = NO_HISTORY;")),
-    "smooth surfaces": (check_smooth_surfaces, Bug(TEMPORAL, "blend", "LobeHistory both = correct(a, b, share); "
-                                                   "both.radiance *= 0.9; return both;")),
+    "smooth surfaces": (check_smooth_surfaces, Bug(REPROJECT, "blend", "LobeHistory both = correct(a, b, share); "
+                                                    "both.radiance *= 0.9; return both;")),
 }  # fmt: skip
 test_a_seeded_bug_is_noticed = bug_tests(BUGS, quick=("light off",))
 

@@ -142,11 +142,11 @@ def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
     assert worst[0.25] < worst[0.0] + 0.04
 
 
-LENS = ("scene/camera.glsl", "view_line")
+LENS = ("scene/camera.glsl", "view_ray")
 test_a_seeded_bug_is_noticed = bug_tests({
     "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
-        *LENS, "ViewLine line = correct(position, from); line.start.xy += from.lens_offset;\n"
-        "    line.along.xy -= from.lens_offset / from.focus_distance; return line;")),
+        *LENS, "ViewRay ray = correct(position, from); ray.origin.xy += from.lens_offset;\n"
+        "    ray.direction.xy -= from.lens_offset / from.focus_distance; return ray;")),
     "wide lenses whose aperture faces the view axis": (lambda device: test_wide_lenses(device, "fisheye"), Bug(
         "scene/camera.glsl", "on_aperture", "return vec3(offset.x, -offset.y, 0.0);")),
     "no steps to wide positions": (lambda device: test_wide_lenses(device, "fisheye"), Bug(

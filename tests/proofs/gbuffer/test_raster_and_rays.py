@@ -239,8 +239,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         RASTER_FILE, "intersect_triangle",
         "return correct(ray, row, triangle > 0u ? triangle - 1u : 0u, mesh);")),
     "orthographic rays from one point": (lambda device: check_raster(device, zoo(ORTHOGRAPHIC[1])), Bug(
-        "scene/camera.glsl", "view_line", "ViewLine line = correct(position, from); line.start = vec3(0.0); "
-        "return line;")),
+        "scene/camera.glsl", "view_ray", "ViewRay ray = correct(position, from); ray.origin = vec3(0.0); "
+        "return ray;")),
     "motion": (check_motion, Bug(GBUFFER_FILE, "is_mesh_static", "return true;")),
     "rest": (check_still, Bug(
         GBUFFER_FILE, "motion_vector", "return correct(world_position, previous_world_position) + 1e-7;")),

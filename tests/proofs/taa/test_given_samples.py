@@ -21,7 +21,7 @@ SETTLED = 96  # frames: three times all positions in a pixel
 SAMPLES = "passes/taa/samples.glsl"
 # `at` is the sample's position in pixels of the picture, `noise` has the mean 1 and the deviation 0.577.
 _GIVEN = """
-    vec2 at = (vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale();
+    vec2 at = (vec2(pixel) + 0.5 + this_frame.sample_jitter) / render_scale();
     uint rng = seed_rng(uvec2(pixel), this_frame.index, 0x5EED5EEDu);
     float noise = 2.0 * rand_f(rng);
     return vec3({light});"""
@@ -117,7 +117,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
                                    "found.radiance *= 0.9; return found;")),
     AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
     UPSCALED: (measure_areas, Bug(SAMPLES, "among_samples",
-                                  "return position * render_scale() - 0.5 + this_frame.sample_offset;")),
+                                  "return position * render_scale() - 0.5 + this_frame.sample_jitter;")),
     SHARP: (measure_motion, Bug(HISTORY, "interpolate_history", "return correct(floor(position) + 0.5, around);")),
     FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
     NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
