@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, quoted
 
 LARGEST_JSON = 2**26
 _BYTES_PER_VALUE = 150
@@ -174,7 +174,10 @@ def _beside(path: Path) -> Path:
     """A path in the same folder, with the same suffix, that nobody can foresee."""
     if os.path.exists(path) and not os.path.isfile(path):
         raise SolariError(f"{path}: is a {'folder' if path.is_dir() else 'device or pipe'}: give the name of a file")
-    target = Path(os.path.realpath(path))
+    try:
+        target = Path(os.path.realpath(path))
+    except ValueError:
+        raise SolariError(f"{quoted(str(path))}: has a null character: choose another name") from None
     if not os.path.isdir(target.parent):
         raise SolariError(f"{path}: there is no folder {target.parent}: make it first")
     return target.with_name(f".{target.stem}.{secrets.token_hex(8)}{path.suffix}")

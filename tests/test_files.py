@@ -53,6 +53,8 @@ def test_a_name_that_is_too_long(tmp_path):
     for attempt in (check_writable, write):
         with pytest.raises(SolariError, match=r"can't be written: File name too long: choose a shorter name$"):
             attempt(tmp_path / f"{'a' * 300}.md")
+        with pytest.raises(SolariError, match=r"a\\x00.md': has a null character: choose another name$"):
+            attempt(tmp_path / "a\0.md")
 
 
 def test_an_error_of_a_library_has_a_remedy(tmp_path):

@@ -67,6 +67,11 @@ class _Parser(argparse.ArgumentParser):
             message = str(unknown_name(f"there is no {kind.lower()}", word, names))
         super().error(brief(message))
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if arg_strings == ["--"] and action.option_strings:  # --option=--, which argparse takes for no value at all
+            raise argparse.ArgumentError(action, "-- is no value: write ./-- for a file of this name")
+        return super()._get_values(action, arg_strings)
+
 
 def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
     """The parser of all commands. Its result holds only what is given: jobs have the defaults."""

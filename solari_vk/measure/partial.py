@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Draw, Pass, Stage, Step
-from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.compiler import compile_shader, roots
+from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Scene
@@ -29,9 +30,10 @@ class PartialRenderer(Renderer):
         super().__init__(device, scene, size, settings, seed=seed)
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        every = super()._stages(size)
+        every, sources = super()._stages(size), Sources(roots())
         kept = [[step for step in stage.passes if step.name.startswith(self._passes)] for stage in every]
-        known = {name.removeprefix("previous_") for steps in kept for step in steps for name in _resources(step)}
+        named = (name for steps in kept for step in steps for name in _resources(step, sources))
+        known = {name.removeprefix("previous_") for name in named}
         return [
             dataclasses.replace(
                 stage, passes=steps,
@@ -42,12 +44,12 @@ class PartialRenderer(Renderer):
         ]  # fmt: skip
 
 
-def _resources(step: Pass | Draw | Step) -> set[str]:
+def _resources(step: Pass | Draw | Step, sources: Sources) -> set[str]:
     """The names of all resources that a step's shaders declare, and of what it draws into."""
     if isinstance(step, Step):
         return {*step.reads, *step.writes}
     suffixes = ("comp",) if isinstance(step, Pass) else ("vert", "frag")
     paths = [f"passes/{step.name}.{suffix}" for suffix in suffixes]
-    modules = [reflect(compile_shader(path, header=step.header), path) for path in paths]
+    modules = [reflect(compile_shader(path, header=step.header, root=sources), path) for path in paths]
     drawn = {step.depth} if isinstance(step, Draw) else set()
     return drawn.union(*(module.bindings for module in modules))

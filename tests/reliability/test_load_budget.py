@@ -196,6 +196,18 @@ def exr(folder, n):
     return path
 
 
+def exr_tiles(folder, n):
+    """A row of tiles that are higher than the picture: the library reads whole rows."""
+    import OpenEXR
+
+    path, tile = folder / "bomb.exr", b"tiles\0tiledesc\0" + struct.pack("<3I", 9, 64, 64)
+    header = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+    header["tiles"].xSize = header["tiles"].ySize = 64
+    OpenEXR.File(header, {"Y": np.ones((1, 16_384), np.float16)}).write(str(path))
+    path.write_bytes(path.read_bytes().replace(tile, tile[:-4] + struct.pack("<I", 128 * n)))
+    return path
+
+
 def exr_texture(folder, n):
     """Threads decode a picture whose header says that its one tile is high."""
     import OpenEXR
@@ -212,7 +224,7 @@ def exr_texture(folder, n):
 
 
 BOMBS = (morphs, images, webp, progressive, animations, primitives, skins, instances, text, materials, mesh_text,
-         solids, radiance, exr, exr_texture)
+         solids, radiance, exr, exr_tiles, exr_texture)
 
 
 def file_of(bomb, folder, n):

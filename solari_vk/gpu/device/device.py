@@ -105,7 +105,7 @@ class Device(WorkQueue):
         return Uploads(self.staging_pool)
 
     def trim(self) -> None:
-        """Free compiled pipelines that nothing uses, and memory that results were read through.
+        """Free compiled pipelines that nothing uses, and memory that data was copied through.
 
         Else up to 256 of them stay, so that the next renderer doesn't wait for the driver's compiler.
         """

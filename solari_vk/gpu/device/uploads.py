@@ -46,7 +46,8 @@ class StagingPool:
         if self.device.closed:
             return
         if was_read and CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
-            self.trim()
+            if self._large is not None:
+                self._large.destroy()
             self._large = chunk
         elif chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
             self._chunks.append(chunk)
@@ -54,10 +55,11 @@ class StagingPool:
             chunk.destroy()
 
     def trim(self) -> None:
-        """Free the large chunk."""
-        if self._large is not None:
-            self._large.destroy()
-            self._large = None
+        """Free all chunks that are kept."""
+        kept, self._chunks, self._large = [*self._chunks, self._large], [], None
+        for chunk in kept:
+            if chunk is not None:
+                chunk.destroy()
 
     def read_back(self, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
         """The bytes that `copy(command buffer, VkBuffer)` writes into a chunk; waits for the copy."""

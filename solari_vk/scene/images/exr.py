@@ -69,18 +69,19 @@ def _damaged(who: str, reason: object) -> SolariError:
 
 
 def chunk_bytes(data: bytes) -> int:
-    """The bytes of a chunk of lines or a tile, of all channels, which the library takes whatever it holds."""
+    """The bytes of a chunk of lines or of a row of tiles, all channels, which the library takes whatever it holds."""
     try:
         flags, attributes, _ = _header(data)
         left, _, right, _ = struct.unpack("<4i", attributes[b"dataWindow"])
         pixel_bytes = sum(2 if kind == _HALF else 4 for _, kind in _channels(attributes[b"channels"]))
         width, lines = right - left + 1, max(_LINES)
         if flags & _TILED:
-            width, lines = struct.unpack_from("<II", attributes[b"tiles"])
+            tile_width, lines = struct.unpack_from("<II", attributes[b"tiles"])
+            width = -(-width // tile_width) * tile_width
         elif attributes[b"compression"][0] < len(_LINES):
             lines = _LINES[attributes[b"compression"][0]]
         return int(width * lines * pixel_bytes)
-    except (struct.error, IndexError, KeyError, ValueError):
+    except (struct.error, IndexError, KeyError, ValueError, ZeroDivisionError):
         return 0  # damaged, or of several parts
 
 
