@@ -29,7 +29,7 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
     path.lobe_u = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);
-    // + 1: the first path's `sequence` is the seed of `choice`
+    // + 1: for the first path `sequence` is the seed of `choice`, whose numbers `u` would repeat
     path.u = sobol_point(this_frame.index, sequence + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     path.walk.cone_spread = ray.cone_spread;

@@ -30,7 +30,8 @@ struct Path {
     RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
     LightAlongRay first_along_ray;  // of pass-through lights on the first ray
     vec3 radiance;                // that the first ray carries from x2 or infinity, without `reusable_radiance`
-    // With reuse, the part of it that x2 reflects by its diffuse lobe; and whether later light counts as that.
+    // With reuse, apart from `radiance`: what x2 reflects by its diffuse lobe; and whether light that is found after x2
+    // is added here.
     vec3 reusable_radiance;
     bool diffuse_at_x2;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
@@ -101,8 +102,8 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
 }
 
 // The probability of next event estimation, which is lower the smoother a metal is, since BRDF samples find more of the
-// light then. A coat or sheen over the metal that isn't a delta lobe raises it: point lights are found by light samples
-// alone.
+// light then. A coat or sheen over the metal that isn't a delta lobe raises it: no BRDF sample can hit the point lights
+// that it reflects.
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
@@ -138,9 +139,10 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
 }
 
-// Adds what the hit's diffuse lobe reflects of the world cache's irradiance. Returns whether the path goes on: always
-// if the cache isn't used here, else by the specular lobe alone, with that lobe's share of the albedo as probability.
-// Differs from Solari, where the cache is used for the whole surface, and paths end there; here it is only if is_rough.
+// Adds what the hit reflects of the world cache's irradiance: by both lobes if is_rough, and then the path ends; else
+// by the diffuse lobe, and the path goes on by the specular one, with its share of the albedo as probability. Returns
+// whether the path goes on, which it always does where the cache isn't used or has no value. Differs from Solari, where
+// the cache is used for the whole surface, and paths end there.
 bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     if (frame_settings.world_cache == 0u || has_no_cell(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);

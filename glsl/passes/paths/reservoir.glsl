@@ -75,7 +75,7 @@ vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservo
 ResolvedLightSample resolve_light_point(PathReservoir reservoir) {
     uvec4 point = reservoir.point;
     LightSource light = light_sources.at[point.x];
-    const float inverse_probability = 1.0;  // the densities above are per light and part
+    const float inverse_probability = 1.0;  // W holds the pdf over lights, parts and random numbers
     return resolve_light(light.kind, light.record_index, point.y, uintBitsToFloat(point.zw), inverse_probability);
 }
 
@@ -162,8 +162,8 @@ Merge merge_reservoirs(
         own_mis_weight = balance_heuristic(own.confidence * own_target.value, other_confidence.x * own_target_there);
         if (own_mis_weight < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_mis_weight = 1.0; }
     }
-    // Only for shading, which temporal reuse doesn't do. Without blended surfaces, samples are visible to their own
-    // pixel.
+    // Only spatial reuse shades. A pixel's own sample is known to be visible to it, so that blended surfaces alone can
+    // dim it.
     if (SCENE_BLEND && own_target.value > 0.0 && !there_in_previous_frame) {
         own_target.integrand = scale(own_target.integrand, trace_sample_transmittance(here, own, false));
     }

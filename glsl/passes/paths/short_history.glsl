@@ -12,7 +12,7 @@ layout(constant_id = short_history_samples_id) const uint short_history_samples 
 // The most paths of a pixel with the setting frame_ms; 0 without that.
 layout(constant_id = max_timed_samples_id) const uint max_timed_samples = 0u;
 
-// With the setting frame_ms: the mean number of paths of a pixel over the number without it, which may be above 1.
+// With the setting frame_ms: the factor of each pixel's expected number of paths, which may be above 1.
 layout(set = 1, scalar) uniform PathShareBlock { float value; } path_share;
 
 const uint SHARE_SALT = 0x5BE0CD19u;

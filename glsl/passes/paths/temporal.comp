@@ -9,8 +9,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x9E1C5A37u;
 
-// For evaluate_target a reservoir's weight need only be above 0 if the candidate exists; that of the result is set
-// last.
+// A weight above 0 tells evaluate_target that there is a candidate; the result's own weight is set last.
 PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
     PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_resampling_weight, NO_INDEX);
     uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);

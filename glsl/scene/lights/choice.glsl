@@ -55,7 +55,7 @@ float choice_probability_by_power(LightSource light, uint part) {
     return light_leaves.at[found.leaf].by_power.probability * found.probability;
 }
 
-// The same for any part of a light that has one leaf.
+// The probability that a light sample takes a light of one leaf, where leaves are chosen by power.
 float light_probability_by_power(LightSource light) {
     return light_leaves.at[light.first_leaf].by_power.probability;
 }

@@ -1,7 +1,7 @@
 // How a surface chooses a light: by a walk down the tree of lights, at each node by how much light each child may send
-// to the surface. The leaves are lights, of emissive meshes a few neighboring triangles; these, and lights at infinity,
-// are chosen by power. Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting"
-// (2018).
+// to the surface. A leaf is a light, or a few neighboring triangles of an emissive mesh. The triangle of a leaf, and
+// lights at infinity, are chosen by power. Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive
+// Tree Splitting" (2018).
 #ifndef SCENE_LIGHTS_TREE_GLSL
 #define SCENE_LIGHTS_TREE_GLSL
 
@@ -82,7 +82,7 @@ float node_probability(uint node, Receiver receiver) {
     return probability;
 }
 
-// The choice by power decides between lights at infinity, which it also chooses, and the tree of the finite ones.
+// Chooses by power among all leaves: if that is a light at infinity, it is taken; else the tree chooses.
 ChosenLeaf choose_leaf(Receiver receiver, inout uint rng) {
     uint row = choose_leaf(rng);
     LightLeaf leaf = light_leaves.at[row];
