@@ -440,8 +440,7 @@ PICTURE = ["render", "a.glb", "-o", "b.png"]
     (["9" * 5000], ["999...999", "there are render, view"]),
     (["bench", "lod"], ["did you mean 'load'?"]), (["dataset", "a.glb", "-o", "b", "--coco"], ["--annotations coco"]),
     ([*PICTURE, "--environment-intensity", "-1"], ["not be negative"]),
-    (["compare", "a.png", "b.png", "--heatmap=--"], ["--heatmap", "./--"]),
-    ([*PICTURE, "--tonemap", "sepia"], ["sepia", "agx"]),
+    (["compare", "a.png", "b.png", "--heatmap=--"], ["./--"]), ([*PICTURE, "--tonemap", "sepia"], ["sepia", "agx"]),
     (["view", "a.glb", "--view", "smell"], ["smell", "base_color"]),
 ], ids=str)  # fmt: skip
 def test_wrong_usage_is_exit_code_2(arguments, words, capsys):

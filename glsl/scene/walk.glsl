@@ -214,8 +214,7 @@ vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     return emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
-// The solid angle pdf with which light samples of the receiver take the point that a ray from there has hit; without a
-// receiver, where leaves are chosen by power.
+// The solid angle pdf of the receiver's light samples at the point that a ray has hit; by power without a receiver.
 float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3 direction) {
     float pdf = emissive_hit_pdf(surface, direction, hit.t);
     if (!(pdf > 0.0) || receiver.normal == vec3(0.0)) { return pdf; }
