@@ -30,7 +30,7 @@ void denoised_at_jitter(ivec2 pixel, out Signal diffuse, out Signal specular) {
     ivec2 last = ivec2(camera.size) - 1;
     for (int axis = 0; axis < 2; axis++) {
         Signals found[2];
-        mat2 weights;  // by the side and the lobe
+        mat2 weights;  // [side][lobe], until it is transposed below
         for (int side = 0; side < 2; side++) {
             ivec2 step = (2 * side - 1) * ivec2(1 - axis, axis), other = clamp(pixel + step, ivec2(0), last);
             uint other_index = element_index(other, camera.size);

@@ -13,9 +13,9 @@ layout(set = 1, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previ
 layout(set = 1, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
 layout(set = 1, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
 // Ping-pong buffers of variance.comp and blur.comp. They lie in the memory of previous_denoise_diffuse and
-// previous_denoise_specular, which reproject.comp alone may read. The first three words hold the light of both lobes,
-// packed by passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of
-// 3 x 3 pixels.
+// previous_denoise_specular, so that nothing after reproject.comp may read those. The first three words hold the light
+// of both lobes, packed by passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean
+// luminances of 3 x 3 pixels.
 layout(set = 1, scalar) buffer DenoisePingBlock { uvec4 at[]; } denoise_ping;
 layout(set = 1, scalar) buffer DenoisePongBlock { uvec4 at[]; } denoise_pong;
 

@@ -3,8 +3,8 @@
 // weight is its edge-stopping weight times how well the standard errors of both pixels explain the difference of their
 // light, so that the blur ends where histories are long. The errors of both pixels count, so that outliers are spread
 // over their neighbors. In the diffuse lobe the weights are symmetric: two pixels of a surface take the same share of
-// each other's light, which conserves it. In the specular lobe they are symmetric as far as both pixels are equally
-// uncertain.
+// each other's light, which conserves it. In the specular lobe they depend on the center's roughness and relative
+// error, so that they are symmetric only where both pixels' are equal.
 #version 460
 #include "common/pixel.glsl"
 #include "passes/denoise/edge_stopping.glsl"
@@ -55,8 +55,8 @@ vec2 luminances(uint means, Signals signals) {
     return vec2(unpack_positive(means, 16u), unpack_positive(means >> 16u, 16u));
 }
 
-// Whether so little noise is left in the sum of both lobes that wider passes would change nothing visible. Where all is
-// black they may bring light: false.
+// Whether so little noise is left in the sum of both lobes that wider passes would change nothing visible. Not where
+// all is black, since wider passes may bring light there.
 bool is_converged(ivec2 pixel, uint kind, Signals signals) {
     vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
     vec2 deviations = vec2(signals.diffuse.standard_error, signals.specular.standard_error);
@@ -70,7 +70,7 @@ bool is_converged(ivec2 pixel, uint kind, Signals signals) {
 
 // A neighbor's edge-stopping weight is multiplied by the square of `luminance_weight`, which says how well noise
 // explains the difference of both luminances. The rest of its weight goes to the center. A neighbor that is done takes
-// no light; to conserve it, it gives none.
+// no light from the center; so that light is conserved, it gives none either.
 // The weight falls as the signals differ more, so that the sum responds less to the neighbor's signal than its weight
 // says, and more to the center's. With luminance_weight f = t / (t + d^2), where t is the tolerance and d the
 // difference, the neighbor adds f^2 d to the center's signal; the derivative by d is f^2 (4 f - 3), or 0 if that is

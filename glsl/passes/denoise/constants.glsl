@@ -12,7 +12,7 @@ const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_RE
 const float MIN_NORMAL_COSINE = 0.9;
 const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.roughness_or_albedo
 const float BACKGROUND_DEPTH = 1e6;  // meters
-// Difference from 1 of the sum of the taps' weights: beyond it, some of the taps showed another surface.
+// If the accepted Catmull-Rom weights sum to something further from 1, taps were rejected: bilinear weights then.
 const float MAX_TAP_WEIGHT_ERROR = 0.02;
 const float MIN_PSR_ALBEDO = 0.02;  // least albedo by which light of primary surface replacement (PSR) is demodulated
 
@@ -55,16 +55,16 @@ const float FIREFLY_FRAMES = 40.0;  // in all histories shorter than this firefl
 // first number, and less than the second times the history length.
 const float MIN_EFFECTIVE_FRAMES = 4.0, MIN_EFFECTIVE_SHARE = 0.0625;
 // Fireflies are clamped to the larger of two limits: MAX_OVER_NEIGHBORS times the neighbors' mean luminance, and
-// MAX_OVER_CELLS times the trimmed mean of the 3 x 3 gradient cells around, times the squared effective sample size (at
-// most the history length), so that light that many frames brought isn't clamped.
+// MAX_OVER_CELLS times the trimmed mean of the 3 x 3 gradient cells around, times the lesser of squared effective
+// sample size and history length, so that light that many frames brought isn't clamped.
 const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_CELLS = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // neighbors of less weight show other surfaces, and aren't compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // history length from which samples of a pixel have a variance
 
 // ---- edge-stopping weights --------------------------------------------------------------------------
 
-// A tolerance is the difference that makes a weight 1/e. PLANE_TOLERANCE: distance from the plane in pixel widths, less
-// the sagitta, by which a curved surface with these normals leaves its tangent plane.
+// A tolerance is the difference that makes a weight 1/e. PLANE_TOLERANCE: distance from the center's tangent plane in
+// pixel widths, beyond the sagitta, by which a curved surface with both pixels' normals would leave it.
 const float PLANE_TOLERANCE = 1.0;
 const float DIFFUSE_NORMAL_TOLERANCE = 0.12;  // 1 - the cosine between normals
 const float PSR_NORMAL_TOLERANCE = 0.05;  // the same for the light of PSR surfaces
@@ -81,8 +81,9 @@ const float MATERIAL_TOLERANCE = 0.1;  // of Guide.roughness_or_albedo
 const float SIGMA_LUMINANCE = 2.2;  // sigma_l in SVGF
 const float CENTER_WEIGHT = 4.0;  // of the 3 x 3 kernel, (1 2 1) x (1 2 1); Dammertz et al. have 5 x 5
 const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
-const float MIN_ACCEPTED_RATIO = 0.25;  // FilterSum.accepted_weight over weight_sum: if it is less, the blur stops
-// Correlation of the noise of pixels that a pass averages, by level up to 2: earlier passes share some of their taps.
+const float MIN_ACCEPTED_RATIO = 0.25;  // least FilterSum.accepted_weight over weight_sum; less in both lobes: done
+// Correlation of the noise of pixels that a pass averages, by pass, the last for all later ones: what earlier passes
+// have filtered shares some of their input.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 const float EPSILON = 1e-30;
 

@@ -21,7 +21,7 @@ struct Signals {
 // so short (MIN_VARIANCE_FRAMES) that variance.comp couldn't find the edges of bright reflections and keep the blur
 // from crossing them.
 const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, REFLECTION_EDGES_UNKNOWN = 3u;
-const uint NO_SAMPLE = 0x7FFFu;  // packed in place of a standard error, none of which is packed to this
+const uint NO_SAMPLE = 0x7FFFu;  // fifteen ones, the code of a NaN: no standard error is packed to it
 
 // Eight bits a channel with a shared exponent (RGBE), that of the largest channel, which is scaled to between 127.5 and
 // 255, so that the dither of less than 1 doesn't overflow. Exponents below 8 would make a scale denormal. random: 30
