@@ -81,7 +81,7 @@ const float MATERIAL_TOLERANCE = 0.1;  // of Guide.roughness_or_albedo
 const float SIGMA_LUMINANCE = 2.2;  // sigma_l in SVGF
 const float CENTER_WEIGHT = 4.0;  // of the 3 x 3 kernel, (1 2 1) x (1 2 1); Dammertz et al. have 5 x 5
 const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
-const float MIN_ACCEPTED_RATIO = 0.25;  // least FilterSum.accepted_weight over weight_sum; less in both lobes: done
+const float MIN_ACCEPTED_RATIO = 0.25;  // FilterSum.accepted_weight / weight_sum: below it in both lobes, the blur ends
 // Correlation of the noise of pixels that a pass averages, by pass, the last for all later ones: what earlier passes
 // have filtered shares some of their input.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);

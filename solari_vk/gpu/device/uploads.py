@@ -46,8 +46,7 @@ class StagingPool:
         if self.device.closed:
             return
         if was_read and CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
-            if self._large is not None:
-                self._large.destroy()
+            self._free_large()
             self._large = chunk
         elif chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
             self._chunks.append(chunk)
@@ -56,10 +55,14 @@ class StagingPool:
 
     def trim(self) -> None:
         """Free all chunks that are kept."""
-        kept, self._chunks, self._large = [*self._chunks, self._large], [], None
-        for chunk in kept:
-            if chunk is not None:
-                chunk.destroy()
+        self._free_large()
+        while self._chunks:
+            self._chunks.pop().destroy()
+
+    def _free_large(self) -> None:
+        if self._large is not None:
+            self._large.destroy()
+            self._large = None
 
     def read_back(self, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
         """The bytes that `copy(command buffer, VkBuffer)` writes into a chunk; waits for the copy."""
