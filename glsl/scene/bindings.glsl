@@ -90,7 +90,7 @@ struct LightSource {
 struct LightLeaf {
     AliasTableRow by_power;  // the leaf's row of the alias table of all leaves
     uint light;              // into light_sources
-    uint node;               // the leaf in light_tree; NO_INDEX for lights at infinity
+    uint node;               // the leaf in light_tree; NO_INDEX for lights at infinity, and for the only other leaf
     uint first_part;         // of its parts of the light
     uint part_count;
 };
@@ -128,7 +128,7 @@ struct SceneInfo {
     uint light_end;                // one more than the last light
     uint first_environment;        // where the light of the first record in `environments` is
     uint first_portal_record;      // into `portals`
-    float finite_probability;      // that a leaf that is not at infinity is chosen by `by_power`
+    float tree_probability;        // that a leaf of the tree is chosen by `by_power`
     uint without;                  // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
 };
 

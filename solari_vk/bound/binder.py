@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.assets import Assets
+from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.scene_rows import SceneRows
 from solari_vk.bound.table import Table
@@ -129,8 +130,8 @@ class SceneBinder(SceneRows):
         """What tensors give an object, as of `Assets.take`; None for a lamp's, which the host needs."""
         return None if self.lamps.emissions.use(item) else self.assets.take(item, fields)
 
-    def note_feature(self, item: Observable) -> None:
-        """Take note of what another world has in place of an object of the scene."""
+    def note_feature(self, item: Observable | LightLeaves) -> None:
+        """Take note of what another world has: in place of an object of the scene, or as its lights."""
         before = self.features
         self._features.note(item)
         self.version += self.features != before

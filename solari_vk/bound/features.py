@@ -3,8 +3,9 @@
 Each row of FEATURES is a boolean constant SCENE_NAME, which `generated/bound/features.glsl` declares and
 scene/bindings.glsl includes. In the modules for scenes without any feature it is plainly false: these modules hold no
 code below `if (SCENE_NAME)`, and compiling them takes a third of the time. For other scenes it is a specialization
-constant, so that one module serves each set of features, and drivers remove the code of features that are false. To add
-a feature, write its row, and use the constant in GLSL; frames over a scene do the rest.
+constant, so that one module serves each set of features, and drivers remove the code of features that are false; one
+that many scenes have is such a constant in all modules. To add a feature, write its row, and use the constant in GLSL;
+frames over a scene do the rest.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from solari_vk.bound.lights.light_leaves import LightLeaves
+from solari_vk.gpu.frame.step_shaders import COMMON_FEATURES
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
@@ -23,7 +26,7 @@ from solari_vk.scene.objects import Instance, Mesh
 
 @dataclass(frozen=True)
 class Feature:
-    """A row of `FEATURES`: the class of the scene's objects that may have the feature, and whether one has it."""
+    """A row of `FEATURES`: the class of what may have the feature in a scene, and whether one has it."""
 
     name: str
     source: type[Any]
@@ -41,6 +44,7 @@ class Feature:
 
 FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
+    Feature("LIGHT_TREE", LightLeaves, lambda leaves: leaves.in_tree),
     Feature("PORTAL", Portal, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
@@ -76,7 +80,7 @@ class Features:
         self.constants |= {constant}
 
     def note(self, item: Any) -> None:
-        """Take note of a new or changed object of the scene."""
+        """Take note of what is new or has changed in a scene."""
         self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.held_by(item)}
 
 
@@ -88,8 +92,9 @@ def _any_of(name: str, features: Iterable[Feature]) -> str:
 def glsl_header() -> str:
     """The declarations of the constants; SCENE_LOBES and SCENE_TRANSMISSION are true if one of these features is."""
     plain = {feature.constant: f"const bool {feature.constant} = false;" for feature in FEATURES}
-    specialized = [f"layout(constant_id = {name}_id) {line}" for name, line in plain.items()]
     lobes = _any_of("LOBES", (feature for feature in FEATURES if feature.is_lobe))
     transmission = _any_of("TRANSMISSION", (feature for feature in FEATURES if feature.transmits))
-    declared = ("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif")
+    specialized = {name: f"layout(constant_id = {name}_id) {line}" for name, line in plain.items()}
+    few = plain | {name: specialized[name] for name in COMMON_FEATURES}
+    declared = ("#ifdef WITHOUT_FEATURES", *few.values(), "#else", *specialized.values(), "#endif")
     return "\n".join((*declared, lobes, transmission))

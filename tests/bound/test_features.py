@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.bound.features import FEATURES
+from solari_vk.gpu.frame.step_shaders import COMMON_FEATURES
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.ray_generation import instructions
 from solari_vk.gpu.shaders.spirv import reflect
@@ -43,7 +45,7 @@ def functions(module) -> set[str]:
 def test_modules_of_scenes_without_features_have_no_code_of_them(path):
     """Their descriptors too: what only features read, such as an environment's tables, isn't bound."""
     plain, every = modules(path)
-    assert not EVERY & set(plain.constants)
+    assert EVERY & set(plain.constants) == COMMON_FEATURES
     assert len(EVERY & set(every.constants)) > 6
     assert set(plain.bindings) < set(every.bindings)
     assert functions(plain) < functions(every) - OF_FEATURES
@@ -65,15 +67,16 @@ def test_a_feature_costs_nothing_in_scenes_without_features(tmp_path: Path):
 
 
 def test_pictures_of_both_modules_are_the_same(device):
-    """A dark lamp changes no pixel, but the modules: they stay the other ones when it is gone."""
+    """Another lamp, with a tree over both, and a point light change the shaders, which stay so when they are gone."""
     scene = sv.builtin("cornell_box")
     with sv.PathTracer(device, scene, (24, 16), max_bounces=3) as tracer:
-        plain = tracer.render(samples=4)["radiance"]
+        expected, features = tracer.render(samples=4)["radiance"], {"SCENE_LIGHT_TREE"}
         assert not tracer.binder.features
-        lamp = scene.add(sv.PointLight((0, 1, 0), intensity=0))
-        tracer.render(samples=1)
-        assert tracer.binder.features == {"SCENE_POINT"}
-        scene.remove(lamp)
-        tracer.render(samples=1)
-        every = tracer.render(samples=4)["radiance"]
-    np.testing.assert_array_equal(plain, every)
+        for light in (copy.copy(scene.instances[-1]), sv.PointLight((0, 1, 0), intensity=1)):
+            scene.add(light)
+            tracer.render(samples=1)
+            assert tracer.binder.features == features
+            scene.remove(light)
+            tracer.render(samples=1)
+            np.testing.assert_array_equal(tracer.render(samples=4)["radiance"], expected)
+            features |= {"SCENE_POINT"}

@@ -124,7 +124,7 @@ def test_the_tree_follows_the_lights_alone(bound, monkeypatch):
         bounds = np.stack([lights.positions[:finite] - half, lights.positions[:finite] + half], axis=1)
         check_tree(lights.leaves.tree.records, leaves["node"], bounds, lights.powers[:finite])
         total = leaves["by_power"]["probability"][:finite].sum(dtype=np.float64)
-        assert lights.info.records[0]["finite_probability"] == pytest.approx(total)
+        assert lights.info.records[0]["tree_probability"] == pytest.approx(total)
         assert lights.info.records[0]["part_count"] == 2 * finite + 1
         return len(builds)
 

@@ -82,21 +82,25 @@ float node_probability(uint node, Receiver receiver) {
     return probability;
 }
 
-// Chooses by power among all leaves: if that is a light at infinity, it is taken; else the tree chooses.
+bool in_tree(LightLeaf leaf) { return SCENE_LIGHT_TREE && leaf.node != NO_INDEX; }
+
+// Chooses by power among all leaves: a leaf that isn't in the tree is taken; else the tree chooses.
 ChosenLeaf choose_leaf(Receiver receiver, inout uint rng) {
-    uint row = choose_leaf(rng);
-    LightLeaf leaf = light_leaves.at[row];
-    if (leaf.node == NO_INDEX) { return ChosenLeaf(row, leaf.by_power.probability); }
+    if (!SCENE_LIGHT_TREE || scene_info.tree_probability < 1.0) {
+        uint row = choose_leaf(rng);
+        LightLeaf leaf = light_leaves.at[row];
+        if (!in_tree(leaf)) { return ChosenLeaf(row, leaf.by_power.probability); }
+    }
     ChosenLeaf chosen = descend_light_tree(receiver, rng);
-    chosen.probability *= scene_info.finite_probability;
+    chosen.probability *= scene_info.tree_probability;
     return chosen;
 }
 
 // The probability with which a receiver chooses this leaf.
 float leaf_choice_probability(uint row, Receiver receiver) {
     LightLeaf leaf = light_leaves.at[row];
-    if (leaf.node == NO_INDEX || receiver.normal == vec3(0.0)) { return leaf.by_power.probability; }
-    return scene_info.finite_probability * node_probability(leaf.node, receiver);
+    if (!in_tree(leaf) || receiver.normal == vec3(0.0)) { return leaf.by_power.probability; }
+    return scene_info.tree_probability * node_probability(leaf.node, receiver);
 }
 
 #endif

@@ -27,6 +27,8 @@ class LightLeaves:
         """Each light's first leaf (N,)."""
         self.count = 0
         self.node_count = 0
+        self.in_tree = 0
+        """How many of the first leaves the tree chooses from: those that are not at infinity; 0 if that is one."""
         self._nodes = LightTree(layout["light_tree"])
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
@@ -63,7 +65,7 @@ class LightLeaves:
         self.table.mark(range(self.count))
 
     def follow(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats]) -> float:
-        """Have the tree follow the lights (F,) that are not at infinity; returns how often one of them is chosen.
+        """Have the tree follow the lights (F,) that are not at infinity; returns how often it chooses.
 
         ids, bounds, powers: as those of `LightTree`. boxes: those of the clusters of lights that have moved.
         """
@@ -78,8 +80,12 @@ class LightLeaves:
         self.tree.reserve(self.node_count)
         self.tree.records[changed] = self._nodes.nodes[changed]
         self.tree.mark(changed.tolist())
+        self.in_tree = count if count > 1 else 0
         records = self.table.records[: self.count]
-        records["node"][:count], records["node"][count:] = self._nodes.leaves, NO_INDEX
+        records["node"] = NO_INDEX
+        records["node"][: self.in_tree] = self._nodes.leaves[: self.in_tree]
         if self._nodes.leaves is not before:
             self.table.mark(range(self.count))
-        return float(records["by_power"]["probability"][:count].sum(dtype=np.float64))
+        if 0 < self.in_tree == self.count:
+            return 1.0
+        return float(records["by_power"]["probability"][: self.in_tree].sum(dtype=np.float64))

@@ -265,7 +265,7 @@ class LightList:
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], boxes)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
-        info["finite_probability"], info["leaf_count"] = chance, self.leaves.count
+        info["tree_probability"], info["leaf_count"] = chance, self.leaves.count
         self.info.mark([0])
 
     def _write_others(self, light_count: int) -> None:

@@ -21,6 +21,8 @@ ModuleKey = tuple[str, str]
 
 # What the rays of all passes run that trace by scene/trace.glsl; with this feature they ask about hits.
 _MISS, _HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
+COMMON_FEATURES = {"SCENE_LIGHT_TREE"}
+"""The constants of features that many scenes have: modules for scenes without features have them too."""
 _ALPHA, _ALPHA_HIT = "SCENE_ALPHA", HitGroup("scene/trace.rchit", any_hit="scene/trace.rahit")
 
 
@@ -41,7 +43,7 @@ class Modules(dict[ModuleKey, Module]):
         super().__init__()
         self._device = device
         self._hit = _ALPHA_HIT if _ALPHA in (features or ()) else _HIT
-        self._features = features is None or bool(features)
+        self._features = features is None or not COMMON_FEATURES.issuperset(features)
         self._ray_pipelines, self._sources, self._old = device.rays == "pipeline", Sources(roots(root)), old
 
     def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:

@@ -56,7 +56,9 @@ def make_world():
 def draw(shaders, world):
     """The samples, by power and by the tree (2, N), and the lights' powers."""
     with bound(shaders.device, world) as binder:
-        drawn = shaders.run("test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT})["drawn"]
+        constants = dict.fromkeys(binder.features, True)
+        drawn = shaders.run("test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT},
+                            constants=constants)["drawn"]  # fmt: skip
         return drawn.reshape(2, COUNT), binder.lights.powers
 
 

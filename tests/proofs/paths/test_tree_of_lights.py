@@ -61,7 +61,8 @@ def measure_leaves(shaders, scene, receivers, what):
         nodes = leaves.tree.records[records["node"]]
         powers, positions = nodes["power"].astype(np.float64), nodes["center"].astype(np.float64)
         found = shaders.run("test/light_tree", POINTS * DRAWS, {**binder.resources, "receivers": receivers},
-                            {"drawn": POINTS * DRAWS, "probabilities": POINTS * count})  # fmt: skip
+                            {"drawn": POINTS * DRAWS, "probabilities": POINTS * count},
+                            constants={"SCENE_LIGHT_TREE": True})  # fmt: skip
     drawn = found["drawn"].reshape(POINTS, DRAWS)
     probabilities = found["probabilities"].reshape(POINTS, count).astype(np.float64)
     expected = np.take_along_axis(probabilities, drawn["light"].astype(np.int64), axis=1)
