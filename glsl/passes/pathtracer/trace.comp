@@ -1,8 +1,9 @@
-// The reference path tracer: updates each pixel's mean with more samples, by walks that start at the camera.
+// The reference path tracer: updates each pixel's mean with more samples, by walks that start at the camera. Random
+// numbers are of low-discrepancy sequences over samples: LOW_DISCREPANCY in common/random.glsl.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #define LOW_DISCREPANCY
-#include "passes/pathtracer/from_camera.glsl"
+#include "passes/pathtracer/from_camera.glsl"  // and trace.glsl: trace_paths, which calls sample_range
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

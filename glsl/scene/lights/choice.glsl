@@ -6,7 +6,7 @@
 #define SCENE_LIGHTS_CHOICE_GLSL
 
 #include "common/random.glsl"
-#include "scene/bindings.glsl"
+#include "scene/bindings.glsl"  // LightSource and its parts, LightLeaf, AliasTableRow
 
 // The second step of the alias method, for a row that was drawn uniformly.
 uint choose(uint row, AliasTableRow drawn, inout uint rng) {
