@@ -60,8 +60,8 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 // reaches the vertex from there without occlusion (LightContribution).
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `expected_candidates`: n_l in Veach's multi-sample model, for one BRDF sample: the expected number of RIS
-// candidates.
+// samples. `expected_candidates`, the expected number of RIS candidates, is n_l in Veach's multi-sample model, for one
+// BRDF sample.
 PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return ZERO_LOBES; }

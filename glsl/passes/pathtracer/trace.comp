@@ -20,7 +20,7 @@ uvec2 sample_range(uvec2 pixel) {
     if (path_sampling.has_sample_ranges == 0u) { return uniform_sample_range(); }
     uint block = pixel.y / 8u * ((camera.size.x + 7u) / 8u) + pixel.x / 8u;
     uvec2 range = sample_ranges.at[2u * block + (pixel.x + pixel.y) % 2u];
-    uvec2 this_dispatch = range.x + uniform_sample_range();
+    uvec2 this_dispatch = range.x + uniform_sample_range();  // counted from the first sample of the range
     return min(this_dispatch, range.y);
 #endif
 }
