@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/settings.glsl"
+#include "generated/settings.glsl"  // X_settings: blocks by solari_vk/settings/shaders.py; settings.py explains each
 #include "passes/views.glsl"
 #include "scene/camera_block.glsl"
 

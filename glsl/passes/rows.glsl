@@ -5,7 +5,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/passes/rows.glsl"
+#include "generated/passes/rows.glsl"  // GROUP_SIZE, the threads of a workgroup, and ROW_GROUPS: passes/rows.py
 
 // What an indirect dispatch reads.
 struct IndirectDispatch {
@@ -25,7 +25,7 @@ uint thread_index(uvec2 invocation_index) {
     return invocation_index.y * (ROW_GROUPS * GROUP_SIZE) + invocation_index.x;
 }
 
-// The same for workgroups of 8 by 8 threads, as passes over pictures have them.
+// The same for "squares", workgroups of 8 by 8 threads, as passes over pictures have them.
 const uint SQUARE = 8u, ROW_SQUARES = 32u;
 
 IndirectDispatch make_indirect_squares(uint threads, uint layers) {

@@ -7,13 +7,15 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_nonuniform_qualifier : require
 
-// generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_X: the scene has a feature X, by
-// solari_vk/bound/features.py. SCENE_LAYERS: a coat, sheen, anisotropy or a specular weight; SCENE_LOBES: layers,
-// glass, diffuse transmission or a film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode
-// "blend", or smooth thin-walled glass.
-#include "generated/bound/constants.glsl"
-#include "generated/bound/features.glsl"
-#include "generated/bound/material_record.glsl"
+// generated/X.glsl is what glsl_header() of solari_vk/X.py returns. SCENE_X is a constant: whether the scene has the
+// feature X, a row of solari_vk/bound/features.py; the code of features that it lacks costs nothing.
+// SCENE_LAYERS: a coat, sheen, anisotropy or a specular weight; SCENE_LOBES: layers, glass, diffuse transmission or a
+// film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode "blend", or smooth thin-walled
+// glass; SCENE_ALPHA: that, or alpha mode "mask". MATERIAL_SOLID: the surface bounds a solid, which light may enter
+// and which absorbs it. MATERIAL_WALL: thin-walled glass, smooth at least in places.
+#include "generated/bound/constants.glsl"  // NO_INDEX; flags MESH_*, MATERIAL_*, WITHOUT_*; masks of rays
+#include "generated/bound/features.glsl"  // SCENE_*
+#include "generated/bound/material_record.glsl"  // struct Material
 #ifdef MANY_VIEWS
 #include "scene/camera_block.glsl"
 #endif
@@ -78,20 +80,22 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Ali
 struct LightSource {
     // A light sample takes one part of a light: a triangle of an emissive mesh (of its ray mesh), or a texel of an
     // environment. Other lights have one part.
-    AliasTable parts;   // an alias table for each leaf; null where all parts of a leaf are equally likely
+    // By part: a row of its leaf's alias table, whose aliases are parts too. Null where all parts of a leaf are equally
+    // likely.
+    AliasTable parts;
     uint part_count;
     uint kind;          // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
     uint record_index;  // of the light's record in the buffer of its kind; for emissive meshes, of the instance
     uint first_leaf;    // into light_leaves; the light's others follow
-    uint halvings;      // how often the parts are halved, in their order, to make the leaves; NO_INDEX: each is one
+    uint halvings;      // how often the parts are halved, in their order, to make the leaves; NO_INDEX: each is a leaf
 };
 
 // What light samples choose first: some neighboring triangles of an emissive mesh, or a light of another kind.
 struct LightLeaf {
     AliasTableRow by_power;  // the leaf's row of the alias table of all leaves
     uint light;              // into light_sources
-    uint node;               // the leaf in light_tree; NO_INDEX for lights at infinity, and for the only other leaf
-    uint first_part;         // of its parts of the light
+    uint node;               // the leaf in light_tree; NO_INDEX at infinity, or if it is the only leaf that isn't
+    uint first_part;         // of the light's parts, of which the leaf has part_count
     uint part_count;
 };
 
@@ -113,8 +117,8 @@ layout(set = 0, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } 
 layout(set = 0, scalar) readonly buffer LightLeavesBlock { LightLeaf at[]; } light_leaves;
 layout(set = 0, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
 
-// The lights of a scene. Worlds of a batch may have lights of their own, whose records follow those of the world before
-// in all tables: solari_vk/bound/world_lights.py.
+// The lights of a scene. The worlds of a batch, which are scenes or variants of one (scene/camera_block.glsl), may have
+// lights of their own, whose records follow those of the world before in all tables: solari_vk/bound/world_lights.py.
 struct SceneInfo {
     uint light_count;
     uint leaf_count;

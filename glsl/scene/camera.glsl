@@ -3,7 +3,7 @@
 #define SCENE_CAMERA_GLSL
 
 #include "common/random.glsl"
-#include "generated/bound/features.glsl"
+#include "generated/bound/features.glsl"  // SCENE_LENSES, written by solari_vk/bound/features.py
 #include "scene/camera_block.glsl"
 #include "scene/lens.glsl"
 

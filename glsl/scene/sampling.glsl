@@ -5,6 +5,12 @@
 
 #include "common/math.glsl"
 #include "common/random.glsl"
+// Written by solari_vk/bound/lights/light_kinds.py: the numbers of kinds, LIGHT_*; sets of them, KINDS_*;
+// HAS_PASS_THROUGH_LIGHTS; and functions that call that of a given kind. resolve_light makes the point of a light
+// sample, evaluate_light and intersect_light what a ray finds of a light at infinity or of a pass-through light.
+// emission_cosine is the cosine at the light, or 1. light_sample_for_receiver: a resolved sample as a receiver sees it,
+// which differs between receivers for spheres, portals and others; shadow_sample_for_receiver: the same of a sample
+// that for_shadow_ray has returned.
 #include "generated/bound/lights/light_kinds.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/choice.glsl"
@@ -83,8 +89,8 @@ vec3 mis_weighted_radiance(LightHit light_hit, float light_probability, float mi
     return light_hit.radiance * power_heuristic(mis_pdf, light_pdf);
 }
 
-// Prepares a light sample for its shadow ray. Of a light at infinity only the direction towards it, `wi`, is kept: that
-// of the receiver's position, though the ray's origin is offset from there.
+// Prepares a light sample for its shadow ray. One at infinity becomes that of a directional light, which is the same
+// for all receivers: its direction stays `wi`, that from the receiver, though the ray's origin is offset from there.
 ResolvedLightSample for_shadow_ray(ResolvedLightSample light_sample, vec3 wi) {
     if (is_at_infinity(light_sample.kind)) {
         light_sample.kind = LIGHT_DIRECTIONAL;

@@ -20,24 +20,24 @@
 #include "scene/brdf.glsl"
 #include "scene/camera.glsl"
 #include "scene/light_visibility.glsl"
-#include "scene/lights/tree.glsl"
-#include "scene/sampling.glsl"
+#include "scene/lights/tree.glsl"  // Receiver, choose_leaf, leaf_choice_probability
+#include "scene/sampling.glsl"  // light samples; it says what intersect_light and other generated functions do
 #include "scene/surface.glsl"
-#include "scene/trace.glsl"
+#include "scene/trace.glsl"  // and scene/alpha.glsl: blended surfaces, RayTransmittance
 
 const uint FIRST_ROULETTE_BOUNCE = 3u;
 const uint MAX_DELTA_BOUNCES = 64u;  // these don't count towards the limit of other bounces
 
 // ---- media ------------------------------------------------------------------------------------------
 
-// A solid that absorbs light, by its material; NO_INDEX: nothing.
+// The solid in which a ray is, by the material, which absorbs light; NO_INDEX: none. Thin-walled glass is no solid.
 struct Medium {
     uint material;
 };
 
 const Medium NO_MEDIUM = Medium(NO_INDEX);
 
-// The medium behind a surface, on the side that wo is not on.
+// The medium on the side of a surface that wo is not on. base.inside: wo is in the solid, and nothing is beyond.
 Medium medium_below(uint instance, ResolvedMaterial material) {
     bool solid = SCENE_TRANSMISSION && material.base.solid && !material.base.inside;
     return Medium(solid ? instances.at[instance].material : NO_INDEX);
@@ -167,8 +167,8 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
 }
 
-// Smooth thin-walled glass has a delta lobe of straight transmission, which trace_segment has sampled: rays pass it by
-// chance. So the throughput of a ray that hit it is divided by the probability of a hit, and the lobe is removed.
+// Smooth thin-walled glass (MATERIAL_WALL) has a delta lobe of straight transmission, which trace_segment has sampled:
+// rays pass it by chance. So the throughput after a hit is divided by its probability, in w; the lobe is removed.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
     vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
@@ -202,7 +202,7 @@ void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, f
 }
 
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, inout uint rng) {
-    if (SCENE_DISPERSION && uses_random_numbers_for(WITHOUT_DISPERSION)) {
+    if (SCENE_DISPERSION && uses_random_numbers_for(WITHOUT_DISPERSION)) {  // not where only other worlds disperse
         disperse(walk, instance, material, rand_f(rng));
     }
 }
@@ -214,7 +214,7 @@ vec3 emitted_light(Walk walk, SurfaceInteraction surface, float light_pdf) {
     return emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
 }
 
-// The solid angle pdf of the receiver's light samples at the point that a ray has hit; by power without a receiver.
+// The solid angle pdf with which light samples take the point that a ray has hit. NO_RECEIVER: lights chosen by power.
 float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3 direction) {
     float pdf = emissive_hit_pdf(surface, direction, hit.t);
     if (!(pdf > 0.0) || receiver.normal == vec3(0.0)) { return pdf; }

@@ -6,7 +6,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/passes/denoise.glsl"
+#include "generated/passes/denoise.glsl"  // CELL_SIZE, written by solari_vk/passes/denoise.py
 #include "passes/denoise/lobe_history.glsl"
 #include "passes/views.glsl"
 

@@ -5,7 +5,7 @@
 #include "common/pixel.glsl"
 #include "passes/display/bindings.glsl"
 #include "passes/display/debug_views.glsl"
-#include "generated/passes/debug_views.glsl"  // show_debug_view
+#include "generated/passes/debug_views.glsl"  // show_debug_view, written by solari_vk/passes/debug_views.py
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -4,7 +4,7 @@
 #define PASSES_DISPLAY_TONEMAP_GLSL
 
 #include "common/math.glsl"
-#include "generated/output/tone_mapping.glsl"
+#include "generated/output/tone_mapping.glsl"  // TONEMAP_* and the curves' numbers: solari_vk/output/tone_mapping.py
 #include "passes/display/bindings.glsl"
 
 vec3 map_reinhard(vec3 color) { return color / (1.0 + luminance(color)); }

@@ -1,16 +1,17 @@
-// What the paths of a frame found for each pixel, and the paths that go on after their first ray.
+// Buffers, bound by name: the light that a frame's paths find for each pixel, and the paths that go on after their
+// first ray. solari_vk/passes/paths.py has their sizes.
 #ifndef PASSES_PATHS_BINDINGS_GLSL
 #define PASSES_PATHS_BINDINGS_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 
 #include "passes/paths/per_lobe.glsl"
-#include "passes/rows.glsl"
+#include "passes/rows.glsl"  // IndirectDispatch
 
-// Demodulated radiance of a lobe at the pixel's surface, and in w its hit distance: the length of the first ray of the
-// pixel's first path whose first ray was sampled from this lobe (infinite without a hit), 0 if there is none. With
-// restir, the distance to the reservoir's sample, for the specular lobe only where that is reused. w is NO_PATH if the
-// pixel takes no path in this frame.
+// Demodulated radiance of a lobe at the pixel's surface, and in w its hit distance: of the pixel's first path that has
+// sampled its first direction from this lobe, the length of the first ray (infinite without a hit); 0 without such a
+// path. With restir, the distance to the reservoir's sample, for the specular lobe only where that is reused. w is
+// NO_PATH if the pixel takes no path in this frame.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 const float NO_PATH = -1.0;
@@ -20,7 +21,8 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 // result `frame["error"]`.
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
-// A path that waits for its next ray. What passes/paths/later_rays.comp can compute again is left out.
+// A path that waits for its next ray, packed by passes/paths/path_state.glsl. What passes/paths/later_rays.comp can
+// compute again is left out.
 struct PathState {
     uint rng;
     uint flags;  // bounce | delta_bounces << 8 | wavelength << 16 | DIFFUSE_AT_X2 | SPECULAR_ONLY
@@ -37,9 +39,9 @@ struct PathState {
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
 // Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.
-// Each view has a part of its own, so that a workgroup's rays are in one world.
+// Each view has a part of its own, so that a workgroup's rays are in one world, the scene that the view shows.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
-// By view: the indices of the pixels with a short history.
+// By view: the indices of the pixels with a short history, which take several paths (passes/paths/short_history.glsl).
 layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;
 // With the setting frame_ms: the indices of the pixels that take a path.
 layout(set = 1, scalar) buffer PathsChosenBlock {
@@ -73,7 +75,8 @@ struct ReservoirCandidate {
 layout(set = 1, scalar) buffer PathsReservoirCandidatesBlock { ReservoirCandidate at[]; } paths_reservoir_candidates;
 
 struct PathReservoir {
-    // Of a light: its index, its part (triangle or texel), and as floats the random numbers that resolve_light takes.
+    // Of a light: its index, its part (triangle or texel), and as floats the random numbers in [0, 1) that choose a
+    // point of the part (argument `u` of resolve_light, a function that solari_vk/bound/lights/light_kinds.py writes).
     // Of a hit: its position, moved off the surface, as floats, and its geometric normal, octahedral.
     uvec4 point;
     vec3 radiance;     // of a hit, towards the pixel

@@ -5,6 +5,13 @@
 #include "passes/paths/path.glsl"
 #include "passes/paths/reservoir.glsl"
 
+// From scene/sampling.glsl and its includes: pass-through lights, which are spheres, add to a ray's radiance and don't
+// end it. LightHit is what a ray finds of one (intersect_light) or of a light at infinity (evaluate_light); its
+// inverse_solid_angle_pdf is 0 without a hit. Portals are openings through which an environment lights a room;
+// evaluate_portal_pdf includes the portal's probability where lights are chosen by power, and strategy_weight is the
+// MIS weight of a ray for one of the strategies that sample the environment. choose_weighted is a step of weighted
+// reservoir sampling.
+
 uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
 // The point of a light that the path's first ray has hit, as PathReservoir.point. A ray may hit several lights; one of
@@ -12,7 +19,7 @@ uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light
 // list of lights, else the surface that it hits, else one of the strategies that sample its direction to infinity
 // (suns, environments, portals), chosen by its share of the luminance.
 uvec4 hit_light_point(inout Path path) {
-    bool hits = path.hit.instance != NO_INDEX;
+    bool hits = path.hit.instance != NO_INDEX;  // then path.vertex is x2, otherwise still x1
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
     for (uint i = scene_info.first_pass_through_light; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {

@@ -2,7 +2,7 @@
 // list, so that subgroups trace coherent rays. The other pixels have no sample.
 #version 460
 #include "passes/paths/bindings.glsl"
-#include "passes/paths/short_history.glsl"
+#include "passes/paths/short_history.glsl"  // and passes/views.glsl: find_pixel gives the pixel's index in buffers
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -2,13 +2,13 @@
 #version 460
 #include "common/pixel.glsl"
 #include "common/sobol.glsl"
-#include "passes/bindings.glsl"
+#include "passes/bindings.glsl"  // and passes/views.glsl: find_pixel, choose_view, element_index
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/demodulation.glsl"
 #include "passes/paths/candidate.glsl"
 #include "passes/paths/path_state.glsl"
 #include "passes/paths/short_history.glsl"
-#include "scene/trace.glsl"
+#include "scene/trace.glsl"  // INVOCATION_INDEX, INVOCATION_LAYER
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -38,12 +38,12 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
 }
 
 // The pixel of an invocation. First paths: each pixel of the picture, or with frame_ms those of choose_pixels.comp.
-// Further paths: the pixels with a short history.
+// Further paths: the pixels with a short history. `index`: the pixel's in buffers.
 bool find_pixel_of_path(uint sample_index, out uvec2 pixel, out uint index) {
     pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
     if (sample_index == 0u && max_timed_samples == 0u) { return find_pixel(pixel, index); }
-    choose_view(INVOCATION_LAYER);
-    uint thread = thread_index_in_squares(pixel);
+    choose_view(INVOCATION_LAYER);  // a dispatch over a list has a layer for each view
+    uint thread = thread_index_in_squares(pixel);  // within the layer: passes/rows.glsl
     if (sample_index == 0u) {
         if (thread >= paths_chosen.count) { return false; }
         index = paths_chosen.at[thread];

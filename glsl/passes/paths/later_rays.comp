@@ -1,10 +1,10 @@
 // The next ray of each path that waits; in the last wave all rays that are left.
 #version 460
-#include "generated/passes/paths.glsl"
+#include "generated/passes/paths.glsl"  // LAST_WAVE, written by solari_vk/passes/paths.py
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/demodulation.glsl"
 #include "passes/paths/reservoir.glsl"
-#include "passes/paths/path_state.glsl"
+#include "passes/paths/path_state.glsl"  // and passes/rows.glsl: thread_index, GROUP_SIZE
 #include "passes/paths/short_history.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;

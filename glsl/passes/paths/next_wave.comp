@@ -3,7 +3,7 @@
 // samples those of pixels with a short history.
 #version 460
 #include "passes/views.glsl"
-#include "passes/paths/bindings.glsl"
+#include "passes/paths/bindings.glsl"  // and passes/rows.glsl: make_indirect_squares, for groups of 8 x 8 threads
 
 layout(local_size_x = GROUP_SIZE) in;
 

@@ -1,21 +1,22 @@
 // A path through the scene. Its first vertex (x1 in papers) is the surface that the pixel shows, from the G-buffer; the
-// first ray leads from there to the second vertex (x2). It ends in the world cache, at no surface, by Russian roulette,
-// or at the bounce limit. MIS by the power heuristic (Veach 1997). Without world cache and regularization, the mean is
-// that of the reference path tracer. Solari in Bevy 0.20 traces such paths.
+// first ray leads from there to the second vertex (x2). It ends in the world cache, where a ray hits nothing, by
+// Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997). Without world cache and
+// regularization, the mean is that of the reference path tracer. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
 #include "common/random.glsl"
-#include "passes/paths/vertex.glsl"
+#include "passes/paths/vertex.glsl"  // and scene/walk.glsl: the walk along rays, and media
 #include "passes/ray_count.glsl"
-#include "passes/world_cache/query.glsl"
+#include "passes/world_cache/query.glsl"  // and map.glsl: get_cell_size
 
 // Paths end in the world cache before the bounce limit if their last ray is longer than a cell's diagonal, and their
 // footprint larger than that of one such ray, sampled along the normal of a Lambert surface (1 / pdf = pi).
 const float MIN_RAY_IN_CELLS = 1.7320508;        // sqrt(3)
 const float MIN_FOOTPRINT_IN_CELLS = 3.0699801;  // sqrt(3) * sqrt(pi)
 
-// Whether pixels share light through reservoirs: passes/paths/reservoir.glsl.
+// Whether pixels share light through reservoirs, passes/paths/reservoir.glsl: the setting restir. The ids of
+// specialization constants, NAME_id, are numbered by solari_vk/gpu/shaders/compiler.py.
 layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
@@ -27,11 +28,13 @@ struct Path {
     uint bounce;                  // rays traced so far
     uint delta_bounces;           // of them, those in directions of delta lobes
     PerLobe first_weight;         // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
-    RayTransmittance first_transmittance;  // of the first ray; `radiance` and `reusable_radiance` are without it
-    LightAlongRay first_along_ray;  // of pass-through lights on the first ray
+    // Of the blended surfaces and thin-walled glass that the first ray has passed, with a `probability`; `weight` is
+    // their transmittance over that. `radiance` and `reusable_radiance` are without it.
+    RayTransmittance first_transmittance;
+    LightAlongRay first_along_ray;  // of pass-through lights on the first ray: sphere lights, which don't end it
     vec3 radiance;                // that the first ray carries from x2 or infinity, without `reusable_radiance`
     // With reuse, apart from `radiance`: what x2 reflects by its diffuse lobe; and whether light that is found after x2
-    // is added here.
+    // is added to this, or to `radiance`.
     vec3 reusable_radiance;
     bool diffuse_at_x2;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
@@ -41,13 +44,13 @@ struct Path {
     // Over the path's directions so far, in steradians; 0 while all were of delta lobes. A measure of how far paths
     // have spread.
     float sum_of_inverse_pdfs;
-    // In meters: the sum over rays of length * sqrt(sum_of_inverse_pdfs). In the root of the area spread of Müller et
-    // al., "Real-time Neural Radiance Caching for Path Tracing" (2021), sum_of_inverse_pdfs is only the ray's own
-    // 1 / pdf, over the cosine at its hit.
+    // In meters: the sum over rays of length * sqrt(sum_of_inverse_pdfs). Müller et al., "Real-time Neural Radiance
+    // Caching for Path Tracing" (2021), whose area spread is the square of such a sum, take instead of
+    // sum_of_inverse_pdfs the ray's own 1 / pdf, over the cosine at its hit.
     float footprint;
     uint cache_lifetime;                // of the world cache's cells that the path looks up, in frames
-    // For the first vertex: the number of RIS candidates of its light sample, and the random numbers of its lobe and
-    // direction.
+    // For the first vertex: the number of RIS candidates of its light sample, at most that of the parts of all lights
+    // (triangles, texels, or whole lights), and the random numbers of its lobe and direction.
     uint candidates;
     float lobe_u;
     vec2 u;
@@ -102,8 +105,8 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
 }
 
 // The probability of next event estimation, which is lower the smoother a metal is, since BRDF samples find more of the
-// light then. A coat or sheen over the metal that isn't a delta lobe raises it: no BRDF sample can hit the point lights
-// that it reflects.
+// light then. A layer over the metal that isn't a delta lobe, coat or sheen, raises it: no BRDF sample can hit the
+// point lights that it reflects.
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
@@ -115,14 +118,15 @@ float nee_probability(Brdf brdf) {
     return is_coated ? max(probability, brdf.coat.perceptual_roughness) : probability;
 }
 
-// The weight of a BRDF sample, BRDF times cosine over pdf, by lobe.
+// The weight of a BRDF sample, BRDF times cosine over pdf, by lobe. Samples of delta lobes have an infinite pdf.
 PerLobe lobe_weights(BrdfSample next) {
     if (next.pdf == INFINITY) { return PerLobe(vec3(0.0), next.weight); }
     PerLobe values = PerLobe(next.diffuse_value, next.specular_value);
     return next.pdf > 0.0 ? scale(values, vec3(1.0 / next.pdf)) : ZERO_LOBES;
 }
 
-// Whether the specular lobe is so broad that its light is computed from the cache's irradiance too.
+// Whether the specular lobe is so broad that its light is computed from the cache's irradiance too, or missing
+// (lambertian_surfaces).
 bool is_rough(ResolvedMaterial material) {
     return lambertian_surfaces || material.base.roughness >= paths_settings.cache_roughness;
 }
@@ -141,8 +145,9 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
 
 // Adds what the hit reflects of the world cache's irradiance: by both lobes if is_rough, and then the path ends; else
 // by the diffuse lobe, and the path goes on by the specular one, with its share of the albedo as probability. Returns
-// whether the path goes on, which it always does where the cache isn't used or has no value. Differs from Solari, where
-// the cache is used for the whole surface, and paths end there.
+// whether the path goes on, which it always does where the cache isn't used or has no value. It isn't used at metal
+// mirrors and surfaces that transmit light (has_no_cell). Differs from Solari, where the cache is used for the whole
+// surface, and paths end there.
 bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     if (frame_settings.world_cache == 0u || has_no_cell(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
@@ -157,7 +162,7 @@ bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
     add_light(
         path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance),
-        path.diffuse_at_x2 || path.bounce == 1u
+        path.diffuse_at_x2 || path.bounce == 1u  // at x2 the light of a rough specular lobe counts as diffuse
     );
     float specular_probability = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < specular_probability)) { return false; }
@@ -222,7 +227,7 @@ bool trace_next_ray(inout Path path) {
                 path.direct = ris_sample.contribution;
                 path.direct_transmittance = transmittance;
                 path.direct_sample = ris_sample.light_sample;
-            } else if (path.bounce == 2u) {
+            } else if (path.bounce == 2u) {  // the light sample is of x2
                 add_light(path, ris_sample.contribution.diffuse * transmittance, true);
                 add_light(path, ris_sample.contribution.specular * transmittance, false);
             } else {

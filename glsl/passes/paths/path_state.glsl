@@ -9,9 +9,10 @@
 
 const uint SPECULAR_ONLY = 0x80000000u;
 const uint DIFFUSE_AT_X2 = 0x40000000u;
-const float MAX_WAVELENGTH = 1024.0;
+const float MAX_WAVELENGTH = 1024.0;  // in nanometers
 
-// The index in paths_ray_queues where this view's queue of a wave begins.
+// The index in paths_ray_queues where this view's queue of a wave begins: that of the view's first pixel, in the half
+// for even or for odd waves.
 uint queue_begin(uint wave_index) {
     return wave_index % 2u * (paths_ray_queues.at.length() / 2u) + element_index(uvec2(0u), camera.size);
 }

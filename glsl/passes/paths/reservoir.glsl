@@ -15,7 +15,7 @@
 #include "common/sobol.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
-#include "passes/paths/vertex.glsl"
+#include "passes/paths/vertex.glsl"  // and scene/sampling.glsl, which says what resolve_light and its like do
 #include "passes/ray_count.glsl"
 #include "scene/trace.glsl"
 
@@ -112,7 +112,8 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
     return max(jacobian, 1.0 / jacobian) <= MAX_JACOBIAN ? jacobian : 0.0;
 }
 
-// The transmittance between a sample and a vertex.
+// The transmittance between a sample and a vertex. Each vertex sees the light sample of a sphere at a point of its own,
+// that of a portal in a direction of its own: light_sample_for_receiver.
 vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
     vec3 to_sample, origin = vertex.origin;
     float t_max = 1.0;
@@ -162,8 +163,8 @@ Merge merge_reservoirs(
         own_mis_weight = balance_heuristic(own.confidence * own_target.value, other_confidence.x * own_target_there);
         if (own_mis_weight < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_mis_weight = 1.0; }
     }
-    // Only spatial reuse shades. A pixel's own sample is known to be visible to it, so that blended surfaces alone can
-    // dim it.
+    // Only after spatial reuse is the light of a merge added to the pixel. A pixel's own sample is known to be visible
+    // to it, so that blended surfaces alone can dim it.
     if (SCENE_BLEND && own_target.value > 0.0 && !there_in_previous_frame) {
         own_target.integrand = scale(own_target.integrand, trace_sample_transmittance(here, own, false));
     }

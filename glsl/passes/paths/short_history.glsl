@@ -4,7 +4,7 @@
 #define PASSES_PATHS_SHORT_HISTORY_GLSL
 
 #include "common/random.glsl"
-#include "generated/passes/paths.glsl"
+#include "generated/passes/paths.glsl"  // SHORT_HISTORY, written by solari_vk/passes/paths.py
 #include "passes/bindings.glsl"
 #include "passes/denoise/api.glsl"
 

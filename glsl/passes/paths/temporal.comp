@@ -3,7 +3,7 @@
 #version 460
 #include "common/pixel.glsl"
 #include "passes/paths/reservoir.glsl"
-#include "passes/reuse.glsl"
+#include "passes/reuse.glsl"  // and passes/bindings.glsl: light_translation, previous_light
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

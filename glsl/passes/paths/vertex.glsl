@@ -2,16 +2,16 @@
 #ifndef PASSES_PATHS_VERTEX_GLSL
 #define PASSES_PATHS_VERTEX_GLSL
 
-#include "passes/bindings.glsl"
+#include "passes/bindings.glsl"  // paths_settings
 #include "passes/paths/per_lobe.glsl"
 #include "passes/ray_count.glsl"
-#include "scene/walk.glsl"
+#include "scene/walk.glsl"  // and scene/brdf.glsl: BRDFs; scene/sampling.glsl: lights
 
 struct Vertex {
     vec3 position;
     vec3 geometric_normal;  // faces the direction from which the vertex is seen
-    vec3 origin;            // of rays that leave the vertex
-    mat3 frame;             // its z axis is the shading normal
+    vec3 origin;            // of rays that leave the vertex on the side of geometric_normal
+    mat3 frame;             // its z axis is the shading normal; v * frame is v in the frame
     vec3 wo;                // in that frame
     Brdf brdf;
 };
@@ -53,10 +53,15 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 }
 
 // ---- light samples -----------------------------------------------------------------------------------
+//
+// By scene/sampling.glsl: choose_leaf chooses a leaf of the tree of lights, which is a light or some neighboring
+// triangles of an emissive mesh, and sample_leaf a point of it (LightSample). resolve_light_sample makes that a point
+// in world space with its radiance and pdf (ResolvedLightSample), and calculate_resolved_light_contribution what
+// reaches the vertex from there without occlusion (LightContribution).
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `expected_candidates`: n_l in Veach's multi-sample model, for one BRDF sample: the expected number of RIS
-// candidates.
+// samples. `expected_candidates`, the expected number of RIS candidates, is n_l in Veach's multi-sample model, for one
+// BRDF sample.
 PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return ZERO_LOBES; }

@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/passes/path_sampling.glsl"
+#include "generated/passes/path_sampling.glsl"  // LIGHT_STRATEGY_*, PIXEL_FILTER_*: solari_vk/passes/path_sampling.py
 #include "scene/camera.glsl"
 
 layout(set = 1, scalar) uniform PathSamplingBlock {

@@ -1,7 +1,7 @@
 // World cache, step 1: removes cells that were not queried for their lifetime, takes the point that represents each
 // other cell from a query of the previous frame, and counts the cells of each block that may be updated.
 #version 460
-#include "generated/passes/world_cache.glsl"
+#include "generated/passes/world_cache.glsl"  // BLOCK_SIZE, written by solari_vk/passes/world_cache.py
 #include "passes/light_change.glsl"
 #include "passes/world_cache/map.glsl"
 

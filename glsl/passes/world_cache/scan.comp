@@ -1,7 +1,7 @@
 // World cache, step 2: where each block's active cells begin in the list of active cells, and their number, by a prefix
 // sum in one workgroup: Hillis and Steele, "Data Parallel Algorithms" (1986). Each thread sums consecutive blocks.
 #version 460
-#include "generated/passes/world_cache.glsl"
+#include "generated/passes/world_cache.glsl"  // BLOCK_SIZE, written by solari_vk/passes/world_cache.py
 #include "passes/world_cache/map.glsl"
 
 const uint SCAN_SIZE = 256u;

@@ -1,7 +1,7 @@
 // World cache, step 3: writes the list of active cells, block by block, with their lives, which later passes both read
 // and raise.
 #version 460
-#include "generated/passes/world_cache.glsl"
+#include "generated/passes/world_cache.glsl"  // BLOCK_SIZE, written by solari_vk/passes/world_cache.py
 #include "passes/world_cache/map.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;

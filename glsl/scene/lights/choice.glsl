@@ -6,7 +6,7 @@
 #define SCENE_LIGHTS_CHOICE_GLSL
 
 #include "common/random.glsl"
-#include "scene/bindings.glsl"
+#include "scene/bindings.glsl"  // LightSource and its parts, LightLeaf, AliasTableRow
 
 // The second step of the alias method, for a row that was drawn uniformly.
 uint choose(uint row, AliasTableRow drawn, inout uint rng) {
@@ -32,8 +32,8 @@ struct PartOfLeaf {
     float probability; // of the part, given the leaf; 0 only where nothing is emitted
 };
 
-// Finds the leaf of a part. Leaves are made by halving the list of parts LightSource.halvings times, with the larger
-// half first, as in solari_vk/bound/spatial_order.py.
+// Finds the leaf of a part. Leaves are made by halving the list of parts LightSource.halvings times (NO_INDEX: until
+// each part is a leaf), with the larger half first, as in solari_vk/bound/spatial_order.py.
 PartOfLeaf part_of_leaf(LightSource light, uint part) {
     if (light.halvings == NO_INDEX) { return PartOfLeaf(light.first_leaf + part, 1.0); }
     uint leaf = 0u, first = 0u, count = light.part_count;

@@ -1,4 +1,5 @@
-// Lights that are instances with an emissive material: samples are points of their triangles.
+// Lights that are instances with an emissive material: samples are points of their triangles. light_kinds.py says what
+// the functions that end in _emissive_mesh do, and numbers the kind, LIGHT_EMISSIVE_MESH.
 #ifndef SCENE_LIGHTS_EMISSIVE_MESH_GLSL
 #define SCENE_LIGHTS_EMISSIVE_MESH_GLSL
 
@@ -31,7 +32,7 @@ float emission_cosine_emissive_mesh(uint double_sided, float cosine) {
     return max(cosine, double_sided != 0u ? -cosine : 0.0);
 }
 
-// The id by which the debug view of instances chooses colors, so that an instance has the same color in both views.
+// The debug view of light samples chooses colors by this number, and that of instances by the id alike.
 uint debug_color_id_emissive_mesh(uint index) { return instances.at[index].id; }
 
 // The solid angle pdf of a light sample at a hit at distance `ray_t`, where leaves are chosen by power; 0 for a surface

@@ -1,8 +1,8 @@
-// Sampling of directions through portals: Bitterli, Novak and Jarosz, "Portal-Masked Environment Map Sampling" (2015);
-// PortalImageInfiniteLight in pbrt-v4. Each portal has two rectified maps of the environment, one for the directions to
-// each side of its plane. Rectified: the coordinates are slopes along the portal's sides, so that what any receiver
-// sees through the portal is an axis-aligned window of the map. The weight of a window comes from a summed-area table
-// of integers, whose differences are exact.
+// Sampling of directions through portals, openings through which environments light a room: Bitterli, Novak and Jarosz,
+// "Portal-Masked Environment Map Sampling" (2015); PortalImageInfiniteLight in pbrt-v4. Each portal has two rectified
+// maps of the environment, one for the directions to each side of its plane. Rectified: the coordinates are slopes
+// along the portal's sides, so that what any receiver sees through the portal is an axis-aligned window of the map. The
+// weight of a window comes from a summed-area table of integers, whose differences are exact.
 #ifndef SCENE_LIGHTS_PORTAL_SAMPLING_GLSL
 #define SCENE_LIGHTS_PORTAL_SAMPLING_GLSL
 

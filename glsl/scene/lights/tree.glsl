@@ -7,7 +7,7 @@
 
 #include "common/math.glsl"
 #include "common/random.glsl"
-#include "scene/bindings.glsl"
+#include "scene/bindings.glsl"  // LightNode, LightLeaf, and SceneInfo: where the tree is in the tables
 #include "scene/lights/choice.glsl"
 
 // The point for which a light is sampled, with its shading normal: LightSampleContext in pbrt.
@@ -28,10 +28,10 @@ const float MIN_COSINE = 0.02;
 const float MIN_SQUARED_RATIO = 0.002;  // of the smallest distance to the largest
 const float MIN_IMPORTANCE = 1e-37;
 
-// How much light a node may send to a receiver, up to a factor: its power over the product of the smallest and the
-// largest distance, which is near the mean of 1 / distance^2 over the bounds, times an estimate of the cosine at the
-// receiver: the bounds' height over its tangent plane, over the geometric mean of these distances. Never 0, so that no
-// light is lost.
+// How much light a node may send to a receiver, up to a factor: its power times `inverse` times a cosine. `inverse`,
+// one over the product of the smallest and the largest distance to the bounds, is near the mean of 1 / distance^2 over
+// them. The cosine at the receiver is estimated by the greatest height of the bounds over its tangent plane, over the
+// geometric mean of these distances. Never 0, so that no light is lost.
 float importance(LightNode node, Receiver receiver) {
     vec3 to_center = node.center - receiver.position;
     vec3 farthest = abs(to_center) + node.half_size, nearest = max(abs(to_center) - node.half_size, 0.0);

@@ -1,4 +1,5 @@
-// What all kinds of lights share. light_kinds.py lists the kinds and the functions that each defines.
+// What all kinds of lights share. solari_vk/bound/lights/light_kinds.py lists the kinds and says what the functions do
+// that each of them defines.
 #ifndef SCENE_LIGHTS_TYPES_GLSL
 #define SCENE_LIGHTS_TYPES_GLSL
 

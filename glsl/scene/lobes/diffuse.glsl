@@ -3,7 +3,7 @@
 #define SCENE_LOBES_DIFFUSE_GLSL
 
 #include "common/random.glsl"
-#include "generated/settings/layering.glsl"
+#include "generated/settings/layering.glsl"  // LAYERING_*, written by solari_vk/settings/layering.py
 #include "scene/base_material.glsl"
 #include "scene/lobes/specular.glsl"
 
