@@ -427,6 +427,7 @@ def test_wrong_options_are_named(device, binder, three):
     batch.close()
 
 
+@pytest.mark.slow
 def test_bench(lent_device, tmp_path, monkeypatch):
     monkeypatch.setattr("solari_vk.measure.batch.STEADY_SECONDS", 0.0)
     page = tmp_path / "page.md"

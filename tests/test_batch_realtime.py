@@ -212,6 +212,7 @@ def test_wrong_input_is_named(device, options, arguments, said):
             batch.render(**{"cameras": [sv.Camera()] * 2, **arguments})
 
 
+@pytest.mark.slow
 def test_bench_of_first_frames(lent_device, tmp_path):
     page, small = tmp_path / "page.md", ["--views", "2", "--size", "8x8", "--samples", "2"]
     assert main(["bench", "first-frames", *small, "--scenes", "cornell_box", "--markdown", str(page)]) == 0

@@ -90,7 +90,9 @@ def three():
     return scenes
 
 
-@pytest.mark.parametrize("renderer", ["labels", "reference", pytest.param("realtime", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("renderer", [
+    "labels", *(pytest.param(name, marks=pytest.mark.slow) for name in ("reference", "realtime")),
+])  # fmt: skip
 def test_each_world_shows_its_scene(device, renderer):
     options = {"renderer": renderer, **OPTIONS[renderer]}
     a, b, c = three()

@@ -154,7 +154,8 @@ def test_page_of_the_frame_names_the_way(lent_device, tmp_path, monkeypatch):
         assert {f"- rays: by {way}", f"| way | 1.000 {way} |  |"} <= set(page.read_text().splitlines())
 
 
-@pytest.mark.parametrize("way", ["query", pytest.param("pipeline", marks=pytest.mark.slow)])  # minutes of compiling
+@pytest.mark.slow  # minutes of compiling
+@pytest.mark.parametrize("way", ["query", "pipeline"])
 def test_quick_page_of_the_frame(lent_device, tmp_path, monkeypatch, way):
     """The page has every section but that of the slow test below, and pictures are written; times and counts of rays
     are positive. By default growth is not measured."""
@@ -288,10 +289,8 @@ def test_the_row_of_an_animated_character(device):
     assert 0 < sum(parts) < moving
 
 
-@pytest.mark.parametrize("pair", [
-    pytest.param(pair, marks=[] if pair.name == "layering_ours" else pytest.mark.slow, id=pair.name)
-    for pair in pairs.PAIRS
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("pair", pairs.PAIRS, ids=lambda pair: pair.name)
 def test_pairs_of_claims_give_finite_numbers(device, pair):
     found = claims.compare(device, pair, (16, 16), 2)
     assert found.shape == (2, 2, len(pair.what))

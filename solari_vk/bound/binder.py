@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.assets import Assets
-from solari_vk.bound.lights.light_leaves import LightLeaves
 from solari_vk.bound.lights.light_list import LightList
+from solari_vk.bound.lights.light_tree import LightTree
 from solari_vk.bound.scene_rows import SceneRows
 from solari_vk.bound.table import Table
 from solari_vk.bound.traced_instances import TracedInstances
@@ -130,7 +130,7 @@ class SceneBinder(SceneRows):
         """What tensors give an object, as of `Assets.take`; None for a lamp's, which the host needs."""
         return None if self.lamps.emissions.use(item) else self.assets.take(item, fields)
 
-    def note_feature(self, item: Observable | LightLeaves) -> None:
+    def note_feature(self, item: Observable | LightTree) -> None:
         """Take note of what another world has: in place of an object of the scene, or as its lights."""
         before = self.features
         self._features.note(item)

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.bound.lights.light_leaves import LightLeaves
-from solari_vk.gpu.frame.step_shaders import COMMON_FEATURES
+from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.gpu.shaders.compiler import COMMON_FEATURES
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
@@ -44,7 +44,7 @@ class Feature:
 
 FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
-    Feature("LIGHT_TREE", LightLeaves, lambda leaves: leaves.in_tree),
+    Feature("LIGHT_TREE", LightTree, lambda tree: len(tree.leaves) > 1),
     Feature("PORTAL", Portal, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),

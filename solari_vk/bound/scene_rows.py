@@ -98,7 +98,7 @@ class SceneRows:
         self._records_change = False
         self._update_instances()
         self.lights.update(self.traced.lit_area)
-        self._features.note(self.lights.leaves)
+        self._features.note(self.lights.leaves.light_tree)
 
     def settle(self) -> None:
         """Forget what was taken up, when all of it is on the device."""

@@ -90,7 +90,7 @@ class LightsOfWorlds(LightTables):
                 binder.note_feature(light)
                 made.set_light(light, True)
         made.update(binder.traced.lit_area)
-        binder.note_feature(made.leaves)
+        binder.note_feature(made.leaves.light_tree)
         lamps = [lamp for lamp, _, _ in lit]
         listed: list[Instance | Light] = [*lamps, *(light for of_kind in made.others.values() for light in of_kind)]
         ids = np.fromiter(map(self._id, listed), np.uint32, len(listed))

@@ -10,8 +10,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.bound.features import FEATURES
-from solari_vk.gpu.frame.step_shaders import COMMON_FEATURES
-from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, compile_shader
 from solari_vk.gpu.shaders.ray_generation import instructions
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.gpu.shaders.spirv_code import text

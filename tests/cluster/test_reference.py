@@ -114,6 +114,7 @@ def test_no_worker_is_profiled(pool):
     assert list(profiled.values()) == [False] * pool.worker_count
 
 
+@pytest.mark.slow  # tests/cluster/test_faults.py has other faults
 def test_a_killed_worker_changes_no_bit(pool, render, picture):
     """It is killed in the middle; the scheduler gives its jobs to the other, and a new process takes its place."""
     victim = next(iter(pool.client.run(os.getpid).values()))

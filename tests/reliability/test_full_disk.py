@@ -141,6 +141,7 @@ def test_a_picture(lent_device, tmp_path, disk, elsewhere, capsys, output):
     assert contents(place) == new
 
 
+@pytest.mark.slow
 def test_a_data_set(lent_device, tmp_path, disk, elsewhere, capsys):
     """The next call renders what is missing."""
     command = ["dataset", *REFERENCE, "--views", "2", "--aov", "depth", "-o"]

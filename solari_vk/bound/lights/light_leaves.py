@@ -29,7 +29,7 @@ class LightLeaves:
         self.node_count = 0
         self.in_tree = 0
         """How many of the first leaves the tree chooses from: those that are not at infinity; 0 if that is one."""
-        self._nodes = LightTree(layout["light_tree"])
+        self.light_tree = LightTree(layout["light_tree"])
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
         self._bounds: Floats = np.zeros((0, 2, 3))
@@ -74,17 +74,17 @@ class LightLeaves:
         self._bounds[whole] = bounds[self._lights[whole]]
         for light, of_clusters in boxes.items():
             self._bounds[self.leaves(light)] = of_clusters
-        before = self._nodes.leaves
-        changed = self._nodes.update(ids[lights], self._bounds[:count], powers[lights] * self._shares[:count])
-        self.node_count = len(self._nodes.nodes)
+        before = self.light_tree.leaves
+        changed = self.light_tree.update(ids[lights], self._bounds[:count], powers[lights] * self._shares[:count])
+        self.node_count = len(self.light_tree.nodes)
         self.tree.reserve(self.node_count)
-        self.tree.records[changed] = self._nodes.nodes[changed]
+        self.tree.records[changed] = self.light_tree.nodes[changed]
         self.tree.mark(changed.tolist())
         self.in_tree = count if count > 1 else 0
         records = self.table.records[: self.count]
         records["node"] = NO_INDEX
-        records["node"][: self.in_tree] = self._nodes.leaves[: self.in_tree]
-        if self._nodes.leaves is not before:
+        records["node"][: self.in_tree] = self.light_tree.leaves[: self.in_tree]
+        if self.light_tree.leaves is not before:
             self.table.mark(range(self.count))
         if 0 < self.in_tree == self.count:
             return 1.0

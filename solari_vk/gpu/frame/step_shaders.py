@@ -12,7 +12,7 @@ from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.ray_pipelines import RayGroups
 from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
-from solari_vk.gpu.shaders.compiler import Roots, compile_shader, roots
+from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, Roots, compile_shader, roots
 from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.spirv import Module, reflect
 
@@ -21,8 +21,6 @@ ModuleKey = tuple[str, str]
 
 # What the rays of all passes run that trace by scene/trace.glsl; with this feature they ask about hits.
 _MISS, _HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
-COMMON_FEATURES = {"SCENE_LIGHT_TREE"}
-"""The constants of features that many scenes have: modules for scenes without features have them too."""
 _ALPHA, _ALPHA_HIT = "SCENE_ALPHA", HitGroup("scene/trace.rchit", any_hit="scene/trace.rahit")
 
 

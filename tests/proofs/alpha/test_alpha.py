@@ -279,7 +279,8 @@ def test_rays_through_the_previous_frame_pass_what_is_hidden_now(device, tmp_pat
 # ---- the same surfaces for all ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("frames", [0, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("frames", [0, 3])
 def test_queries_and_pipelines_are_equal(frames):
     """The path tracer's picture, and some frames of the realtime renderer."""
     taken = []
