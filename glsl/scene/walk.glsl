@@ -37,7 +37,7 @@ struct Medium {
 
 const Medium NO_MEDIUM = Medium(NO_INDEX);
 
-// The medium on the side of a surface that wo is not on. base.inside: wo is in the solid, and nothing is beyond.
+// The medium on the side of a surface that wo is not on. If wo is in the solid (base.inside), that is air.
 Medium medium_below(uint instance, ResolvedMaterial material) {
     bool solid = SCENE_TRANSMISSION && material.base.solid && !material.base.inside;
     return Medium(solid ? instances.at[instance].material : NO_INDEX);
@@ -98,8 +98,8 @@ const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
 // A ray of a walk, to the next surface if there is one.
 struct Segment {
     Hit hit;
-    // Of blended surfaces and thin-walled glass before the hit. FULL_TRANSMITTANCE for camera rays, which hit all such
-    // glass and aren't tinted by blended surfaces.
+    // Of blended surfaces and thin-walled glass before the hit. FULL_TRANSMITTANCE for camera rays: all such
+    // glass stops them, and blended surfaces that they pass by chance don't tint them.
     RayTransmittance transmittance;
     LightAlongRay along_ray;
     uint rays;  // the number of rays traced for the segment
@@ -168,7 +168,7 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
 }
 
 // Smooth thin-walled glass (MATERIAL_WALL) has a delta lobe of straight transmission, which trace_segment has sampled:
-// rays pass it by chance. So the throughput after a hit is divided by its probability, in w; the lobe is removed.
+// rays pass it by chance. So after a hit throughput is divided by its probability (w), and the lobe is removed.
 void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
     vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
@@ -178,8 +178,8 @@ void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMateria
     }
 }
 
-// Gives dispersive glass the index of refraction for the walk's wavelength. For a walk with all wavelengths, one is
-// sampled by u for transmission. Reflection outside keeps all, with an index for each color; inside it takes the one.
+// Gives dispersive glass the index of refraction for the walk's wavelength. A walk with all wavelengths samples
+// one by u, and takes it if transmitted or inside. Reflected outside it keeps all, with an index for each color.
 void disperse(inout Walk walk, uint instance, inout ResolvedMaterial material, float u) {
     walk.wavelength_below = walk.wavelength;
     if (!material.base.solid) { return; }

@@ -8,10 +8,10 @@
 #include "passes/paths/per_lobe.glsl"
 #include "passes/rows.glsl"  // IndirectDispatch
 
-// Demodulated radiance of a lobe at the pixel's surface, and in w its hit distance: of the pixel's first path that has
-// sampled its first direction from this lobe, the length of the first ray (infinite without a hit); 0 without such a
-// path. With restir, the distance to the reservoir's sample, for the specular lobe only where that is reused. w is
-// NO_PATH if the pixel takes no path in this frame.
+// rgb: radiance of a lobe, demodulated at the pixel's surface. w: its hit distance, the length of the first ray
+// (infinite without a hit) of the pixel's first path that sampled its direction from this lobe; 0 if none did; NO_PATH
+// if the pixel takes no path in this frame. With restir it is the distance to the reservoir's sample, for the specular
+// lobe only where that is reused.
 layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 const float NO_PATH = -1.0;

@@ -15,9 +15,9 @@
 uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
 // The point of a light that the path's first ray has hit, as PathReservoir.point. A ray may hit several lights; one of
-// them becomes the candidate, with the weight of their sum, which keeps the mean: the first pass-through light in the
-// list of lights, else the surface that it hits, else one of the strategies that sample its direction to infinity
-// (suns, environments, portals), chosen by its share of the luminance.
+// them becomes the candidate, with the weight of their sum, which keeps the pixel's mean luminance: the first
+// pass-through light in the list of lights, else the surface that it hits, else one of the strategies that sample its
+// direction to infinity (suns, environments, portals), chosen by its share of the luminance.
 uvec4 hit_light_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;  // then path.vertex is x2, otherwise still x1
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;

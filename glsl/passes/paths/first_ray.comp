@@ -74,6 +74,7 @@ void main() {
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // loaded again, instead of kept in registers across rays
     PerLobe light = path_light(path);
+    // With restir a pixel takes one path.
     if (paths_reuse) { light = write_candidate(path, index, surface.material.base.perceptual_roughness); }
     if (goes_on) { store_path_state(path, index, 1u); }
     Demodulation albedo = demodulation(surface);

@@ -1,6 +1,7 @@
 // Begins a wave: sets its indirect dispatch, which has a layer for each view, with as many threads as the longest queue
-// has paths. Wave 0 traces first rays: for sample 0 those of all pixels, or of choose_pixels.comp's, for further
-// samples those of pixels with a short history.
+// has paths. Wave 0 traces first rays: for sample 0 with frame_ms those of choose_pixels.comp's pixels, for further
+// samples those of pixels with a short history. Without frame_ms those of sample 0 are a direct dispatch over all
+// pixels.
 #version 460
 #include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"  // and passes/rows.glsl: make_indirect_squares, for groups of 8 x 8 threads

@@ -44,6 +44,7 @@ Path load_path_state(uint pixel_index) {
     path.walk.throughput = state.throughput;
     path.walk.direction = state.direction;
     path.walk.delta_path_from_camera = path.bounce == path.delta_bounces;
+    // t has been used already, and resolve_surface_interaction finds the side of the surface again.
     path.hit = Hit(0.0, state.instance, state.triangle, state.barycentrics, false);
     path.sum_of_inverse_pdfs = state.sum_of_inverse_pdfs;
     path.footprint = state.footprint;

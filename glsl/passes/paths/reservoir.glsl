@@ -149,9 +149,9 @@ struct Merge {
 };
 
 // Merges another pixel's reservoir, of surface `there`, into this pixel's, by the generalized balance heuristic with
-// both pixels' targets and visibility. `other_confidence`: the other pixel's confidence in the MIS weight of this
-// pixel's sample (x) and of its own (y). `choice` is a random number in [0, 1). Differs from Solari, where a pixel's
-// own sample keeps half of its weight in each merge with a neighbor: that has more noise here.
+// both pixels' targets and visibility. `other_confidence`: the other pixel's confidence, as it counts in the MIS
+// weight of this pixel's sample (x) and of its own (y). `choice`: a random number in [0, 1). Differs from Solari, where
+// a pixel's own sample keeps half of its weight in each merge with a neighbor: that has more noise here.
 Merge merge_reservoirs(
     Vertex here, PathReservoir own, Vertex there, PathReservoir other, bool there_in_previous_frame,
     vec2 other_confidence, float choice

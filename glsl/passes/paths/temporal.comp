@@ -26,7 +26,8 @@ PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, floa
 }
 
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed becomes
-// an empty sample with the same confidence: without it, those with a remaining light would be too bright in the mean.
+// an empty sample with the same confidence: if it were dropped, only those with a remaining light would count, and the
+// mean would be too bright.
 PathReservoir load_previous_reservoir(uvec2 pixel) {
     PathReservoir reservoir = paths_reservoirs.at[element_index(pixel, camera.size)];
     reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);

@@ -55,7 +55,7 @@ float choice_probability_by_power(LightSource light, uint part) {
     return light_leaves.at[found.leaf].by_power.probability * found.probability;
 }
 
-// The probability that a light sample takes a light of one leaf, where leaves are chosen by power.
+// For a light that is a single leaf: the probability that a light sample takes it, where leaves are chosen by power.
 float light_probability_by_power(LightSource light) {
     return light_leaves.at[light.first_leaf].by_power.probability;
 }

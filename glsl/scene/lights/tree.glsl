@@ -30,8 +30,8 @@ const float MIN_IMPORTANCE = 1e-37;
 
 // How much light a node may send to a receiver, up to a factor: its power times `inverse` times a cosine. `inverse`,
 // one over the product of the smallest and the largest distance to the bounds, is near the mean of 1 / distance^2 over
-// them. The cosine at the receiver is estimated by the greatest height of the bounds over its tangent plane, over the
-// geometric mean of these distances. Never 0, so that no light is lost.
+// them. The cosine at the receiver is estimated as the greatest height of the bounds above its tangent plane, divided
+// by the geometric mean of these distances. Never 0, so that no light is lost.
 float importance(LightNode node, Receiver receiver) {
     vec3 to_center = node.center - receiver.position;
     vec3 farthest = abs(to_center) + node.half_size, nearest = max(abs(to_center) - node.half_size, 0.0);
