@@ -9,6 +9,7 @@
 #include "passes/denoise/edge_stopping.glsl"
 #include "passes/denoise/signal.glsl"
 
+// The blur has an odd number of passes, so that the last one writes denoise_pong.
 Signals load_filtered(uint index) { return unpack_signals(denoise_pong.at[index].xyz); }
 
 // Adds the first-order term of light along an axis: its spatial gradient times the distance from the pixel's center.

@@ -1,4 +1,4 @@
-// What the denoiser keeps from frame to frame, and what its passes pass on. Each element belongs to a pixel.
+// What the denoiser keeps from frame to frame, and what each pass hands to the next. Each element belongs to a pixel.
 #ifndef PASSES_DENOISE_BINDINGS_GLSL
 #define PASSES_DENOISE_BINDINGS_GLSL
 

@@ -31,7 +31,7 @@ void store_bits(uint index, uvec4 bits) {
 struct FilterSum {
     vec3 radiance;
     float weight_sum;       // sum of the edge-stopping weights
-    float accepted_weight;  // sum of the weights by which signals were added: with luminance weights
+    float accepted_weight;  // sum of the signals' whole weights, with the luminance weights
     float sensitivity;      // sum of the derivatives of `radiance` by each signal, since weights depend on signals too
     float variance;         // of `radiance` if the noise of all pixels is independent
     float correlated_deviation;  // standard deviation of `radiance` if the noise of all pixels is the same

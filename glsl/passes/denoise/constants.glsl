@@ -5,9 +5,8 @@
 
 // ---- the previous frame: Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017) --------
 
-// Largest distance, in pixel widths, from the surface's plane to what a pixel of the previous frame showed, for it to
-// count as the same surface: for surface motion, for the alternate history (alternate_history.glsl), and for virtual
-// motion.
+// Largest distance, in pixel widths, of what a pixel of the previous frame showed from the surface's plane, if both are
+// one surface: in surface motion, in the alternate history (alternate_history.glsl), and in virtual motion.
 const float MAX_PLANE_DISTANCE = 1.5, MAX_ALTERNATE_PLANE_DISTANCE = 2.5, MAX_REFLECTION_PLANE_DISTANCE = 8.0;
 const float MIN_NORMAL_COSINE = 0.9;
 const float MAX_MATERIAL_DIFFERENCE = 0.1;  // of Guide.roughness_or_albedo
@@ -50,13 +49,13 @@ const float MAX_UNTRIMMED_PIXELS = 8.0;  // a trimmed mean of more pixels leaves
 // Weight of the spatial variance in frames; the weight of the temporal variance is the history length.
 const float SPATIAL_VARIANCE_FRAMES = 4.0;
 const float CENTER_MOMENTS_WEIGHT = 4.0;  // center weight of the 3 x 3 kernel, (1 2 1) x (1 2 1), of moments
-const float FIREFLY_FRAMES = 40.0;  // in all histories shorter than this fireflies are clamped
+const float FIREFLY_FRAMES = 40.0;  // fireflies are clamped in all histories shorter than this
 // In longer histories they are clamped where few frames brought the light: the effective sample size is less than the
 // first number, and less than the second times the history length.
 const float MIN_EFFECTIVE_FRAMES = 4.0, MIN_EFFECTIVE_SHARE = 0.0625;
 // Fireflies are clamped to the larger of two limits: MAX_OVER_NEIGHBORS times the neighbors' mean luminance, and
-// MAX_OVER_CELLS times the trimmed mean of the 3 x 3 gradient cells around, times the lesser of squared effective
-// sample size and history length, so that light that many frames brought isn't clamped.
+// MAX_OVER_CELLS times min(squared effective sample size, history length) times the trimmed mean of the 3 x 3 gradient
+// cells around, so that light that many frames brought isn't clamped.
 const float MAX_OVER_NEIGHBORS = 2.0, MAX_OVER_CELLS = 4.0;
 const float MIN_NEIGHBOR_WEIGHT = 0.1;  // neighbors of less weight show other surfaces, and aren't compared with
 const float MIN_VARIANCE_FRAMES = 2.0;  // history length from which samples of a pixel have a variance
@@ -82,13 +81,13 @@ const float SIGMA_LUMINANCE = 2.2;  // sigma_l in SVGF
 const float CENTER_WEIGHT = 4.0;  // of the 3 x 3 kernel, (1 2 1) x (1 2 1); Dammertz et al. have 5 x 5
 const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
 const float MIN_ACCEPTED_RATIO = 0.25;  // FilterSum.accepted_weight / weight_sum: below it in both lobes, the blur ends
-// Correlation of the noise of pixels that a pass averages, by pass, the last for all later ones: what earlier passes
-// have filtered shares some of their input.
+// Correlation of the noise of pixels that a pass averages, in the first, the second, and all later passes: pixels that
+// earlier passes have filtered share some of their input.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 const float EPSILON = 1e-30;
 
 // The estimated error of a pixel, frame["error"], over the standard deviation of the noise that is left in it:
-// ERROR_OVER_NOISE, plus for the bias of the blur BIAS_OVER_NOISE * sqrt(8 / history length), with at least 8 frames.
+// ERROR_OVER_NOISE + BIAS_OVER_NOISE * sqrt(8 / max(history length, 8)), the second term for the bias of the blur.
 // Chosen so that about 68 % of the pixels have at most this error, as within one standard deviation, in mirror_hall and
 // other scenes of the benchmark.
 const float ERROR_OVER_NOISE = 1.2;

@@ -7,10 +7,10 @@
 // What other pixels are compared with.
 struct EdgeStopping {
     uint kind;
-    // The tangent plane. What a pixel (x, y) away shows at the depth d lies d * dot(plane, (x, y, 1)) - plane_offset
-    // off it, in units of PLANE_TOLERANCE pixel widths; in orthographic projections dot(plane, (x, y, d)) -
-    // plane_offset. Lenses whose depth is measured along the ray (is_wide) divide the product by the length of the
-    // pixel's unnormalized ray, about sqrt(1 + dot(squared_pixel_angle, (x^2, y^2))).
+    // The tangent plane. What the pixel (x, y) away shows at the depth d has this distance from it, in units of
+    // PLANE_TOLERANCE pixel widths: d * dot(plane, (x, y, 1)) - plane_offset; in orthographic projections
+    // dot(plane, (x, y, d)) - plane_offset. Lenses whose depth is measured along the ray (is_wide) divide the product
+    // by the length of the pixel's unnormalized ray, about sqrt(1 + dot(squared_pixel_angle, (x^2, y^2))).
     vec3 plane;
     vec2 squared_pixel_angle;  // of the angles between the rays of neighboring pixels, in x and in y
     float plane_offset;
@@ -19,8 +19,8 @@ struct EdgeStopping {
     vec2 normal_sharpness;      // factor of the squared difference of normals, by lobe (diffuse, specular)
 };
 
-// relative_error: the standard error of the specular lobe's light over its mean, or before that is known one over the
-// square root of the history length. min_alpha_if_noisy: surfaces with less alpha (squared perceptual roughness) count
+// relative_error: the standard error of the specular lobe's light over its mean; while that is unknown,
+// 1 / sqrt(history length). min_alpha_if_noisy: surfaces with less alpha (squared perceptual roughness) count
 // as if they had this where relative_error is 1 or more.
 EdgeStopping make_edge_stopping(Guide guide, ivec2 pixel, float relative_error, float min_alpha_if_noisy) {
     vec2 slopes = 2.0 * camera.tan_half_fov * vec2(1.0, -1.0) / vec2(camera.size);

@@ -1,6 +1,6 @@
 // Gradient cells, the strata of A-SVGF: sums over CELL_SIZE x CELL_SIZE pixels (solari_vk/passes/denoise.py) of how
-// much light differs from its history, and of how bright it is; and from each cell's neighborhood, the confidence in
-// the history and the mean that limits fireflies.
+// much light differs from its history, and of how bright it is. Each cell's neighborhood gives the confidence in the
+// history and the mean that limits fireflies.
 #ifndef PASSES_DENOISE_GRADIENT_CELL_GLSL
 #define PASSES_DENOISE_GRADIENT_CELL_GLSL
 

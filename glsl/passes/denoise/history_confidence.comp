@@ -40,9 +40,9 @@ float confidence(LobeGradient sum, vec2 sigmas) {
     return min(confidence(sum.current, sum.variance_sum, sigmas), fast);
 }
 
-// The share of a cell's light that may have changed in recent frames: the larger of what the changed lights may send to
-// the cell's position, over its irradiance, and of the share of all lights' power that changed. Irradiance is about pi
-// times demodulated radiance.
+// The share of a cell's light that may have changed in recent frames: the larger of two ratios, of what the changed
+// lights may send to the cell's position to the irradiance there, and of the changed to the whole power of all lights.
+// Irradiance is about pi times demodulated radiance.
 float cell_light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance_sum / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));

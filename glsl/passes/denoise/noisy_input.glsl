@@ -12,8 +12,8 @@ layout(constant_id = skips_pixels_id) const bool skips_pixels = false;
 bool has_no_path(vec4 radiance_hit_distance) { return skips_pixels && radiance_hit_distance.w == NO_PATH; }
 
 // Demodulated radiance, and the hit distance in meters: the length of the first ray of the pixel's first path whose
-// first ray was sampled from this lobe; 0 if there is none, infinite where the ray hit no surface. With restir see
-// paths/bindings.glsl.
+// first ray was sampled from this lobe; 0 if there is none, infinite where the ray hit no surface. With restir
+// the distance to the reservoir's sample, for the specular lobe only where that is reused.
 vec4 noisy_diffuse(uint index) { return paths_diffuse.at[index]; }
 
 // All light of a PSR surface is in the specular signal; the diffuse one is black.

@@ -41,7 +41,8 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 }
 
 PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
-    // Surface motion, of both lobes: that of the primary surface, or of the PSR surface's virtual position.
+    // Surface motion, of both lobes, in spite of the image's name: that of the primary surface, or of the PSR surface's
+    // virtual position.
     vec2 motion = motion_in_pixels(imageLoad(guides_specular_motion, texel_of(pixel)).xy);
     uint instance = imageLoad(gbuffer_surface, texel_of(pixel)).y;
     bool has_plane = guide.kind == PRIMARY_SURFACE && !has_new_pose(instance);

@@ -1,5 +1,5 @@
-// Sums for each cell of pixels how much this frame's light, and that of the latest frames, differ from the mean of all
-// earlier frames. Unlike A-SVGF it retraces no paths: in sums over many pixels noise averages out, changes of light
+// Adds up for each gradient cell how much this frame's light, and that of the latest frames, differ from the mean of
+// all earlier frames. Unlike A-SVGF it retraces no paths: in sums over many pixels noise averages out, changes of light
 // stay.
 #version 460
 #include "common/pixel.glsl"

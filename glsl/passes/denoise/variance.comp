@@ -24,8 +24,7 @@ void add_moments(inout Moments sum, LobeHistory lobe, float weight) {
     sum.squared_luminance_sum += weight * lobe.second_moment;
 }
 
-// Of the specular luminances around a pixel, each with a lower and an upper bound: its mean minus and plus its standard
-// error.
+// Bounds of the specular luminances around a pixel: each lies between its mean minus and plus its standard error.
 struct LuminanceBounds {
     float max_lower_bound;  // how bright the brightest neighbor is at least
     float min_upper_bound;  // how bright the darkest neighbor is at most
