@@ -27,6 +27,7 @@ import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import Features
 from solari_vk.errors import DeviceError, ValidationError
+from solari_vk.gpu.shaders.compiler import COMMON_FEATURES
 from solari_vk.scene.lights.environment import EnvironmentLight
 
 SIZE = (16, 16)
@@ -98,7 +99,7 @@ def features_of(kind: str, folder: Path) -> frozenset[str]:
     scene, features = sv.load(open_subject(kind, folder).named), Features()
     for item in (*scene.lights, *(part for one in scene.instances for part in (one, one.mesh, one.material))):
         features.note(item)
-    return features.constants
+    return features.constants | COMMON_FEATURES
 
 
 def fuzz(kind: str, folder: Path, count: int, seed: str, stage: Stage) -> Counter[str]:

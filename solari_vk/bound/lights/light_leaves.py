@@ -88,4 +88,5 @@ class LightLeaves:
             self.table.mark(range(self.count))
         if 0 < self.in_tree == self.count:
             return 1.0
-        return float(records["by_power"]["probability"][: self.in_tree].sum(dtype=np.float64))
+        chosen = float(records["by_power"]["probability"][: self.in_tree].sum(dtype=np.float64))
+        return min(chosen, 1.0 - 2.0**-24)  # the float32 below 1, so that the lights at infinity are chosen too

@@ -50,13 +50,15 @@ def measure_tree(shaders):
     receivers["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     yield from measure_leaves(shaders, scene, receivers, "lamps")
     yield from measure_leaves(shaders, merged(scene), receivers, "triangles of a lamp")
+    yield from measure_leaves(shaders, sv.Scene(*scene.instances), receivers, "lamps without a sun")
 
 
 def measure_leaves(shaders, scene, receivers, what):
     with bound(shaders.device, scene) as binder:
         leaves = binder.lights.leaves
         count = leaves.count
-        records = leaves.table.records[: count - 1]  # without the sun
+        finite = leaves.in_tree
+        records = leaves.table.records[:finite]
         shares = records["by_power"]["probability"].astype(np.float64)
         nodes = leaves.tree.records[records["node"]]
         powers, positions = nodes["power"].astype(np.float64), nodes["center"].astype(np.float64)
@@ -78,9 +80,9 @@ def measure_leaves(shaders, scene, receivers, what):
     cosine = np.einsum("rlc,rc->rl", to_light, receivers["normal"]).clip(min=0) / np.sqrt(squared)
     light = powers * cosine / squared
     lit = light.sum(axis=1) > 0
-    of_lamps = probabilities[lit, :-1] / shares.sum()
+    of_lamps = probabilities[lit, :finite] / shares.sum()
     variance = (light[lit] ** 2 / of_lamps).sum(axis=1) / light[lit].sum(axis=1) ** 2 - 1
-    note = f"{count - 1} {what}: variance of one sample without occlusion {variance.min():.2f} to {variance.max():.2f}"
+    note = f"{finite} {what}: variance of one sample without occlusion {variance.min():.2f} to {variance.max():.2f}"
     yield Measurement(CLOSE, float(variance.mean()), 0.27, "of the squared mean", note)
 
 
