@@ -28,9 +28,12 @@ float history_relative_error(uint index) {
 }
 
 // The estimated error of a pixel's luminance, remodulated by these albedos: of noise and of the blur's bias.
-float standard_error(Denoised light, float history_length, vec3 diffuse_albedo, vec3 specular_albedo) {
-    float noise = length(light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
-    return (ERROR_OVER_NOISE + BIAS_OVER_NOISE * sqrt(8.0 / max(history_length, 8.0))) * noise;
+float standard_error(Denoised light, uint index, vec3 diffuse_albedo, vec3 specular_albedo) {
+    LobeHistory diffuse = unpack_lobe_history(denoise_diffuse.at[index]);
+    LobeHistory specular = unpack_lobe_history(denoise_specular.at[index]);
+    vec2 frames = max(vec2(effective_frames(diffuse), effective_frames(specular)), MIN_FRAMES_OF_BIAS);
+    vec2 error_over_noise = ERROR_OVER_NOISE + BIAS_OVER_NOISE * inversesqrt(frames);
+    return length(error_over_noise * light.deviations * vec2(luminance(diffuse_albedo), luminance(specular_albedo)));
 }
 
 // The light of a pixel that is denoised, after all passes of the denoiser.

@@ -87,10 +87,11 @@ const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 const float EPSILON = 1e-30;
 
 // The estimated error of a pixel, frame["error"], over the standard deviation of the noise that is left in it:
-// ERROR_OVER_NOISE + BIAS_OVER_NOISE * sqrt(8 / max(history length, 8)), the second term for the bias of the blur.
-// Chosen so that about 68 % of the pixels have at most this error, as within one standard deviation, in mirror_hall and
-// other scenes of the benchmark.
-const float ERROR_OVER_NOISE = 1.2;
-const float BIAS_OVER_NOISE = 0.2;
+// ERROR_OVER_NOISE + BIAS_OVER_NOISE / sqrt(effective sample size), the second term for the bias of the blur, which is
+// wider where few frames brought the light. Chosen so that about 68 % of the pixels have at most this error, as within
+// one standard deviation, in mirror_hall and other scenes of the benchmark.
+const float ERROR_OVER_NOISE = 1.15;
+const float BIAS_OVER_NOISE = 0.8;
+const float MIN_FRAMES_OF_BIAS = 10.0;  // smaller sample sizes count as this
 
 #endif

@@ -16,6 +16,12 @@ struct LobeHistory {
 
 const LobeHistory NO_HISTORY = LobeHistory(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
 
+// Kish's effective sample size: 1 if one frame brought all the light, `frames` if all brought the same.
+float effective_frames(LobeHistory lobe) {
+    float value = luminance(lobe.radiance);
+    return lobe.frames * value * value / max(lobe.second_moment, EPSILON);
+}
+
 // ---- packing ----------------------------------------------------------------------------------------
 
 // Two positive floats in 16 bits each.

@@ -49,11 +49,10 @@ Signal estimate_signal(LobeHistory lobe, Moments sum, float trimmed_mean_luminan
     float neighbor_mean = max(sum.luminance_sum - CENTER_MOMENTS_WEIGHT * value, 0.0)
         / max(neighbor_weight, MIN_NEIGHBOR_WEIGHT);
     float long_history = min(FIREFLY_FRAMES, float(denoise_settings.max_history));
-    // Kish's effective sample size: 1 if one frame brought all the light, `frames` if all brought the same.
-    float effective_frames = lobe.frames * value * value / max(lobe.second_moment, EPSILON);
-    float firefly_tolerance = min(effective_frames * effective_frames, lobe.frames);
+    float effective = effective_frames(lobe);
+    float firefly_tolerance = min(effective * effective, lobe.frames);
     bool is_reliable = lobe.frames >= long_history
-        && effective_frames >= min(MIN_EFFECTIVE_FRAMES, MIN_EFFECTIVE_SHARE * lobe.frames);
+        && effective >= min(MIN_EFFECTIVE_FRAMES, MIN_EFFECTIVE_SHARE * lobe.frames);
     float limit = max(MAX_OVER_NEIGHBORS * neighbor_mean, MAX_OVER_CELLS * firefly_tolerance * trimmed_mean_luminance);
     if (value > limit && limit > 0.0 && neighbor_weight > MIN_NEIGHBOR_WEIGHT && !is_reliable) {
         lobe.radiance *= limit / value;

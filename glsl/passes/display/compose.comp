@@ -28,7 +28,7 @@ void main() {
         albedo.specular *= light.psr_albedo;
         diffuse = light.diffuse * albedo.diffuse;
         specular = light.specular * albedo.specular;
-        error.at[index] = standard_error(light, history_length(index), albedo.diffuse, albedo.specular);
+        error.at[index] = standard_error(light, index, albedo.diffuse, albedo.specular);
     }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
