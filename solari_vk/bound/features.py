@@ -44,7 +44,7 @@ class Feature:
 
 FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
-    Feature("LIGHT_TREE", LightTree, lambda tree: len(tree.leaves) > 1),
+    Feature("LIGHT_TREE", LightTree, lambda tree: tree.has_choice),
     Feature("PORTAL", Portal, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),

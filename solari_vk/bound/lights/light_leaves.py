@@ -27,8 +27,6 @@ class LightLeaves:
         """Each light's first leaf (N,)."""
         self.count = 0
         self.node_count = 0
-        self.in_tree = 0
-        """How many of the first leaves the tree chooses from: those that are not at infinity; 0 if that is one."""
         self.light_tree = LightTree(layout["light_tree"])
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
@@ -80,13 +78,13 @@ class LightLeaves:
         self.tree.reserve(self.node_count)
         self.tree.records[changed] = self.light_tree.nodes[changed]
         self.tree.mark(changed.tolist())
-        self.in_tree = count if count > 1 else 0
+        in_tree = count if self.light_tree.has_choice else 0
         records = self.table.records[: self.count]
         records["node"] = NO_INDEX
-        records["node"][: self.in_tree] = self.light_tree.leaves[: self.in_tree]
+        records["node"][:in_tree] = self.light_tree.leaves[:in_tree]
         if self.light_tree.leaves is not before:
             self.table.mark(range(self.count))
-        if 0 < self.in_tree == self.count:
+        if 0 < in_tree == self.count:
             return 1.0
-        chosen = float(records["by_power"]["probability"][: self.in_tree].sum(dtype=np.float64))
+        chosen = float(records["by_power"]["probability"][:in_tree].sum(dtype=np.float64))
         return min(chosen, 1.0 - 2.0**-24)  # the float32 below 1, so that the lights at infinity are chosen too

@@ -35,6 +35,11 @@ class LightTree:
         self._ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
         self._new_size = 0.0  # the sum of the nodes' sizes when the tree was built
 
+    @property
+    def has_choice(self) -> bool:
+        """Whether there is more than one leaf."""
+        return len(self.leaves) > 1
+
     def update(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats) -> NDArray[np.uint32]:
         """Follow lights (N,) that move or change their power; returns the indices of all nodes that have changed.
 

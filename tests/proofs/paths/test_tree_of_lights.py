@@ -57,7 +57,7 @@ def measure_leaves(shaders, scene, receivers, what):
     with bound(shaders.device, scene) as binder:
         leaves = binder.lights.leaves
         count = leaves.count
-        finite = leaves.in_tree
+        finite = count - len(scene.lights)
         records = leaves.table.records[:finite]
         shares = records["by_power"]["probability"].astype(np.float64)
         nodes = leaves.tree.records[records["node"]]
