@@ -12,7 +12,7 @@ from support.gltf_writer import GltfWriter
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.cli import main
 from solari_vk.errors import SolariError
-from solari_vk.measure import denoised, lamps, tree_order
+from solari_vk.measure import denoised, frame_ms, lamps, tree_order
 from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
 from solari_vk.measure.claims import pairs
@@ -215,6 +215,22 @@ def test_quick_page_of_judged_settings(lent_device, tmp_path):
     assert float(other[7]) > 2 * float(other[6]) == 2 * float(same[6])
     assert main([*judge, "denose=on"]) == 2
     assert main([*judge, "denoise=on", "--scene", "cornel_box"]) == 2
+
+
+def test_page_of_times_that_are_given(lent_device, tmp_path, monkeypatch):
+    measured = frame_ms.milliseconds(lent_device, builtin("cornell_box"), (16, 16), 1000.0, 9)
+    assert measured.shape == (8,)
+    assert measured.min() > 0
+    quarter = np.array([50.0, *[20.0] * 7, *[10.0] * 92])
+    monkeypatch.setattr(frame_ms, "milliseconds", lambda device, scene, size, aim, frames: np.tile(quarter - aim, 4))
+    page = tmp_path / "page.md"
+    given = ["bench", "frame-ms", "--scene", "cornell_box", "--markdown", str(page)]
+    assert main(given) == 0
+    rows = [cells(line)[1:] for line in page.read_text().splitlines() if line.startswith("| cornell_box")]
+    assert rows == [["0", "10.00", "20.00", "", "50.00", "10.00", "50.00"],
+                    ["15", "-5.00", "5.00", "0.33", "35.00", "-5.00", "35.00"],
+                    ["20", "-10.00", "0.00", "0.00", "30.00", "-10.00", "30.00"]]  # fmt: skip
+    assert main([*given, "--frames", "7"]) == 2
 
 
 def test_page_of_lamps(device, tmp_path, monkeypatch):

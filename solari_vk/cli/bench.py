@@ -82,6 +82,16 @@ class JudgedSettings(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FrameMs(Measurement):
+    MODULE = "frame_ms"
+    scene: tuple[str, ...] = option("a built-in scene (four of them; repeatable)", "NAME", action="append", default=())
+    target: tuple[float, ...] = option("milliseconds (3/4 and 1 of a scene's own; repeatable)", "MS", action="append",
+                                       type=factor, default=())
+    size: tuple[int, int] = option("of the frames (1920x1080)", "WxH", type=size, default=(1920, 1080))
+    frames: int = option("that count, with four cuts (400)", "N", type=positive, default=400)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Portals(Measurement):
     MODULE = "portals"
     files: tuple[Path, ...] = option("environment maps beside the built-in skies", names=("files",), nargs="*",

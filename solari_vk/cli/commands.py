@@ -58,6 +58,7 @@ COMMANDS = (
             _part("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", bench.Frame),
             _part("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", bench.Denoise),
             _part("settings", "errors and times with other settings, raw and denoised", bench.JudgedSettings),
+            _part("frame-ms", "how well frame_ms keeps frames to a time", bench.FrameMs),
             _part("portals", "what a portal in a room's window saves", bench.Portals),
             _part("lamps", "many emissive triangles in one mesh and in many", bench.Lamps),
             _part("cluster", "how well several workers share the views of a data set", bench.Cluster),
