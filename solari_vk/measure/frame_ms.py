@@ -36,18 +36,19 @@ def run(
     target: Sequence[float] = (), size: tuple[int, int] = (1920, 1080), frames: int = 400,
 ) -> None:  # fmt: skip
     """Measure and print a table. scene: names of built-in scenes, by default SCENES. target: values of `frame_ms`,
-    milliseconds; by default 3/4 and 1 of each scene's own p95. size: (width, height) of the frames. frames: that count.
-    Raises SolariError for unknown scenes, for less than two frames a cut, and without a folder for the page."""
-    if frames < 2 * CUTS:
-        raise SolariError(f"bench frame-ms: {frames} frames with {CUTS} cuts; take at least {2 * CUTS}")
+    milliseconds; by default 3/4 and 1 of the p95 of a scene's frames that don't follow a cut. size: (width, height) of
+    the frames. frames: that count. Raises SolariError for unknown scenes, for fewer frames than cuts need, and without
+    a folder for the page."""
+    if frames < (least := CUTS * (AFTER + 1)):
+        raise SolariError(f"bench frame-ms: {frames} frames with {CUTS} cuts; take at least {least}")
     scenes = [builtin(name) for name in scene or SCENES]
     with measuring(select, rays, markdown, "Frames of a given time", INTRO) as (device, report):
         rows = []
         for subject in scenes:
             report.progress(subject.name)
             free = milliseconds(device, subject, size, 0.0, frames)
-            own = float(np.quantile(free, 0.95))
-            aims = target or (round(0.75 * own, 2), round(own, 2))
+            own = np.quantile(free.reshape(CUTS, -1)[:, AFTER:], 0.95)
+            aims = target or (round(0.75 * own, 1), round(own, 1))
             rows.append(_row(subject.name, 0.0, free))
             rows += [_row(subject.name, aim, milliseconds(device, subject, size, aim, frames)) for aim in aims]
         report.table(f"{frames} frames of {size[0]}x{size[1]}, milliseconds", HEAD, rows)
@@ -66,9 +67,8 @@ def milliseconds(device: Device, scene: Scene, size: tuple[int, int], aim: float
 
 
 def _row(name: str, aim: float, spent: NDArray[np.float64]) -> list[str]:
-    quarters = spent.reshape(CUTS, -1)
-    early, late = np.hsplit(quarters, [min(AFTER, quarters.shape[1] - 1)])
+    early, late = np.hsplit(spent.reshape(CUTS, -1), [AFTER])
     p95, after, others = (float(np.quantile(part, 0.95)) for part in (spent, early, late))
     ratio = f"{p95 / aim:.2f}" if aim else ""
-    figures = [f"{ms:.2f}" for ms in (np.median(spent), p95)]
-    return [name, f"{aim:g}", *figures, ratio, f"{after:.2f}", f"{others:.2f}", f"{quarters[:, 0].max():.2f}"]
+    figures = (f"{ms:.2f}" for ms in (after, others, early[:, 0].max()))
+    return [name, f"{aim:g}", f"{np.median(spent):.2f}", f"{p95:.2f}", ratio, *figures]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from itertools import count
 from typing import Any
 
@@ -81,6 +82,12 @@ def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
     return max((module.push_constants.itemsize for module in modules if module.push_constants), default=0)
 
 
+@lru_cache(maxsize=128)
+def _by_address(spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int) -> tuple[bytes, tuple[str, ...]]:
+    """`access_by_address`, once for the interfaces that a module is linked to."""
+    return access_by_address(spirv, dict(buffers), most)
+
+
 class Interface:
     """The set layouts and the pipeline layout for a group of modules. bindings: theirs, numbered already."""
 
@@ -131,9 +138,9 @@ class Interface:
             known = ", ".join(sorted(self.bindings)) or "none"
             raise SolariError(f"no shader has a resource {name}; there are {known}") from None
 
-    def linked(self, module: Module) -> bytes:
-        """The SPIR-V of a module with the numbers of this interface."""
-        words = np.frombuffer(module.spirv, np.uint32).copy()
+    def linked(self, module: Module, code: bytes | None = None) -> bytes:
+        """The SPIR-V of a module, or its `code` made from that, with the numbers of this interface."""
+        words = np.frombuffer(module.spirv if code is None else code, np.uint32).copy()
         at = _HEADER_WORDS
         while words[at] & 0xFFFF != OP_FUNCTION:
             if words[at] & 0xFFFF == OP_DECORATE and words[at + 2] == DECORATION_BINDING:
@@ -141,14 +148,14 @@ class Interface:
             at += int(words[at]) >> 16
         return words.tobytes()
 
-    def addressed(self, module: Module, code: bytes) -> tuple[bytes, tuple[str, ...]]:
-        """The code of a linked compute shader as the device runs it, and the buffers whose addresses are its push
-        constants: `access_by_address`, on software devices."""
+    def addressed(self, module: Module) -> tuple[bytes, tuple[str, ...]]:
+        """The code of a compute shader as the device runs it, to be linked, and the buffers whose addresses are its
+        push constants: `access_by_address`, on software devices."""
         if not self.device.buffers_by_address or module.push_constants is not None:
-            return code, ()
-        buffers = {variable: name for variable, name in module.variables.items()
-                   if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1}  # fmt: skip
-        return access_by_address(code, buffers, self._pushed // ADDRESS_BYTES)
+            return module.spirv, ()
+        buffers = tuple((variable, name) for variable, name in module.variables.items()
+                        if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1)  # fmt: skip
+        return _by_address(module.spirv, buffers, self._pushed // ADDRESS_BYTES)
 
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""

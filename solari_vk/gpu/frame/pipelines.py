@@ -98,9 +98,10 @@ class Pipelines:
                     for at, module in enumerate(modules):
                         if self._device.properties.kind == "cpu" and has_many_switches(module):
                             modules[at], specializations[at] = specialized(module, item.constants), None
-                    linked = [interface.linked(module) for module in modules]
+                    codes = [module.spirv for module in modules]
                     if item.kind is None:
-                        linked[0], self._addresses[key] = interface.addressed(modules[0], linked[0])
+                        codes[0], self._addresses[key] = interface.addressed(modules[0])
+                    linked = map(interface.linked, modules, codes)
                     stages = [
                         self._stage(shaders, item.name, module, code, specialization)
                         for module, code, specialization in zip(item.modules, linked, specializations, strict=True)
