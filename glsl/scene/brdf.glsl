@@ -205,8 +205,7 @@ vec3 brdf_times_cosine(Brdf brdf, vec3 wo, vec3 wi) {
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     bool above = wi.z > 0.0;
     if (!(wo.z > 0.0) || !(above || SCENE_TRANSMISSION)) { return 0.0; }
-    float pdf = above
-        ? mix(diffuse_pdf(wi), specular_pdf(brdf.specular, wo, wi), brdf.specular_probability) : 0.0;
+    float pdf = above ? mix(diffuse_pdf(wi), specular_pdf(brdf.specular, wo, wi), brdf.specular_probability) : 0.0;
     if (SCENE_DIFFUSE_TRANSMISSION) {
         pdf += (1.0 - brdf.specular_probability) * diffuse_transmission_pdf(brdf.diffuse_transmission, wi);
     }
@@ -217,6 +216,12 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (above) { pdf += chosen.sheen * sheen_pdf(); }
     if (chosen.glass > 0.0 && !is_mirror(brdf.specular)) { pdf += chosen.glass * glass_pdf(brdf.glass, wo, wi); }
     return pdf;
+}
+
+// Whether the base, or the whole surface, reflects in one direction alone, which no light sample has.
+bool has_delta_base(Brdf brdf) { return is_mirror(brdf.specular) && brdf.specular_probability == 1.0; }
+bool is_delta(Brdf brdf) {
+    return has_delta_base(brdf) && !(SCENE_LAYERS && (brdf.probabilities.sheen > 0.0 || is_rough_coat(brdf.coat)));
 }
 
 BrdfSample without_values(vec3 wi, vec3 weight, float pdf, bool diffuse) {

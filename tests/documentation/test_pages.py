@@ -7,6 +7,7 @@ import re
 import runpy
 import shlex
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -275,3 +276,19 @@ def test_fields_of_materials_are_there():
     assert len(found) > 20
     for name in found:
         assert hasattr(sv.Material(), name), name
+
+
+def test_the_specifications_rows_name_what_is_there():
+    """Counts by state are those of the rows; files and tests exist."""
+    lines = (DOCS / "explained/seeds.md").read_text(encoding="utf-8").splitlines()
+    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    rows = [row for row in table if len(row) == 4 and row[0] != "the text says" and set(row[0]) != {"-"}]
+    counted = Counter(row[1].split(":")[0] for row in rows)
+    assert Counter({row[0]: int(row[1]) for row in table if len(row) == 3 and row[1].isdigit()}) == counted
+    assert f"{len(rows)} rows" in " ".join(lines)
+    tests = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
+    for name in {name for row in rows for name in re.findall(r"`([a-z_0-9/.]+)`", row[2] + row[3])}:
+        if name.startswith("test_"):
+            assert name in tests, name
+        elif "." in name or "/" in name:
+            assert any((ROOT / folder / name).exists() for folder in ("", "glsl", "solari_vk")), name

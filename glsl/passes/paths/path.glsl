@@ -110,12 +110,10 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
-    bool is_delta = is_mirror(specular) && brdf.specular_probability == 1.0;
-    float probability = is_delta ? 0.0 : mix(1.0, specular.perceptual_roughness, specular.metallic);
+    float probability = has_delta_base(brdf) ? 0.0 : mix(1.0, specular.perceptual_roughness, specular.metallic);
     if (!SCENE_LAYERS) { return probability; }
     if (brdf.probabilities.sheen > 0.0) { return 1.0; }
-    bool is_coated = brdf.probabilities.coat > 0.0 && !is_mirror_coat(brdf.coat);
-    return is_coated ? max(probability, brdf.coat.perceptual_roughness) : probability;
+    return is_rough_coat(brdf.coat) ? max(probability, brdf.coat.perceptual_roughness) : probability;
 }
 
 // The weight of a BRDF sample, BRDF times cosine over pdf, by lobe. Samples of delta lobes have an infinite pdf.

@@ -71,7 +71,7 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     uint light_rng = split_rng(rng);  // light samples take any count of random numbers; later dimensions stay the same
     NextEvent event;
     event.radiance = vec3(0.0);
-    if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF) {
+    if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF && !is_delta(vertex.brdf)) {
         bool mis = path_sampling.light_strategy == LIGHT_STRATEGY_MIS;
         event = sample_light(
             path.walk, surface, vertex.brdf, vertex.frame, vertex.wo, vertex.below, path.receiver, mis, light_rng

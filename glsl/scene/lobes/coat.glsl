@@ -56,6 +56,9 @@ struct Coat {
 
 bool is_mirror_coat(Coat coat) { return coat.roughness <= MIRROR_ROUGHNESS; }
 
+// Whether there is a coat, and it reflects in more than one direction.
+bool is_rough_coat(Coat coat) { return coat.weight > 0.0 && !is_mirror_coat(coat); }
+
 vec2 coat_albedo_terms(float perceptual_roughness, float cosine) {
     return albedo_terms(square(perceptual_roughness) <= MIRROR_ROUGHNESS, perceptual_roughness, cosine);
 }
@@ -76,7 +79,7 @@ Coat prepare_coat(CoatParameters parameters, bool inside, vec3 wo) {
     vec2 ab = coat_albedo_terms(coat.perceptual_roughness, coat.wo.z);
     coat.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;
     coat.pdf_per_d = 0.0;
-    if (coat.weight > 0.0 && !is_mirror_coat(coat)) {
+    if (is_rough_coat(coat)) {
         coat.pdf_per_d = ggx_vndf_pdf_per_d(coat.wo, coat.roughness);
     }
     return coat;
@@ -98,7 +101,7 @@ float coat_fresnel(Coat coat, float cosine) {
 
 float evaluate_coat(Coat coat, vec3 wi) {
     vec3 coat_wi = wi * coat.frame;
-    if (!(coat.weight > 0.0) || is_mirror_coat(coat) || !(coat_wi.z > 0.0)) { return 0.0; }
+    if (!is_rough_coat(coat) || !(coat_wi.z > 0.0)) { return 0.0; }
     vec3 half_vector = normalize(coat.wo + coat_wi);
     float V = V_SmithGGXCorrelated(coat.roughness, coat.wo.z, coat_wi.z);
     return coat_fresnel(coat, dot(coat_wi, half_vector)) * D_GGX(coat.roughness, half_vector) * V * coat_wi.z;
@@ -106,7 +109,7 @@ float evaluate_coat(Coat coat, vec3 wi) {
 
 float coat_pdf(Coat coat, vec3 wi) {
     vec3 coat_wi = wi * coat.frame;
-    if (!(coat.weight > 0.0) || is_mirror_coat(coat) || !(coat_wi.z > 0.0)) { return 0.0; }
+    if (!is_rough_coat(coat) || !(coat_wi.z > 0.0)) { return 0.0; }
     return coat.pdf_per_d * D_GGX(coat.roughness, normalize(coat.wo + coat_wi));
 }
 

@@ -69,6 +69,18 @@ def test_map(device):
     np.testing.assert_array_equal(life, longest)
 
 
+def test_a_surface_on_a_plane_of_the_grid_has_one_side(device):
+    """Where rounding moves points across the plane, and normals along an axis off it."""
+    random = np.random.default_rng(0)
+    queries, _ = make_queries(1, 1000)
+    queries["cell_size"], queries["normal"] = 0.25, (0, 1, 0)
+    queries["position"] = random.uniform(0.01, 0.24, (1000, 3))
+    queries["position"][:, 1] = 0.5 + random.uniform(-1e-6, 1e-6, 1000)
+    queries["normal"] += random.uniform(-1e-6, 1e-6, (1000, 3)).astype(np.float32)
+    with MapFrame(device, 1024, queries) as frame:
+        assert len(set(frame.run()["answers"]["cell"])) == 1
+
+
 def test_full_map(device):
     """With four times as many keys as entries, some queries get NO_INDEX: their search finds only other keys."""
     cells, steps = 1024, 3

@@ -88,7 +88,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         receiver = Receiver(surface.world_position, surface.world_normal);
         NextEvent event;
         event.radiance = vec3(0.0);
-        if (!is_mirror(brdf.specular) || brdf.specular_probability < 1.0) {
+        if (!is_delta(brdf)) {
             event = sample_light(walk, surface, brdf, frame, wo, below, receiver, true, rng);
         }
         // Differs from Solari: later bounces sample the whole BRDF, so that matte surfaces need no MIS of their own.
