@@ -454,6 +454,7 @@ def test_a_bench_that_fails_frees_everything(device, monkeypatch):
     assert held[0] == held[1]
 
 
+@pytest.mark.slow
 def test_bench_of_outputs(lent_device, tmp_path, monkeypatch):
     monkeypatch.setattr("solari_vk.measure.dataset.SCENES", ("cornell_box",))
     page = tmp_path / "page.md"

@@ -69,7 +69,7 @@ def moving(count, frames=4, **options):
     return [(poses_of(orbit(count, index)), options, cut if index == 2 else False) for index in range(frames)]
 
 
-@pytest.mark.parametrize(("size", "count"), [((13, 7), 5), ((16, 24), 3)])
+@pytest.mark.parametrize(("size", "count"), [pytest.param((13, 7), 5, marks=pytest.mark.slow), ((16, 24), 3)])
 def test_views_are_those_of_renderers(device, size, count):
     options = {"fov": np.linspace(40, 80, count), "ev100": np.linspace(-2, 1.3, count)}
     frames = moving(count, **options)

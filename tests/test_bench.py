@@ -186,6 +186,7 @@ def test_quick_page_of_the_frame(lent_device, tmp_path, monkeypatch, way):
     assert sorted(path.name for path in pictures.iterdir()) == ["cornell_box.png", "many_lights.png"]
 
 
+@pytest.mark.slow  # as are the benchmark's own figures
 def test_quick_page_of_the_denoiser(lent_device, tmp_path, monkeypatch):
     """A table for each case, pictures, and references that the second run takes from the folder."""
     page, pictures, kept = (tmp_path / name for name in ("page.md", "pictures", "kept"))
@@ -254,6 +255,7 @@ def test_quick_page_of_portals(lent_device, tmp_path):
     assert all(float(row[-1]) for row in rows)
 
 
+@pytest.mark.slow
 def test_judged_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_path):
     """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
     page, kept = tmp_path / "page.md", tmp_path / "kept"

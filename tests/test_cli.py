@@ -250,11 +250,10 @@ def test_a_time_limit_ends_early(render, arguments):
     assert pixels(path).std() > 5
 
 
-@pytest.mark.parametrize(
-    ("arguments", "unit"),
-    [([*REFERENCE, "--size", "64x64", "--samples", "100000000"], "100000000 samples"),
-     ([*FRAMES, "--frames", "100000000"], "100000002 frames")],
-)  # fmt: skip
+@pytest.mark.parametrize(("arguments", "unit"), [
+    pytest.param([*SAMPLES, "--samples", "100000000"], "100000000 samples", marks=pytest.mark.slow),
+    ([*FRAMES, "--frames", "100000000"], "100000002 frames"),
+])  # fmt: skip
 def test_ctrl_c_keeps_what_there_is(any_device, tmp_path, arguments, unit):
     path: Path = tmp_path / "picture.npy"
     command = [sys.executable, "-u", "-m", "solari_vk", "render", "builtin:cornell_box", "-o", str(path), *arguments]
@@ -270,7 +269,7 @@ def test_ctrl_c_keeps_what_there_is(any_device, tmp_path, arguments, unit):
     assert np.isfinite(np.load(path)).all()
 
 
-@pytest.mark.parametrize("arguments", [REFERENCE, ["--mode", "realtime", "--warm-up", "2"]])
+@pytest.mark.parametrize("arguments", [REFERENCE, pytest.param(FRAMES, marks=pytest.mark.slow)])
 def test_a_target_ends_early(render, lent_device, arguments):
     """The estimated error is printed; it is that of the picture, which is smooth enough then."""
     said, path = render(*arguments, "--size", "48x48", "--target-error", "0.3", output="picture.npy")

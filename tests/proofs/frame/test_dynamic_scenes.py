@@ -162,6 +162,7 @@ def edit(scene, extra, step):
     find(scene, "left wall").material.base_color = (0.6, 0.02 * step % 1, 0.1)
 
 
+@pytest.mark.slow
 @denoised_first
 def test_after_many_edits_the_picture_is_right(device, lighting):
     """After many edits between frames, the picture is as bright as the path tracer's picture of the edited scene."""
