@@ -175,7 +175,8 @@ def test_what_is_for_worlds_of_one_scene_is_named(device):
             batch.render_many(CAMERAS[:2], frames=3, fov=50, transforms={"lamp": np.ones((3, 2, 4, 4))})
 
 
-@pytest.mark.parametrize("renderer", ["reference", pytest.param("realtime", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("renderer", ["reference", "realtime"])
 def test_worlds_have_portals_of_their_own(device, renderer):
     """Of one and two portals and none below the same sky, which take their share of its samples."""
     options, seeds = {"renderer": renderer, **OPTIONS[renderer], "outputs": []}, numbered_seeds(3, 6)

@@ -432,7 +432,7 @@ def test_changes_of_all_worlds_count_where_they_share_lights_again(device):
     changes.buffer.destroy()
 
 
-@pytest.mark.parametrize("way", ["material", "light"])
+@pytest.mark.parametrize("way", [pytest.param("material", marks=pytest.mark.slow), "light"])
 def test_caches_follow_the_lights_of_their_world(device, way):
     """A lamp that goes out in one world: its cells and pixels forget, those of the other world keep what they have."""
     scene = sv.Scene()

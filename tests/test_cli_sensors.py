@@ -67,7 +67,8 @@ REALTIME = ["realtime", "--average", 3, "--warm-up", 2]
 
 
 @pytest.mark.parametrize(("mode", "exposed"), [
-    (["reference", "--samples", 8], 0.05), (["reference", "--samples", 8], 0.0), (REALTIME, 0.05),
+    (["reference", "--samples", 8], 0.05), (["reference", "--samples", 8], 0.0),
+    pytest.param(REALTIME, 0.05, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_an_orbit_with_a_shutter(run, lent_device, tmp_path, mode, exposed):
     """Each picture is exposed from its time on, while the camera goes on along its way."""
@@ -90,7 +91,9 @@ def test_an_orbit_with_a_shutter(run, lent_device, tmp_path, mode, exposed):
     assert np.load(tmp_path / "picture.0001.npy").shape == (16, 24, 3)
 
 
-@pytest.mark.parametrize("mode", [["reference", "--samples", 32], ["realtime", "--frames", 32]])
+@pytest.mark.parametrize("mode", [
+    ["reference", "--samples", 32], pytest.param(["realtime", "--frames", 32], marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_moment_with_a_shutter(run, tmp_path, moving, mode):
     """The triangle's edges are less steep the longer it is exposed."""
     slopes = []

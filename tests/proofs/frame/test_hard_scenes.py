@@ -21,9 +21,7 @@ BALLS = Rule("the indirect light of balls is the path tracer's", SUITE, "Rendere
 
 SIZE = (48, 48)
 
-pytestmark = pytest.mark.parametrize("lighting", [
-    pytest.param({}, id="default"), pytest.param({"restir": True}, id="reuse", marks=pytest.mark.slow),
-])  # fmt: skip
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("lighting", [{}, {"restir": True}], ids=["default", "reuse"])]
 
 
 def radiance(frame):
@@ -33,7 +31,6 @@ def radiance(frame):
 # ---- lamps beside surfaces --------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
     """The file's room is 550 m wide. Its lamp hangs 0.9 m below the ceiling and emits on both sides. At a hundredth of
@@ -65,7 +62,7 @@ def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
     ])  # fmt: skip
 
 
-@pytest.mark.parametrize("gap", [0.01, pytest.param(0.1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("gap", [0.01, 0.1])
 def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
     scene, size, effort = sv.builtin("lamp_gap", gap=gap), (24, 24), Effort(12, 24, 16)
     expected = trace(device, scene, 2048, size, seed=9)
@@ -77,7 +74,6 @@ def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
 # ---- shiny floors -----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_the_sun_on_a_shiny_floor(device, lighting):
     """The frame is as bright as the path tracer's, and so is the indirect light of all balls, and less exactly that of
     the ball over each roughness: what remains of their light without the path tracer's direct light."""

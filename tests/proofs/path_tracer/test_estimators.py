@@ -131,7 +131,7 @@ def test_scaled_scenes_give_the_same_picture(device):
         assert (relative > 0.05).mean() < 0.02
 
 
-@pytest.mark.parametrize("proper", [True, False])
+@pytest.mark.parametrize("proper", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_mirrored_world_and_camera(device, reference, proper):
     """proper: the camera's transform stays a rotation, which flips the picture; otherwise the camera is mirrored too,
     and the picture stays the same."""
