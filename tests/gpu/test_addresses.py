@@ -60,7 +60,7 @@ def compiled(shaders):
 @pytest.mark.parametrize("most", [1, 32])
 def test_modules_stay_valid(shaders, most):
     module = compiled(shaders)
-    spirv, names = access_by_address(module.spirv, module.variables, most)
+    spirv, names = access_by_address(module.spirv, tuple(module.variables.items()), most)
     check_spirv(spirv, "x")
     # a buffer with an atomic operation keeps its descriptor
     assert list(names) == ["copies", "loose", "outputs", "records"][:most]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from functools import lru_cache
 from itertools import count
 from typing import Any
 
@@ -82,12 +81,6 @@ def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
     return max((module.push_constants.itemsize for module in modules if module.push_constants), default=0)
 
 
-@lru_cache(maxsize=128)
-def _by_address(spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int) -> tuple[bytes, tuple[str, ...]]:
-    """`access_by_address`, once for the interfaces that a module is linked to."""
-    return access_by_address(spirv, dict(buffers), most)
-
-
 class Interface:
     """The set layouts and the pipeline layout for a group of modules. bindings: theirs, numbered already."""
 
@@ -155,7 +148,7 @@ class Interface:
             return module.spirv, ()
         buffers = tuple((variable, name) for variable, name in module.variables.items()
                         if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1)  # fmt: skip
-        return _by_address(module.spirv, buffers, self._pushed // ADDRESS_BYTES)
+        return access_by_address(module.spirv, buffers, self._pushed // ADDRESS_BYTES)
 
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""

@@ -12,7 +12,7 @@ function or an atomic operation, stays as it is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -35,23 +35,27 @@ _LOAD, _STORE, _CHAINS, _ARRAY_LENGTH = 61, 62, (65, 66), 68
 _PHYSICAL_ADDRESSES, _PHYSICAL_64, _BLOCK, _OFFSET, _ALIGNED = 5347, 5348, 2, 35, 2
 
 
-def access_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tuple[bytes, tuple[str, ...]]:
+@lru_cache(maxsize=128)
+def access_by_address(
+    spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int
+) -> tuple[bytes, tuple[str, ...]]:  # fmt: skip
     """The module that accesses up to `most` buffers by address, and their names in the order of their addresses in the
     push constants.
 
-    spirv: a module of SPIR-V 1.6 without push constants. buffers: the names of storage buffers by the ids of their
-    variables.
+    spirv: a module of SPIR-V 1.6 without push constants. buffers: the ids of storage buffers' variables, and their
+    names.
     """
+    names = dict(buffers)
     listed = list(instructions(spirv))
     first = next(i for i, words in enumerate(listed) if words[0] & 0xFFFF == OP_FUNCTION)
     declarations, code = listed[:first], listed[first:]
-    chains = _chains(code, set(buffers))
+    chains = _chains(code, set(names))
     elsewhere = set[int]()
     for words in code:
         op = words[0] & 0xFFFF
         if op not in (*_CHAINS, _LOAD, _ARRAY_LENGTH):
             elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1:] if word in chains}
-    roots = sorted({*chains.values()} - elsewhere, key=buffers.__getitem__)[:most]
+    roots = sorted({*chains.values()} - elsewhere, key=names.__getitem__)[:most]
     places = {variable: at for at, variable in enumerate(roots)}
     chains = {chain: root for chain, root in chains.items() if root in places}
     if not places:
@@ -79,7 +83,7 @@ def access_by_address(spirv: bytes, buffers: Mapping[int, str], most: int) -> tu
     header = np.frombuffer(spirv[:20], np.uint32).copy()
     joined = [word for words in (*module.finished(), *made) for word in words]
     header[3] = module.bound
-    return header.tobytes() + np.array(joined, np.uint32).tobytes(), tuple(buffers[variable] for variable in places)
+    return header.tobytes() + np.array(joined, np.uint32).tobytes(), tuple(names[variable] for variable in places)
 
 
 def _words(op: int, *operands: int) -> Words:
