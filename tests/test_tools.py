@@ -8,7 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import solari_vk as sv
@@ -82,18 +81,3 @@ def test_size_measures_another_checkout(tmp_path):
                  "solari_vk.d solari_vk.e", "2 solari_vk/b.py"):  # fmt: skip
         assert line in lines
     assert lines[-1].startswith("tests: 1 test collected")
-
-
-def test_the_bound_of_guided_rays():
-    """Of even light the cosine has no noise, and a histogram little; of light from one side the histogram has less."""
-    bound = runpy.run_path(str(TOOLS / "guiding_bound.py"))
-    even = np.ones((bound["HEIGHT"], 2 * bound["HEIGHT"]))
-    by_cosine, by_half, by_most = bound["relative_variances"](even, even)
-    assert abs(by_cosine) < 0.01
-    assert 0 <= by_half < by_most < 0.1
-    lit = np.where(np.arange(2 * bound["HEIGHT"]) < 20, 1.0, 0.01) * even
-    by_cosine, by_half, _ = bound["relative_variances"](lit, lit)
-    assert by_half < 0.5 * by_cosine
-    assert bound["relative_variances"](lit, lit[:, ::-1])[1] > by_cosine, "what was learned elsewhere is worse"
-    names = [instance.name for instance in bound["door_ajar"]().instances]
-    assert names.count("lamp") == 6
