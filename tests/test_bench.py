@@ -205,6 +205,7 @@ def test_quick_page_of_the_denoiser(lent_device, tmp_path, monkeypatch):
     assert page.read_text().splitlines()[-1] not in before
 
 
+@pytest.mark.slow
 def test_quick_page_of_judged_settings(lent_device, tmp_path):
     """With the settings of the preset errors and their ratio are as before; without the denoiser they rise."""
     page = tmp_path / "page.md"

@@ -38,7 +38,8 @@ def luminance_error(picture, reference):
 
 
 @needs_oidn
-@FIRST_IS_QUICK
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BARS)
 def test_a_denoised_picture_is_near_the_reference(tracer, reference_of, name):
     """Also by its mean, and by that of each sixteenth of the picture."""
     frame = tracer(builtin(name), SIZE, seed=21).render(samples=16, denoise=True)

@@ -103,10 +103,11 @@ def measure_not_finite(device):
         yield Measurement(NOT_FINITE, changed, 0.0, f"of {picture.size} pixels", value)
 
 
-MEASURES = (measure_even_light, measure_areas, measure_motion, measure_changes, measure_noise, measure_not_finite)
+MEASURES = (measure_even_light, measure_motion, measure_changes, measure_noise, measure_not_finite)
 
 
-@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.__name__)
+@pytest.mark.parametrize("measure", [*MEASURES, pytest.param(measure_areas, marks=pytest.mark.slow)],
+                         ids=lambda measure: measure.__name__)  # fmt: skip
 def test_rules_hold(device, measure):
     hold(measure(device))
 

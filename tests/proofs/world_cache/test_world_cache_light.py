@@ -61,7 +61,7 @@ def test_fixed_point(device, changed):
     check_fixed_point(device, **{"warm_up": 24, **changed})
 
 
-@pytest.mark.parametrize("lighting", ["paths", "split"])
+@pytest.mark.parametrize("lighting", ["paths", pytest.param("split", marks=pytest.mark.slow)])
 def test_brief_fixed_point(device, lighting):
     """The control of the seeded bugs."""
     check_fixed_point(device, **BRIEF, lighting=lighting)
