@@ -235,6 +235,7 @@ def test_page_of_times_that_are_given(lent_device, tmp_path, monkeypatch):
     assert main([*given, "--frames", "35"]) == 2
 
 
+@pytest.mark.slow
 def test_page_of_lamps(device, tmp_path, monkeypatch):
     """As many meshes as clusters of one mesh have the same light, with about the same error."""
     monkeypatch.setattr(lamps, "CONVERGED", 64)

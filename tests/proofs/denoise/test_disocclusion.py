@@ -63,8 +63,8 @@ def check_new_pixels(errors, lengths, new):
     assert young / old < BAR
 
 
-@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
-                                  pytest.param("mirror_hall", marks=pytest.mark.slow)])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cornell_box", "sphere_grid", "mirror_hall"])
 def test_what_comes_into_view(device, name):
     """Pixels at the border, and beside objects that the camera passes."""
     errors, lengths, _ = watch(device, name, strafe)

@@ -240,9 +240,8 @@ def test_pixels_of_a_group_share_a_tile(device):
     assert len(set.union(*lit)) > 8  # of 16
 
 
-@pytest.mark.parametrize("measure", [
-    measure_tiles, *(pytest.param(m, marks=pytest.mark.slow) for m in (measure_contribution, measure_noise)),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [measure_tiles, measure_contribution, measure_noise])
 def test_rules_hold(device, measure):
     hold(measure(device))
 

@@ -122,6 +122,7 @@ def emitters(mi, point, spot):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_box_under_point_and_spot_is_mitsubas(device):
     scene = box_with_lamps("point", "spot")
     scene.lights["spot"].update(inner_cone_angle=0.5985, outer_cone_angle=0.6)

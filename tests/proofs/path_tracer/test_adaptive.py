@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+import pytest
+
 import solari_vk as sv
 from solari_vk.scene.builtin import builtin
 
 SIZE = 44, 36
 
 
+@pytest.mark.slow
 def test_pixels_that_catch_up_are_those_of_an_even_picture(device):
     """What pixels took, and in what order, isn't seen: a picture made even has the same bits as one that always was."""
     scene = builtin("sphere_grid")

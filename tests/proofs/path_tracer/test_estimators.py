@@ -71,6 +71,7 @@ def test_light_strategies_agree(device):
     same(brdf, mis, 0.03, "brdf")
 
 
+@pytest.mark.slow
 def test_light_strategies_agree_among_many_lamps(device):
     """Near a lamp the tree chooses it much more often than its power would."""
     places = itertools.product((-1.8, -0.6, 0.6, 1.8), (0.4,), (-1, 0.3, 1.6))

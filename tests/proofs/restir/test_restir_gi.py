@@ -73,9 +73,8 @@ def test_visibility_as_in_solari_loses_light(device, cornell):
     assert error + half_width < -0.03
 
 
-@pytest.mark.parametrize(("temporal", "spatial"), [
-    (False, False), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((True, False), (False, True))),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize(("temporal", "spatial"), [(False, False), (True, False), (False, True)])
 def test_each_reuse_alone_is_unbiased(device, cornell, temporal, spatial):
     scene, expected = cornell
     effort = BRIEF if temporal or spatial else Effort(8, 2, 16)  # without reuse frames are independent
