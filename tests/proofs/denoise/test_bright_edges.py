@@ -89,6 +89,7 @@ def test_error_is_small(case, device):
     assert errors.mean() < bar
 
 
+@pytest.mark.slow
 def test_a_lamp_in_motion(device):
     """The relMSE of a row of pixels across a lamp before a wall that glows, against their exact means: pixels next to
     its edges don't flash when their sample happens to show it."""

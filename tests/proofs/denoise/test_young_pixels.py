@@ -29,6 +29,7 @@ def first_frames(device, samples):
     return np.array(found, np.float64).reshape(SEEDS, *SIZE[::-1], 2)
 
 
+@pytest.mark.slow
 def test_several_paths_keep_the_mean_and_lower_the_noise(device):
     """With several paths the lobes' means are those of one path, and their variances fall."""
     runs = [first_frames(device, samples) for samples in (1, PATHS)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import TILES, WHOLE, each_lighting, measure_frames, settle
+from support.frames import TILES, WHOLE, denoised_first, measure_frames, settle
 from support.measured import hold
 from support.realtime import (
     JITTER_PERIOD,
@@ -77,7 +77,7 @@ def test_light_of_a_cornell_box(device, settings):
     hold(measure_light(device, Effort(12, samples=2048), **settings))
 
 
-@each_lighting
+@denoised_first
 @pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow)])  # many cells
 def test_lights_off(device, name, lighting):
     check_lights_off(device, name, **lighting)
@@ -93,7 +93,7 @@ def test_energy_is_kept_in_a_closed_box(device, walls, settings, effort):
 
 
 @pytest.mark.slow  # these walls, close to lights, have noise with heavy tails
-@each_lighting
+@denoised_first
 @pytest.mark.parametrize("walls", ["plastic", "rough metal", "glossy metal"])
 def test_energy_is_kept_in_a_closed_glossy_box(device, walls, lighting):
     hold(measure_closed_box(device, walls, Effort(16, 24, 24, 256), **lighting))
@@ -112,7 +112,7 @@ BALLS = {
 }  # fmt: skip
 
 
-@each_lighting
+@denoised_first
 @pytest.mark.parametrize(
     "ball", [pytest.param(name, marks=[] if name == "mirror" else [pytest.mark.slow]) for name in BALLS]
 )
@@ -127,7 +127,7 @@ def test_white_furnace(device, ball, lighting):
 
 
 @pytest.mark.slow  # takes over a minute of processor time: tens of thousands of cells and three million paths
-@each_lighting
+@denoised_first
 @pytest.mark.parametrize("name", ["sphere_grid", "mirror_hall"])
 def test_glossy_scenes(device, name, lighting):
     """The denoiser gets a larger picture: it blurs the light of what is few pixels wide."""
@@ -137,7 +137,7 @@ def test_glossy_scenes(device, name, lighting):
 
 
 @pytest.mark.slow
-@each_lighting
+@denoised_first
 def test_an_overfull_cache_shows_no_patches(device, lighting):
     """With more cells than the map holds, no tile loses its light, and no light is added."""
     scene, size = cornell_box(), (64, 64)

@@ -110,6 +110,7 @@ def test_confidence_grows_to_its_cap_and_is_reset(device):
         assert set(np.unique(renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"])) <= {0, 1}
 
 
+@pytest.mark.slow
 def test_reservoirs_name_living_cells_that_hold_their_points(device):
     """After each frame: with the shortest lives, a moving camera, and settings that change."""
     changes = {4: {"gi_refresh": False}, 6: {"gi_refresh": True}, 8: {"world_cache": False}, 9: {"world_cache": True},
