@@ -81,4 +81,4 @@ def _measured(device: Device, triangles: int, parts: int) -> tuple[str, ...]:
         reshaped = device_seconds(device, binder.update)
     binder.destroy()
     mean, half_width = interval(errors)
-    return f"{bound:.2f}", f"{dark:.2f}", f"{moved:.3f}", f"{reshaped:.3f}", f"{mean:.4f} ± {half_width:.4f}"
+    return f"{bound:.3f}", f"{dark:.3f}", f"{moved:.3f}", f"{reshaped:.3f}", f"{mean:.4f} ± {half_width:.4f}"

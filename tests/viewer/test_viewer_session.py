@@ -83,9 +83,8 @@ def calm_down(viewer, modes):
     assert viewer.pictures.size == (160, 120)
 
 
-@pytest.mark.parametrize(("frames", "modes"), [
-    (24, ["reference"]), pytest.param(250, ["split", "realtime"], marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize(("frames", "modes"), [(24, ["reference"]), (250, ["split", "realtime"])])
 def test_random_use_leaves_nothing_behind(open_viewer, held, monkeypatch, tmp_path, frames, modes):
     if modes == ["reference"]:
         monkeypatch.setattr(Pictures, "mode", property(lambda self: "reference", lambda self, mode: None))

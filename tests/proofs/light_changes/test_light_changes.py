@@ -65,7 +65,6 @@ def left_after_dimming(device, to):
     return (light_after(device, scene, change, 20) - to) / (1 - to)
 
 
-@pytest.mark.slow
 def test_a_weak_lamp_that_goes_out(device):
     left = left_after_dimming(device, 0.0)
     assert left[9] < 0.05

@@ -41,9 +41,10 @@ def box_with_lamps(*names):
 # ---- whole frames -----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lighting", [{}, {"denoise": True, "antialiasing": True}, REUSE, SPLIT],
-                         ids=["raw", "denoised", "reuse", "split"])  # fmt: skip
+@pytest.mark.parametrize("lighting", [{}, *(
+    pytest.param(lighting, marks=pytest.mark.slow)
+    for lighting in ({"denoise": True, "antialiasing": True}, REUSE, SPLIT)
+)], ids=["raw", "denoised", "reuse", "split"])  # fmt: skip
 def test_frames_have_the_path_tracers_light(device, lighting):
     """With three lamps, one of which the camera sees."""
     bar, tile_bar = (0.07, 0.25) if lighting == SPLIT else (0.03, 0.15)

@@ -193,6 +193,19 @@ def test_mirrors_show_the_suns_disk(device, mirrors):
     np.testing.assert_allclose(made[inside], expected[inside], rtol=0.01)
 
 
+def test_a_rough_coat_over_a_mirror_is_lit_in_another_mirror(device):
+    """By light samples, since no other ray finds a point light."""
+    coated = Material(base_color=GOLD.base_color, metallic=1.0, perceptual_roughness=0.0, clearcoat=1.0,
+                      clearcoat_roughness=0.5)  # fmt: skip
+    scene = Scene(Instance(mesh=shapes.quad((0, 0, -3), (40, 0, 0), (0, 40, 0)), material=GOLD))
+    scene.add(Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=coated))
+    scene.add(sv.PointLight(position=(0.0, 2.0, -1.0), intensity=50.0))
+    camera = Camera.look_at((0, 1.2, 1), (0, 0.7, -3), vertical_fov=0.3)
+    with sv.PathTracer(device, scene, (48, 48)) as tracer:
+        expected = tracer.render(camera, samples=64)["radiance"].mean()
+    assert show(device, scene, camera).mean() == pytest.approx(expected, rel=0.02)
+
+
 # ---- energy -----------------------------------------------------------------------------------------
 
 

@@ -117,7 +117,6 @@ def glowing(radiance):
     return sv.Material(base_color=0.0, reflectance=0.0, emissive=radiance)
 
 
-@pytest.mark.slow
 def test_what_a_moving_block_uncovers(device):
     """A block that glows moves by 2 pixels a frame for 24 frames in front of a wall with checkers that glow: the share
     of its light that is left where it was 8 frames ago; and relMSE of what it uncovered in 2 frames, over that of the

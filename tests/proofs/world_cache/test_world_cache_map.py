@@ -78,7 +78,8 @@ def test_a_surface_on_a_plane_of_the_grid_has_one_side(device):
     queries["position"][:, 1] = 0.5 + random.uniform(-1e-6, 1e-6, 1000)
     queries["normal"] += random.uniform(-1e-6, 1e-6, (1000, 3)).astype(np.float32)
     with MapFrame(device, 1024, queries) as frame:
-        assert len(set(frame.run()["answers"]["cell"])) == 1
+        (cell,) = set(frame.run()["answers"]["cell"])
+    assert cell != NO_INDEX
 
 
 def test_full_map(device):
