@@ -58,14 +58,15 @@ def glitter(triangles: int, parts: int, light: float = 1.0, seed: int = 3) -> Sc
 
 
 def _measured(device: Device, triangles: int, parts: int) -> tuple[str, ...]:
-    times = []
-    for light in (0.0, 1.0, 0.0, 1.0):
-        binder = SceneBinder(device, scene := glitter(triangles, parts, light))
-        times.append(device_seconds(device, binder.update))
-        if len(times) < 4:
+    def seconds(light: float) -> float:
+        binder = SceneBinder(device, glitter(triangles, parts, light))
+        try:
+            return device_seconds(device, binder.update)
+        finally:
             binder.destroy()
-    dark, bound = min(times[::2]), min(times[1::2])
-    with PathTracer(device, binder, SIZE, max_bounces=2) as tracer:
+
+    dark, bound = np.min([(seconds(0.0), seconds(1.0)) for _ in range(2)], 0)
+    with PathTracer(device, scene := glitter(triangles, parts), SIZE, max_bounces=2) as tracer:
 
         def picture(seed: int, samples: int) -> NDArray[np.float64]:
             tracer.seed = seed
@@ -76,9 +77,8 @@ def _measured(device: Device, triangles: int, parts: int) -> tuple[str, ...]:
 
         lamp = scene.instances["glitter 0"]
         lamp.transform = place(at=(0, 0.01, 0))
-        moved = device_seconds(device, binder.update)
+        moved = device_seconds(device, tracer.binder.update)
         lamp.mesh.positions = 1.001 * lamp.mesh.positions
-        reshaped = device_seconds(device, binder.update)
-    binder.destroy()
+        reshaped = device_seconds(device, tracer.binder.update)
     mean, half_width = interval(errors)
     return f"{bound:.3f}", f"{dark:.3f}", f"{moved:.3f}", f"{reshaped:.3f}", f"{mean:.4f} ± {half_width:.4f}"

@@ -11,7 +11,7 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.gpu.frame.interface import Interface, merge_bindings
+from solari_vk.gpu.frame.interface import Interface, merge_bindings, numbered
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import Module, reflect
 
@@ -62,7 +62,7 @@ def test_numbers_follow_from_names(shaders):
                     .replace("void main", "layout(set = 0, scalar) buffer X { uint at[]; } extra;\nvoid main")
                     .replace("uint i =", "extra.at[0] = 1u; uint i =").replace("vec4 at", "uint at")
                     .replace("textureLod", "uint(textureLod").replace("0.0);", "0.0).x);"))  # fmt: skip
-    merged = merge_bindings([first, second])
+    merged = numbered(merge_bindings([first, second]))
     places = {name: (binding.set, binding.binding) for name, binding in merged.items()}
     assert places == {"lone": (0, 0), "values": (1, 0), "extra": (0, 1), "textures": (0, 2)}
     linked = reflect(Interface.linked(SimpleNamespace(bindings=merged), second))
@@ -156,7 +156,7 @@ def test_buffer_beyond_what_shaders_can_see(device, shaders):
     declared = VALUES + "layout(set = 1, binding = 1, scalar) uniform U { uint value; } u;\n"
     found = module(shaders, "u", declared + "void main() { values.at[0] = u.value; }\n")
     interface = Interface(device, [found])
-    sets = DescriptorSets(interface, [0, 0])
+    sets = DescriptorSets(interface, interface.bindless_counts({}))
     buffer = device.buffer(limit + 16, "large")
     with pytest.raises(SolariError, match=r"u has .* bytes, but this device's shaders see at most"):
         sets.write({"u": buffer})

@@ -71,7 +71,7 @@ def compiling_ahead(
         made = None
         try:
             with Device(device.properties.uuid, validation=False, rays=device.rays, on_compile=None) as other:
-                same = Interface(other, modules, interface.bindings)
+                same = Interface(other, modules, interface.laid_out)
                 sets, users = DescriptorSets(same, counts), Pipelines(other)
                 while (made := take()) is not None:
                     _run_once(users, same, sets, made)

@@ -37,7 +37,7 @@ class DescriptorSets:
         self.counts = list(counts)
         device = interface.device
         sizes: dict[int, int] = {}
-        for binding in interface.bindings.values():
+        for binding in interface.laid_out.values():
             kind = DESCRIPTOR_TYPES[binding.kind]
             sizes[kind] = sizes.get(kind, 0) + (binding.count or counts[binding.set])
         create = raw.struct(

@@ -4,12 +4,16 @@ Set 0 holds the scene, set 1 the resources of passes. Names alone tell bindings 
 the order in which modules first name them, and writes the numbers into the modules (`linked`). An array of combined
 image samplers without a length is bindless: it is partially bound, may be updated after binding, and is as long as the
 number of textures requires.
+
+On software devices, which compile a pipeline for up to seconds and whose limits are high, all frames have the bindings
+of the package's shaders, used or not: so their layouts are the same, and a pipeline of one frame serves the others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from functools import cache
 from itertools import count
 from typing import Any
 
@@ -19,7 +23,8 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address
-from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module, reflect
 from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
 
 SET_COUNT = 2
@@ -40,10 +45,11 @@ _BINDLESS_FLAGS = (
 _HEADER_WORDS = 5  # of a SPIR-V module
 _BINDLESS_LIMIT = 1 << 14  # lavapipe reserves 256 bytes in every set for each descriptor, used or not
 _BINDLESS_MIN = 64
+_LAYOUT = "passes/layout.comp"
 
 
 def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
-    """The bindings of all modules by name, numbered in this order, but bindless arrays last.
+    """The bindings of all modules by name, in this order.
 
     Raises SolariError naming both modules if two of them disagree.
     """
@@ -59,9 +65,29 @@ def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
                 )
             if binding.set >= SET_COUNT:
                 raise SolariError(f"{name} of {module.name} is in set {binding.set}; there are sets 0 and 1")
+    return merged
+
+
+def numbered(bindings: Mapping[str, Binding]) -> dict[str, Binding]:
+    """The bindings, numbered in this order, but bindless arrays last."""
     numbers = [count() for _ in range(SET_COUNT)]
-    ordered = sorted(merged.items(), key=lambda item: item[1].count == 0)
+    ordered = sorted(bindings.items(), key=lambda item: item[1].count == 0)
     return {name: replace(binding, binding=next(numbers[binding.set])) for name, binding in ordered}
+
+
+@cache
+def _of_package() -> dict[str, Binding]:
+    """The bindings that the package's shaders have in common."""
+    return merge_bindings([reflect(compile_shader(_LAYOUT), _LAYOUT)])
+
+
+def _laid_out(device: Device, merged: Mapping[str, Binding]) -> dict[str, Binding]:
+    """What the layouts of a frame with these bindings hold, numbered."""
+    if device.properties.kind != "cpu":
+        return numbered(merged)
+    bindless = {binding.set for binding in merged.values() if binding.count == 0}
+    package = {name: at for name, at in _of_package().items() if at.count or at.set not in bindless}
+    return numbered({**package, **merged})
 
 
 def _shape(binding: Binding) -> dict[str, Any]:
@@ -82,13 +108,18 @@ def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
 
 
 class Interface:
-    """The set layouts and the pipeline layout for a group of modules. bindings: theirs, numbered already."""
+    """The set layouts and the pipeline layout for a group of modules.
+
+    bindings: theirs. laid_out: what the layouts hold, if it has been numbered already.
+    """
 
     def __init__(
-        self, device: Device, modules: Collection[Module], bindings: Mapping[str, Binding] | None = None
+        self, device: Device, modules: Collection[Module], laid_out: Mapping[str, Binding] | None = None
     ) -> None:
         self.device = device
-        self.bindings = merge_bindings(modules) if bindings is None else dict(bindings)
+        merged = merge_bindings(modules)
+        self.laid_out = _laid_out(device, merged) if laid_out is None else laid_out
+        self.bindings = {name: self.laid_out[name] for name in merged}
         self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
         self.bindless_limit = min(
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSampledImages,
@@ -99,7 +130,7 @@ class Interface:
             _BINDLESS_LIMIT,
         )
         self._pushed = pushed = _pushed_bytes(device, modules)
-        self.key = pushed, *((name, at.set, at.binding, at.kind, at.count) for name, at in self.bindings.items())
+        self.key = pushed, *((name, at.set, at.binding, at.kind, at.count) for name, at in self.laid_out.items())
         """Equal for interfaces whose pipelines are the same."""
         handles: list[tuple[str, raw.CData]] = []
 
@@ -156,7 +187,7 @@ class Interface:
         return shapes[0] == shapes[1] and _pushed_bytes(self.device, modules) == self._pushed
 
     def _find_bindless(self, index: int) -> Binding | None:
-        members = [binding for binding in self.bindings.values() if binding.set == index and binding.count == 0]
+        members = [binding for binding in self.laid_out.values() if binding.set == index and binding.count == 0]
         for binding in members:
             if binding.kind != "combined_image_sampler" or binding is not members[0]:
                 raise SolariError(
@@ -167,7 +198,7 @@ class Interface:
 
     def _make_layout(self, index: int) -> raw.CData:
         bindless = self._bindless[index]
-        members = [binding for binding in self.bindings.values() if binding.set == index]
+        members = [binding for binding in self.laid_out.values() if binding.set == index]
         flags = raw.struct(
             "VkDescriptorSetLayoutBindingFlagsCreateInfo",
             bindingCount=len(members),
@@ -195,7 +226,7 @@ class Interface:
         """The number of descriptors for each set's bindless array, with room to grow; 0 without such an array."""
         counts = []
         for binding in self._bindless:
-            needed = len(resources.get(binding.name, ())) if binding else 0
+            needed = len(resources.get(binding.name, ())) if binding and binding.name in self.bindings else 0
             if needed > self.bindless_limit:
                 raise SolariError(
                     f"the scene has {needed:,} textures, but this device supports at most "
