@@ -116,6 +116,7 @@ def check_mean(device, **settings):
     return [measure_mean(MEAN, half, whole.mean(axis=0), 0.005, effort), measure_significance(TILES, half, whole)]
 
 
+@pytest.mark.slow
 def test_half_of_the_paths_have_the_same_mean(device):
     hold(check_mean(device))
 

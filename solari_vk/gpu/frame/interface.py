@@ -87,7 +87,7 @@ def _laid_out(device: Device, merged: Mapping[str, Binding]) -> dict[str, Bindin
         return numbered(merged)
     bindless = {binding.set for binding in merged.values() if binding.count == 0}
     package = {name: at for name, at in _of_package().items() if at.count or at.set not in bindless}
-    return numbered({**package, **merged})
+    return numbered({**package, **dict(sorted(merged.items()))})
 
 
 def _shape(binding: Binding) -> dict[str, Any]:

@@ -94,28 +94,30 @@ def test_the_estimated_error_is_calibrated(device, name, samples):
         assert within[1] == pytest.approx(0.95, abs=0.05)
 
 
-def means_of_lobes(device, scene, size):
+def means_of_lobes(device, scene, size, runs=1):
     """The means of 32 denoised frames after 48, of each lobe, and those of raw frames: two arrays (2, h, w, 3). Light
     that few paths find comes back as the history grows."""
-    means = []
+    means = np.zeros((2, 2, *size[::-1], 3))
     with make(device, scene, size) as renderer:
-        for renderer.settings.denoise in (True, False):
-            renderer.reset()
-            settle(renderer, scene.camera, 48)
-            sums = np.zeros((2, *size[::-1], 3))
-            for _ in range(JITTER_PERIOD):
-                frame = renderer.render()
-                sums += [read(frame, name) for name in LOBES]
-            means.append(sums / JITTER_PERIOD)
-    return means
+        for seed in range(runs):
+            renderer.seed = seed
+            for renderer.settings.denoise, sums in zip((True, False), means, strict=True):
+                renderer.reset()
+                settle(renderer, scene.camera, 48)
+                for _ in range(JITTER_PERIOD):
+                    frame = renderer.render()
+                    sums += [read(frame, name) for name in LOBES]
+    return means / (runs * JITTER_PERIOD)
 
 
-@pytest.mark.parametrize("name", [
-    "cornell_box", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sphere_grid", "mirror_hall")),
+@pytest.mark.parametrize(("name", "runs"), [
+    ("cornell_box", 1), pytest.param("sphere_grid", 8, marks=pytest.mark.slow),
+    pytest.param("mirror_hall", 1, marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_means_are_those_of_the_raw_frames(device, name):
-    """The picture, its lobes and its tiles have the means of the same raw frames."""
-    found, raw = means_of_lobes(device, builtin(name), (64, 64))
+def test_means_are_those_of_the_raw_frames(device, name, runs):
+    """The picture, its lobes and its tiles have the means of the same raw frames. runs: of the tile of sphere_grid with
+    the spheres' caustics one run has a standard error of 3.6 %."""
+    found, raw = means_of_lobes(device, builtin(name), (64, 64), runs)
     lobes = np.abs(found.sum(axis=(1, 2, 3)) / raw.sum(axis=(1, 2, 3)) - 1).max()
     ours, theirs = (sixteenths(picture.sum(axis=0)).mean(axis=-1) for picture in (found, raw))
     tiles = np.abs(ours / theirs - 1).max()

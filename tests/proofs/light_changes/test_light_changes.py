@@ -57,12 +57,12 @@ def light_after(device, scene, change, frames, seeds=SEEDS):
     return found
 
 
-def left_after_dimming(device, to):
+def left_after_dimming(device, to, seeds=SEEDS):
     """The share of the dim room's superfluous light that is left in frames 1 to 20 after its lamp was dimmed to a
     share of its light: 0 when the frame is right, 1 when it is as before. (20,)"""
     scene, light = two_rooms()
     change = lambda step: light.material.update(emissive=np.full(3, to if step else 1.0))  # noqa: E731
-    return (light_after(device, scene, change, 20) - to) / (1 - to)
+    return (light_after(device, scene, change, 20, seeds) - to) / (1 - to)
 
 
 def test_a_weak_lamp_that_goes_out(device):
@@ -73,7 +73,8 @@ def test_a_weak_lamp_that_goes_out(device):
 
 @pytest.mark.slow
 def test_a_weak_lamp_that_is_dimmed(device):
-    left = left_after_dimming(device, 0.5)
+    """With one seed a frame's share has a standard error of 0.17."""
+    left = left_after_dimming(device, 0.5, range(50, 74))
     assert abs(left[:10]).max() < 0.2
     assert abs(left[:10].mean()) < 0.1
 

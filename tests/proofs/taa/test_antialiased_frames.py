@@ -54,6 +54,7 @@ def settled(device, upscale=1):
         return read(frame), read(frame, "sample_radiance")
 
 
+@pytest.mark.slow
 def test_a_single_frame_has_no_aliasing(device, references):
     """Measured: 0.0032, and 0.051 of a single denoised frame without antialiasing, most of it from aliasing."""
     picture, samples = settled(device)
