@@ -168,6 +168,7 @@ def reached(path: Path) -> set[Path]:
 TRACE = GLSL / "scene" / "trace.glsl"
 ENTRY_POINTS = [path for path in SHADERS if path.suffix in STAGES]
 SUITE = GLSL / "passes" / "conformance"
+LAYOUT = GLSL / "passes" / "layout.comp"  # declares what others bind
 GIVEN = ("transforms", "cameras", "views", "views_ball", "vertices", "bounds", "texels", "smaller_level", "materials")
 KERNELS = {"scene/deform.comp", *(f"scene/given/{name}.comp" for name in GIVEN)}
 """Run outside of frames, and write by address: gpu/frame/kernel.py."""
@@ -193,7 +194,7 @@ def test_only_trace_names_ray_queries():
 
 @pytest.mark.parametrize("path", ENTRY_POINTS, ids=lambda path: str(path.relative_to(GLSL)))
 def test_passes_reach_trace_only_if_they_trace(path):
-    if SUITE not in path.parents:
+    if SUITE not in path.parents and path != LAYOUT:
         name = path.relative_to(GLSL).as_posix()
         used = set(reflect(compile_shader(name), name, writes_by_address=name in KERNELS).main.uses)
         assert (TRACE in reached(path)) == bool(used & {"tlas", "world_structures"})
@@ -253,8 +254,8 @@ def test_no_machine_is_named():
 
 def test_the_denoiser_has_one_door():
     """Other shaders know the functions of its api.glsl, and not how its buffers are packed."""
-    inside, declaring = GLSL / "passes" / "denoise", GLSL / "passes" / "layout.comp"
-    outside = [path for path in SHADERS if inside not in path.parents and path != declaring]
+    inside = GLSL / "passes" / "denoise"
+    outside = [path for path in SHADERS if inside not in path.parents and path != LAYOUT]
     others = {path: path.read_text(encoding="utf-8") for path in outside}
     used = {name for text in others.values() for name in re.findall(r'"passes/denoise/(\w+)\.glsl"', text)}
     assert used == {"api"}

@@ -20,5 +20,6 @@
 #include "passes/world_cache/bindings.glsl"
 #include "scene/bindings.glsl"
 #include "scene/brdf_table.glsl"
+#include "scene/trace.glsl"
 
 void main() {}
