@@ -26,7 +26,7 @@ NO_COMPILER = {"SOLARI_VK_SHADERC": os.devnull, "PATH": "", "SOLARI_VK_CACHE": "
 PAGES = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"]
 PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "LICENSE", *PAGES]
 # Shaders without rays, with trace.glsl, with features of scenes, and with ray queries of their own.
-FEW = re.compile(r"scene/|passes/(bare_rays/|display/|conformance/trace\.comp)")
+FEW = re.compile(r"scene/|passes/(layout\.comp|bare_rays/|display/|conformance/trace\.comp)")
 
 # Later Pythons ask for a filter, which Python 3.11.2 of Debian 12 doesn't know yet.
 SAFELY = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}

@@ -1,5 +1,5 @@
-// Declares what shaders of the package bind in common and computes nothing: software devices number the bindings of
-// every frame as they stand here (solari_vk/gpu/frame/interface.py), so that frames share pipelines.
+// Declares what the package's shaders bind, and computes nothing. On software devices the descriptor layouts of all
+// frames hold these bindings, numbered by name (solari_vk/gpu/frame/interface.py), so that frames share pipelines.
 #version 460
 #include "generated/bound/lights/light_kinds.glsl"
 #include "passes/denoise/alternate_history.glsl"

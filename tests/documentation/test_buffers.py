@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from solari_vk.errors import ValidationError
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 
 ROOT = Path(__file__).resolve().parents[2]
 BUFFERS = runpy.run_path(str(ROOT / "tools/buffers.py"))
@@ -65,6 +67,14 @@ def test_missing_barriers_are_noticed(frames, bound_device):
             without = [*frame._barriers[:number], None, *frame._barriers[number + 1 :]]
             with pytest.raises(ValidationError, match="SYNC-HAZARD"):
                 check_barriers(bound_device, frame, without)
+
+
+def test_the_common_layout_has_what_frames_bind(frames):
+    """All but an attachment, what the path tracer's shader declares, and what frames of many views alone bind."""
+    used = {name for _, rows in frames for row in rows for name in (*row.reads, *row.writes)}
+    many = {"views", "world_structures", "world_changes", "world_cache_worlds"}
+    common = reflect(compile_shader("passes/layout.comp")).bindings
+    assert used - common.keys() == {"raster_depth", "sample_ranges", *many}
 
 
 def test_docstrings_of_stages_name_inputs_and_outputs(accessed):

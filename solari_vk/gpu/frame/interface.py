@@ -5,8 +5,9 @@ the order in which modules first name them, and writes the numbers into the modu
 image samplers without a length is bindless: it is partially bound, may be updated after binding, and is as long as the
 number of textures requires.
 
-On software devices, which compile a pipeline for up to seconds and whose limits are high, all frames have the bindings
-of the package's shaders, used or not: so their layouts are the same, and a pipeline of one frame serves the others.
+Software devices take up to seconds to compile a pipeline, and their limits are high. There a frame's layouts also hold
+what passes/layout.comp declares, first and numbered by name (`shared_layout`): so frames whose shaders declare nothing
+else have the same layouts, but for a bindless array, and a pipeline of one frame serves the others.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ _LAYOUT = "passes/layout.comp"
 
 
 def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
-    """The bindings of all modules by name, in this order.
+    """The bindings of all modules by name, in the order in which modules name them, with the numbers of the shaders.
 
     Raises SolariError naming both modules if two of them disagree.
     """
@@ -69,7 +70,7 @@ def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
 
 
 def numbered(bindings: Mapping[str, Binding]) -> dict[str, Binding]:
-    """The bindings, numbered in this order, but bindless arrays last."""
+    """The bindings, in each set numbered from 0 in this order, but bindless arrays last."""
     numbers = [count() for _ in range(SET_COUNT)]
     ordered = sorted(bindings.items(), key=lambda item: item[1].count == 0)
     return {name: replace(binding, binding=next(numbers[binding.set])) for name, binding in ordered}
@@ -77,17 +78,17 @@ def numbered(bindings: Mapping[str, Binding]) -> dict[str, Binding]:
 
 @cache
 def _of_package() -> dict[str, Binding]:
-    """The bindings that the package's shaders have in common."""
-    return merge_bindings([reflect(compile_shader(_LAYOUT), _LAYOUT)])
+    """The bindings that passes/layout.comp declares, as it is at the first call, but the bindless array: with it
+    lavapipe's sets take megabytes."""
+    declared = merge_bindings([reflect(compile_shader(_LAYOUT), _LAYOUT)])
+    return {name: binding for name, binding in declared.items() if binding.count}
 
 
-def _laid_out(device: Device, merged: Mapping[str, Binding]) -> dict[str, Binding]:
+def shared_layout(device: Device, merged: Mapping[str, Binding]) -> dict[str, Binding]:
     """What the layouts of a frame with these bindings hold, numbered."""
     if device.properties.kind != "cpu":
         return numbered(merged)
-    bindless = {binding.set for binding in merged.values() if binding.count == 0}
-    package = {name: at for name, at in _of_package().items() if at.count or at.set not in bindless}
-    return numbered({**package, **dict(sorted(merged.items()))})
+    return numbered({**_of_package(), **dict(sorted(merged.items()))})
 
 
 def _shape(binding: Binding) -> dict[str, Any]:
@@ -110,7 +111,7 @@ def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
 class Interface:
     """The set layouts and the pipeline layout for a group of modules.
 
-    bindings: theirs. laid_out: what the layouts hold, if it has been numbered already.
+    laid_out: the numbered bindings that the layouts hold, of which the modules need not have all; by default theirs.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class Interface:
     ) -> None:
         self.device = device
         merged = merge_bindings(modules)
-        self.laid_out = _laid_out(device, merged) if laid_out is None else laid_out
+        self.laid_out = numbered(merged) if laid_out is None else laid_out
         self.bindings = {name: self.laid_out[name] for name in merged}
         self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
         self.bindless_limit = min(
@@ -226,7 +227,7 @@ class Interface:
         """The number of descriptors for each set's bindless array, with room to grow; 0 without such an array."""
         counts = []
         for binding in self._bindless:
-            needed = len(resources.get(binding.name, ())) if binding and binding.name in self.bindings else 0
+            needed = len(resources.get(binding.name, ())) if binding else 0
             if needed > self.bindless_limit:
                 raise SolariError(
                     f"the scene has {needed:,} textures, but this device supports at most "

@@ -12,7 +12,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
 from solari_vk.gpu.frame.graphics import Targets
 from solari_vk.gpu.frame.hazards import Accesses, Masks
-from solari_vk.gpu.frame.interface import Interface, merge_bindings
+from solari_vk.gpu.frame.interface import Interface, merge_bindings, shared_layout
 from solari_vk.gpu.frame.pipelines import Pipeline, PipelineInfo, PipelineKey, Pipelines
 from solari_vk.gpu.frame.raster import check_draw
 from solari_vk.gpu.frame.ray_pipelines import RayGroups, check_launch
@@ -155,7 +155,7 @@ class ProgramBuilder:
         if old is not None and old.interface.fits(merged, modules.values()):
             interface = old.interface
         else:
-            interface = Interface(self._device, list(modules.values()))
+            interface = Interface(self._device, list(modules.values()), shared_layout(self._device, merged))
         program = Program(interface, [], dict(modules), set())
         try:
             named = _named(items)

@@ -161,7 +161,7 @@ MANY_VIEWS = "#define MANY_VIEWS"  # the header of shaders for many views: glsl/
 _VIEWS = "passes/views.glsl"
 # What draws, looks at or measures one picture.
 _FOR_ONE_VIEW = re.compile(
-    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view)"
+    r"passes/(layout\.comp|solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view)"
 )
 
 
