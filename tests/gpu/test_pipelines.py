@@ -23,6 +23,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.kept import Kept
 from solari_vk.gpu.frame import compile_ahead, pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, RayPass, Stage
+from solari_vk.gpu.frame.interface import shared_layout
 from solari_vk.gpu.frame.slot import Slot
 from solari_vk.gpu.shaders import shaderc
 
@@ -74,6 +75,7 @@ def test_shaders_are_compiled_and_pipelines_created_at_the_same_time(own_device,
         threads.add(threading.get_ident())
         return real(*arguments)
 
+    shared_layout(own_device, {})  # on software devices the first frame of a process compiles it, too
     monkeypatch.setattr(shaderc, "compile_source", compile_together)
     watch(own_device, monkeypatch, create)
     assert results(own_device, stage, shaders) == EXPECTED
