@@ -48,11 +48,12 @@ def test_a_device_names_ray_pipelines(any_device):
 
 
 def test_an_error_ends_the_list():
+    """At once, though the error keeps the comprehension and what it goes through."""
     seen: list[Compiling] = []
 
     def fail() -> None:
-        for item in announced(seen.append, "shaders", ["a", "b"], [1, 0]):
-            1 // item
+        with announced(seen.append, "shaders", ["a", "b"], [1, 0]) as items:
+            [1 // item for item in items]
 
     with pytest.raises(ZeroDivisionError):
         fail()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -32,13 +33,20 @@ class Compiling:
 OnCompile = Callable[[Compiling], object]
 
 
-def announced(on_compile: OnCompile | None, what: str, names: Sequence[str], items: Sequence[T]) -> Iterator[T]:
-    """The items, each after its name was announced; at the end, or after an error, that all are done."""
-    try:
+@contextmanager
+def announced(
+    on_compile: OnCompile | None, what: str, names: Sequence[str], items: Sequence[T]
+) -> Iterator[Iterator[T]]:  # fmt: skip
+    """A context with the items, each after its name was announced; at its end, also by an error, that all are done."""
+
+    def each() -> Iterator[T]:
         for done, (name, item) in enumerate(zip(names, items, strict=True)):
             if on_compile is not None:
                 on_compile(Compiling(what, done, len(items), name))
             yield item
+
+    try:
+        yield each()
     finally:
         if on_compile is not None and items:
             on_compile(Compiling(what, len(items), len(items), ""))

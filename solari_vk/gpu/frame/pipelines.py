@@ -146,8 +146,9 @@ class Pipelines:
             for key, (_, create) in missing.items():
                 futures[key] = threads.submit(create)
             names = [item.name for item, _ in missing.values()]
-            for future in announced(self._device.on_compile, "pipelines", names, list(futures.values())):
-                wait([future])
+            with announced(self._device.on_compile, "pipelines", names, list(futures.values())) as items:
+                for future in items:
+                    wait([future])
         finally:  # after Ctrl-C too, because the threads use the shader modules
             threads.shutdown(cancel_futures=True)
             done = [(key, future) for key, future in futures.items() if not future.cancelled()]

@@ -153,9 +153,12 @@ class Slot:
         # The smallest first, so that a viewer can show something between two of them.
         order = sorted(new, key=lambda made: len(made.info.modules[0].spirv))
         interface, modules = self._program.interface, self._program.modules.values()
-        with compiling_ahead(interface, modules, self._sets.counts, order) as wait_for:
-            names = [new[pipeline] for pipeline in order]
-            for pipeline in announced(self._device.on_compile, "machine code", names, order):
+        names = [new[pipeline] for pipeline in order]
+        with (
+            compiling_ahead(interface, modules, self._sets.counts, order) as wait_for,
+            announced(self._device.on_compile, "machine code", names, order) as items,
+        ):
+            for pipeline in items:
                 wait_for(pipeline)
                 empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), new[pipeline])
                 try:

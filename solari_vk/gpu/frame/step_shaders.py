@@ -56,7 +56,8 @@ class Modules(dict[ModuleKey, Module]):
         with ThreadPoolExecutor(os.cpu_count()) as threads:
             waiting = [threads.submit(self._spirv, key) for key in keys]
             names = [path for path, _ in keys]
-            compiled = [made.result() for made in announced(self._device.on_compile, "shaders", names, waiting)]
+            with announced(self._device.on_compile, "shaders", names, waiting) as items:
+                compiled = [made.result() for made in items]
         for key, spirv in zip(keys, compiled, strict=True):
             known = self._old.get(key)
             self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
