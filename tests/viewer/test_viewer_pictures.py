@@ -59,7 +59,7 @@ def test_the_realtime_picture_has_the_windows_size(show):
 
 
 def test_raw_denoised_and_reference_side_by_side(show):
-    viewer = show("split", 0.5, frames=12)
+    viewer = show("split", 0.5, frames=24)
     pictures = viewer.pictures
     middle = (1 - STRIP) / 2
     assert pictures.columns() == {"raw": (0, middle), "denoised": (middle, 1 - middle), "reference": (1 - middle, 1)}
