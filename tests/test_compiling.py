@@ -48,7 +48,7 @@ def test_a_device_names_ray_pipelines(any_device):
 
 
 def test_an_error_ends_the_list():
-    """At once, though the error keeps the comprehension and what it goes through."""
+    """At once, though the error's traceback keeps the comprehension, and with it the iterator over the items."""
     seen: list[Compiling] = []
 
     def fail() -> None:

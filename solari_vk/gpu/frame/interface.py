@@ -78,8 +78,8 @@ def numbered(bindings: Mapping[str, Binding]) -> dict[str, Binding]:
 
 @cache
 def _of_package() -> dict[str, Binding]:
-    """The bindings that passes/layout.comp declares, as it is at the first call, but the bindless array: with it
-    lavapipe's sets take megabytes."""
+    """The bindings that passes/layout.comp declares, as it is at the first call, without the bindless array, for which
+    each set of lavapipe takes megabytes."""
     declared = merge_bindings([reflect(compile_shader(_LAYOUT), _LAYOUT)])
     return {name: binding for name, binding in declared.items() if binding.count}
 
@@ -111,16 +111,17 @@ def _pushed_bytes(device: Device, modules: Iterable[Module]) -> int:
 class Interface:
     """The set layouts and the pipeline layout for a group of modules.
 
-    laid_out: the numbered bindings that the layouts hold, of which the modules need not have all; by default theirs.
+    laid_out: the numbered bindings that the layouts hold, of which the modules need not have all; by default those
+    of the modules.
     """
 
     def __init__(
         self, device: Device, modules: Collection[Module], laid_out: Mapping[str, Binding] | None = None
     ) -> None:
         self.device = device
-        merged = merge_bindings(modules)
-        self.laid_out = numbered(merged) if laid_out is None else laid_out
-        self.bindings = {name: self.laid_out[name] for name in merged}
+        self.laid_out = numbered(merge_bindings(modules)) if laid_out is None else laid_out
+        names = dict.fromkeys(name for module in modules for name in module.bindings)
+        self.bindings = {name: self.laid_out[name] for name in names}
         self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
         self.bindless_limit = min(
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSampledImages,

@@ -159,9 +159,10 @@ _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for o
 
 MANY_VIEWS = "#define MANY_VIEWS"  # the header of shaders for many views: glsl/passes/views.glsl
 _VIEWS = "passes/views.glsl"
-# What draws, looks at or measures one picture.
+# What draws, looks at or measures one picture, and the layout, which is read as it is for one view.
 _FOR_ONE_VIEW = re.compile(
-    r"passes/(layout\.comp|solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view)"
+    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view|"
+    r"layout\.comp)"
 )
 
 
