@@ -25,7 +25,7 @@ class ShaderBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         glsl = Path(self.root) / "glsl"
         if version == "editable" or not glsl.is_dir():
             return
-        compiler, errors = self._modules("gpu.shaders.compiler", "errors")
+        compiler, errors = self._modules("gpu.shaders.compiler", "base.errors")
         os.environ["SOLARI_VK_CACHE"] = "off"
         try:
             count = len(compiler.build_all(glsl, glsl))

@@ -14,164 +14,172 @@ Names are imported on first use, so that importing the package is fast and needs
 
 from __future__ import annotations
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0"
 
-_HOMES = {
-    "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
-    "gpu.device.device": ("Device", "list_devices"),
-    "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
-    "scene.animation.clip": ("Animation",),
-    "scene.animation.keyframes": ("Channel",),
-    "scene.deformation": ("Deformation",),
-    "scene.animation.rig": ("Rig",),
-    "scene.matrices": ("euler",),
-    "scene.model": (
-        "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
-    ),
-    "scene.lights.portal": ("Portal",),
-    "scene.lights.profile": ("LightProfile",),
-    "scene.lights.punctual": ("PointLight", "SpotLight"),
-    "bound.binder": ("SceneBinder",),
-    "scene.gltf": ("load_gltf",),
-    "scene.group": ("Group",),
-    "scene.load": ("load",),
-    "scene.camera_rig": ("CameraRig",),
-    "scene.colmap": ("ColmapImage", "load_colmap", "save_colmap"),
-    "scene.opening": ("open",),
-    "scene.builtin": ("builtin",),
-    "scene.lights.sky": ("Sky",),
-    "scene.lights.temperature": ("kelvin",),
-    "scene.labels": ("label_instances",),
-    "scene.shutter": ("Shutter",),
-    "scene.studio": ("studio_lights",),
-    "annotate.bop": ("BopWriter",),
-    "annotate.boxes": ("Box3D", "boxes_3d"),
-    "annotate.keypoints": ("Keypoint", "keypoints"),
-    "annotate.optical_flow": ("Flow", "optical_flow"),
-    "annotate.silhouettes": ("Silhouette", "silhouettes"),
-    "bands": ("render_large",),
-    "output.annotations": ("Annotations", "instance_table"),
-    "batch": ("Batch",),
-    "output.compare": ("Difference", "compare"),
-    "output.kitti": ("save_kitti_disparity", "save_kitti_flow"),
-    "output.movie": ("save_video",),
-    "output.picture": ("check_output", "save_image"),
-    "output.shards": ("save_shards",),
-    "output.tone_mapping": ("auto_exposure", "encode_picture", "tonemap"),
-    "reference": ("PathTracer",),
-    "randomize.randomizer": ("Randomizer",),
-    "rendered": ("RenderedFrame",),
-    "renderer": ("Renderer",),
-    "sensors.lidar": ("Lidar",),
-    "sensors.lidar_scan": ("LidarScan",),
-    "sensors.sensor": ("Sensor",),
-    "sensors.structured_light": ("StructuredLightCamera",),
-    "sensors.time_of_flight": ("DepthImage", "TimeOfFlightCamera"),
-    "settings": ("Settings",),
-    "frame": ("SceneFrame",),
-    "light_meter": ("illuminance",),
-    "tracer": ("RayTracer",),
-    "cluster.views": ("Views",),
-    "viewer.app": ("Viewer",),
-}
-_MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": "scene.shapes"}
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
-
-__all__ = [
-    "Animation", "Annotations", "Batch", "BopWriter", "Box3D", "CallbackError", "Camera", "CameraRig", "Channel",
-    "ColmapImage", "Deformation", "DepthImage", "Device", "DeviceError", "Difference", "DirectionalLight",
-    "Environment", "Flow", "Frame", "Group", "HitGroup", "Instance", "Keypoint", "Lidar", "LidarScan", "LightProfile",
-    "Material", "Mesh", "Pass", "PathTracer", "PointLight", "Portal", "Randomizer", "RayPass", "RayTracer",
-    "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Sensor", "Settings", "Shutter",
-    "Silhouette", "Sky", "SolariError", "SpotLight", "Stage", "StructuredLightCamera", "Texture", "TextureImage",
-    "TimeOfFlightCamera", "ValidationError", "Viewer", "Views", "__version__", "auto_exposure", "boxes_3d", "builtin",
-    "check_output", "cluster", "compare", "encode_picture", "euler", "illuminance", "instance_table", "kelvin",
-    "keypoints", "label_instances", "list_devices", "load", "load_colmap", "load_gltf", "notebook", "open",
-    "optical_flow", "render_large", "rt", "save_colmap", "save_image", "save_kitti_disparity", "save_kitti_flow",
-    "save_shards", "save_video", "shapes", "silhouettes", "studio_lights", "tonemap",
-]  # fmt: skip
-
+# The public names, and the modules that define them: read by type checkers, and by `_homes` when a name is first used.
 if TYPE_CHECKING:
-    from solari_vk import cluster, notebook, rt
-    from solari_vk.annotate.bop import BopWriter
-    from solari_vk.annotate.boxes import Box3D, boxes_3d
-    from solari_vk.annotate.keypoints import Keypoint, keypoints
-    from solari_vk.annotate.optical_flow import Flow, optical_flow
-    from solari_vk.annotate.silhouettes import Silhouette, silhouettes
-    from solari_vk.bands import render_large
-    from solari_vk.batch import Batch
-    from solari_vk.bound.binder import SceneBinder
-    from solari_vk.cluster.views import Views
-    from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
-    from solari_vk.frame import SceneFrame
-    from solari_vk.gpu.device.device import Device, list_devices
-    from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
-    from solari_vk.light_meter import illuminance
-    from solari_vk.output.annotations import Annotations, instance_table
-    from solari_vk.output.compare import Difference, compare
-    from solari_vk.output.kitti import save_kitti_disparity, save_kitti_flow
-    from solari_vk.output.movie import save_video
-    from solari_vk.output.picture import check_output, save_image
-    from solari_vk.output.shards import save_shards
-    from solari_vk.output.tone_mapping import auto_exposure, encode_picture, tonemap
-    from solari_vk.randomize.randomizer import Randomizer
-    from solari_vk.reference import PathTracer
-    from solari_vk.rendered import RenderedFrame
-    from solari_vk.renderer import Renderer
-    from solari_vk.scene import shapes
-    from solari_vk.scene.animation.clip import Animation
-    from solari_vk.scene.animation.keyframes import Channel
-    from solari_vk.scene.animation.rig import Rig
-    from solari_vk.scene.builtin import builtin
-    from solari_vk.scene.camera_rig import CameraRig
-    from solari_vk.scene.colmap import ColmapImage, load_colmap, save_colmap
-    from solari_vk.scene.deformation import Deformation
-    from solari_vk.scene.gltf import load_gltf
-    from solari_vk.scene.group import Group
-    from solari_vk.scene.labels import label_instances
-    from solari_vk.scene.lights.portal import Portal
-    from solari_vk.scene.lights.profile import LightProfile
-    from solari_vk.scene.lights.punctual import PointLight, SpotLight
-    from solari_vk.scene.lights.sky import Sky
-    from solari_vk.scene.lights.temperature import kelvin
-    from solari_vk.scene.load import load
-    from solari_vk.scene.matrices import euler
-    from solari_vk.scene.model import (
-        Camera,
-        DirectionalLight,
-        Environment,
-        Instance,
-        Material,
-        Mesh,
-        Scene,
-        Texture,
-        TextureImage,
+    from solari_vk.base.errors import (
+        CallbackError as CallbackError,
     )
-    from solari_vk.scene.opening import open
-    from solari_vk.scene.shutter import Shutter
-    from solari_vk.scene.studio import studio_lights
-    from solari_vk.sensors.lidar import Lidar
-    from solari_vk.sensors.lidar_scan import LidarScan
-    from solari_vk.sensors.sensor import Sensor
-    from solari_vk.sensors.structured_light import StructuredLightCamera
-    from solari_vk.sensors.time_of_flight import DepthImage, TimeOfFlightCamera
-    from solari_vk.settings import Settings
-    from solari_vk.tracer import RayTracer
-    from solari_vk.viewer.app import Viewer
+    from solari_vk.base.errors import (
+        DeviceError as DeviceError,
+    )
+    from solari_vk.base.errors import (
+        SolariError as SolariError,
+    )
+    from solari_vk.base.errors import (
+        ValidationError as ValidationError,
+    )
+    from solari_vk.batch.batch import Batch as Batch
+    from solari_vk.bound.binder import SceneBinder as SceneBinder
+    from solari_vk.data import cluster as cluster
+    from solari_vk.data.annotate.bop import BopWriter as BopWriter
+    from solari_vk.data.annotate.boxes import Box3D as Box3D
+    from solari_vk.data.annotate.boxes import boxes_3d as boxes_3d
+    from solari_vk.data.annotate.keypoints import Keypoint as Keypoint
+    from solari_vk.data.annotate.keypoints import keypoints as keypoints
+    from solari_vk.data.annotate.optical_flow import Flow as Flow
+    from solari_vk.data.annotate.optical_flow import optical_flow as optical_flow
+    from solari_vk.data.annotate.silhouettes import Silhouette as Silhouette
+    from solari_vk.data.annotate.silhouettes import silhouettes as silhouettes
+    from solari_vk.data.datasets.views import Views as Views
+    from solari_vk.data.randomize.randomizer import Randomizer as Randomizer
+    from solari_vk.data.sensors.lidar import Lidar as Lidar
+    from solari_vk.data.sensors.lidar_scan import LidarScan as LidarScan
+    from solari_vk.data.sensors.sensor import Sensor as Sensor
+    from solari_vk.data.sensors.structured_light import StructuredLightCamera as StructuredLightCamera
+    from solari_vk.data.sensors.time_of_flight import DepthImage as DepthImage
+    from solari_vk.data.sensors.time_of_flight import TimeOfFlightCamera as TimeOfFlightCamera
+    from solari_vk.gpu.device.device import Device as Device
+    from solari_vk.gpu.device.device import list_devices as list_devices
+    from solari_vk.gpu.frame.frame import (
+        Frame as Frame,
+    )
+    from solari_vk.gpu.frame.frame import (
+        HitGroup as HitGroup,
+    )
+    from solari_vk.gpu.frame.frame import (
+        Pass as Pass,
+    )
+    from solari_vk.gpu.frame.frame import (
+        RayPass as RayPass,
+    )
+    from solari_vk.gpu.frame.frame import (
+        Stage as Stage,
+    )
+    from solari_vk.output.annotations import Annotations as Annotations
+    from solari_vk.output.annotations import instance_table as instance_table
+    from solari_vk.output.compare import Difference as Difference
+    from solari_vk.output.compare import compare as compare
+    from solari_vk.output.kitti import save_kitti_disparity as save_kitti_disparity
+    from solari_vk.output.kitti import save_kitti_flow as save_kitti_flow
+    from solari_vk.output.movie import save_video as save_video
+    from solari_vk.output.picture import check_output as check_output
+    from solari_vk.output.picture import save_image as save_image
+    from solari_vk.output.shards import save_shards as save_shards
+    from solari_vk.output.tone_mapping import (
+        auto_exposure as auto_exposure,
+    )
+    from solari_vk.output.tone_mapping import (
+        encode_picture as encode_picture,
+    )
+    from solari_vk.output.tone_mapping import (
+        tonemap as tonemap,
+    )
+    from solari_vk.renderers import rt as rt
+    from solari_vk.renderers.bands import render_large as render_large
+    from solari_vk.renderers.light_meter import illuminance as illuminance
+    from solari_vk.renderers.path_tracer import PathTracer as PathTracer
+    from solari_vk.renderers.ray_tracer import RayTracer as RayTracer
+    from solari_vk.renderers.rendered_frame import RenderedFrame as RenderedFrame
+    from solari_vk.renderers.renderer import Renderer as Renderer
+    from solari_vk.renderers.scene_frame import SceneFrame as SceneFrame
+    from solari_vk.scene import shapes as shapes
+    from solari_vk.scene.animation.clip import Animation as Animation
+    from solari_vk.scene.animation.keyframes import Channel as Channel
+    from solari_vk.scene.animation.rig import Rig as Rig
+    from solari_vk.scene.builtin import builtin as builtin
+    from solari_vk.scene.camera_rig import CameraRig as CameraRig
+    from solari_vk.scene.deformation import Deformation as Deformation
+    from solari_vk.scene.files.colmap import (
+        ColmapImage as ColmapImage,
+    )
+    from solari_vk.scene.files.colmap import (
+        load_colmap as load_colmap,
+    )
+    from solari_vk.scene.files.colmap import (
+        save_colmap as save_colmap,
+    )
+    from solari_vk.scene.files.gltf import load_gltf as load_gltf
+    from solari_vk.scene.group import Group as Group
+    from solari_vk.scene.labels import label_instances as label_instances
+    from solari_vk.scene.lights.portal import Portal as Portal
+    from solari_vk.scene.lights.profile import LightProfile as LightProfile
+    from solari_vk.scene.lights.punctual import PointLight as PointLight
+    from solari_vk.scene.lights.punctual import SpotLight as SpotLight
+    from solari_vk.scene.lights.sky import Sky as Sky
+    from solari_vk.scene.lights.temperature import kelvin as kelvin
+    from solari_vk.scene.load import load as load
+    from solari_vk.scene.matrices import euler as euler
+    from solari_vk.scene.model import (
+        Camera as Camera,
+    )
+    from solari_vk.scene.model import (
+        DirectionalLight as DirectionalLight,
+    )
+    from solari_vk.scene.model import (
+        Environment as Environment,
+    )
+    from solari_vk.scene.model import (
+        Instance as Instance,
+    )
+    from solari_vk.scene.model import (
+        Material as Material,
+    )
+    from solari_vk.scene.model import (
+        Mesh as Mesh,
+    )
+    from solari_vk.scene.model import (
+        Scene as Scene,
+    )
+    from solari_vk.scene.model import (
+        Texture as Texture,
+    )
+    from solari_vk.scene.model import (
+        TextureImage as TextureImage,
+    )
+    from solari_vk.scene.presenting.opening import open as open
+    from solari_vk.scene.presenting.studio_lights import studio_lights as studio_lights
+    from solari_vk.scene.shutter import Shutter as Shutter
+    from solari_vk.settings import Settings as Settings
+    from solari_vk.studio import notebook as notebook
+    from solari_vk.studio.viewer.app import Viewer as Viewer
+
+
+def _homes() -> dict[str, str]:
+    """The module of each public name, from the imports above, which Python itself doesn't run."""
+    source = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(source) if isinstance(node, ast.ImportFrom)]
+    return {name.name: str(node.module) for node in imports for name in node.names if name.asname == name.name}
+
+
+_HOMES = _homes()
+__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return import_module(f"solari_vk.{_MODULES[name]}")
-    home = _HOME_OF.get(name)
-    if home is None:
-        from solari_vk.errors import unknown_attribute
+    if name not in _HOMES:
+        from solari_vk.base.errors import unknown_attribute
 
-        raise unknown_attribute("solari_vk has no", name, lambda: __all__)
-    value = getattr(import_module(f"solari_vk.{home}"), name)
+        raise unknown_attribute("solari_vk has no", name, lambda: sorted(__all__))
+    home = import_module(_HOMES[name])
+    # A module, such as `rt`, is no attribute of its package before it is imported.
+    value = getattr(home, name, None) or import_module(f"{_HOMES[name]}.{name}")
     globals()[name] = value
     return value
 

@@ -18,7 +18,7 @@ os.environ.setdefault("SOLARI_VK_ADDRESSES", "1")
 
 from support.memory import resident_bytes
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import instance as instance_module
 from solari_vk.gpu.device.device import Device, list_devices
 
@@ -116,7 +116,7 @@ def lent_device(device_of_file, monkeypatch):
         return device
 
     monkeypatch.setattr(device, "close", lambda: None)
-    for module in ("solari_vk", "solari_vk.measure.report"):
+    for module in ("solari_vk", "solari_vk.lab.measure.report"):
         monkeypatch.setattr(f"{module}.Device", lend)
     for module in ("realtime", "reference", "view"):
         monkeypatch.setattr(

@@ -9,8 +9,8 @@ from support import brdf, rays, statistics
 from support.encodings import encode_rgb9e5, pcg_hash
 from support.oracles import closed_forms, encodings
 
-from solari_vk.conformance import embree_checks
-from solari_vk.measure.statistics import interval
+from solari_vk.lab.conformance import embree_checks
+from solari_vk.lab.measure.statistics import interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.scene.model import Camera, Instance, Material, Scene

@@ -164,7 +164,7 @@ def test_installed_wheel_needs_no_compiler(tree, wheel, tmp_path):
     program = """
 import sys
 from pathlib import Path
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 
 assert glsl_root() == Path(sys.argv[1]) / "solari_vk" / "glsl", glsl_root()

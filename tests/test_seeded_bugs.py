@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from support.seeded_bugs import GLSL, KNOWN, Bug, seeded
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.shaderc import STAGES

@@ -20,8 +20,8 @@ WIDEST = 120  # columns of a GLSL line
 
 
 def import_graph(package: Path) -> dict[str, set[str]]:
-    """The modules of a package, each with the package's modules that it imports, also inside functions and for type
-    checkers only. Raises ValueError for a relative import."""
+    """The modules of a package, each with the package's modules that it imports, also inside functions, for type checkers
+    only, and by import_module("..."). Raises ValueError for a relative import."""
     paths = {".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
              for path in package.rglob("*.py")}  # fmt: skip
     graph: dict[str, set[str]] = {}
@@ -35,6 +35,8 @@ def import_graph(package: Path) -> dict[str, set[str]]:
                     raise ValueError(f"{path}:{node.lineno}: imports are absolute")
                 inner = [f"{node.module}.{alias.name}" for alias in node.names]
                 names |= {name if name in paths else node.module for name in inner}
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+                names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
         graph[module] = (names & paths.keys()) - {module}
     return graph
 

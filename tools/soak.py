@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.measure.character import character
+from solari_vk.lab.measure.character import character
 from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import DEFAULTS, FIELDS
 

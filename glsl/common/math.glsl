@@ -2,7 +2,7 @@
 #ifndef COMMON_MATH_GLSL
 #define COMMON_MATH_GLSL
 
-#include "generated/color.glsl"  // LUMINANCE_WEIGHTS, written by solari_vk/color.py
+#include "generated/base/color.glsl"  // LUMINANCE_WEIGHTS, written by solari_vk/base/color.py
 
 const float PI = 3.14159265358979;
 const float INVERSE_PI = 0.318309886183791;

@@ -118,7 +118,7 @@ layout(set = 0, scalar) readonly buffer LightLeavesBlock { LightLeaf at[]; } lig
 layout(set = 0, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
 
 // The lights of a scene. The worlds of a batch, which are scenes or variants of one (scene/camera_block.glsl), may have
-// lights of their own, whose records follow those of the world before in all tables: solari_vk/bound/world_lights.py.
+// lights of their own, whose records follow those of the world before in all tables: solari_vk/batch/world_lights.py.
 struct SceneInfo {
     uint light_count;
     uint leaf_count;

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import dlpack
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_input import FLOATS, Taken

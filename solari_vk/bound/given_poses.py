@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.given_numbers import GivenNumbers, is_takable, take
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSION
 from solari_vk.bound.geometry import Shape
@@ -15,7 +16,6 @@ from solari_vk.bound.lights.lamps import Lamps
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.table import MakeTable, Rows
 from solari_vk.bound.traced_instances import TracedRecords
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage

@@ -25,9 +25,9 @@ def _main(words: Sequence[str] | None) -> int:
     import errno
     import traceback
 
+    from solari_vk.base.errors import DeviceError, SolariError
     from solari_vk.cli.commands import COMMANDS
     from solari_vk.cli.options import parse
-    from solari_vk.errors import DeviceError, SolariError
 
     try:
         command, job = parse(COMMANDS, words)

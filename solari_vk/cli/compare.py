@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import ClassVar
 
 from solari_vk.cli.options import option
 
@@ -11,6 +12,10 @@ from solari_vk.cli.options import option
 @dataclass(frozen=True, kw_only=True)
 class CompareJob:
     """Two pictures."""
+
+    DESCRIPTION: ClassVar = (
+        "Measure how far a picture is from a reference, and show where."
+    )
 
     picture: str = option("a picture: .png or .jpg, or radiance as .exr or .hdr", "PICTURE", names=("picture",))
     reference: str = option("what it is compared with, of the same kind and size", "REFERENCE", names=("reference",))

@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from solari_vk import __version__
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError
+from solari_vk.cli.commands import WHY_NO_WINDOW
+from solari_vk.cli.options import resolve
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS
 
 if TYPE_CHECKING:
@@ -88,9 +90,8 @@ def _compiler() -> str:
 
 
 def _why_no_window() -> str:
-    from solari_vk.viewer.window import why_none_opens
-
-    return why_none_opens()
+    reason: str = resolve(WHY_NO_WINDOW)()
+    return reason
 
 
 def _devices() -> list[DeviceReport] | SolariError:
@@ -148,7 +149,7 @@ def _is_there(module: str) -> bool:
 
 
 def _cache() -> str:
-    from solari_vk import disk_cache
+    from solari_vk.base import disk_cache
 
     folder = disk_cache.folder()
     if not folder:

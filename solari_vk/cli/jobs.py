@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from solari_vk.base.errors import SolariError
 from solari_vk.cli.options import (
     ON_OR_OFF,
     count,
@@ -22,7 +22,6 @@ from solari_vk.cli.options import (
     view,
     words,
 )
-from solari_vk.errors import SolariError
 from solari_vk.output.movie import SUFFIXES
 
 if TYPE_CHECKING:
@@ -133,9 +132,17 @@ class ClusterOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RenderOptions(ClusterOptions, RealtimeOptions, PictureOptions):
+class SharedPicture(ClusterOptions, RealtimeOptions, PictureOptions):
+    """A scene that one device renders, or several share."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderOptions(SharedPicture):
     """What `solari-vk render` is given; cli/render.py makes a StillJob or a MovieJob of it."""
 
+    DESCRIPTION: ClassVar = (
+        "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far."
+    )
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "frames", "warm_up", "average"),
         "reference": ("samples", "max_bounces", "denoise"),
@@ -214,113 +221,3 @@ class MovieJob(RenderOptions):
     GROUPS: ClassVar = {**RenderOptions.GROUPS, "realtime": ("view", "quality", "settings", "warm_up", "average")}
 
     animate: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class DatasetJob(ClusterOptions, RealtimeOptions, PictureOptions):
-    """Many views of a scene, for learning from pictures."""
-
-    GROUPS: ClassVar = {
-        "realtime": ("view", "quality", "settings", "warm_up", "average"),
-        "several devices": ("workers", "cluster", "shared_folder"),
-    }
-
-    output: Path = option("made if it isn't there", "FOLDER", names=("-o", "--output"), type=Path, required=True)
-    views: int | None = option("the number of views (all poses of a file)", "N", type=positive)
-    cameras: str = option(
-        "around the scene; places all around an object, or in a room; or the poses of a JSON file: a list of poses as "
-        "--camera takes them, or a transforms.json (orbit)", "orbit|random|FILE", default="orbit",
-    )
-    mode: str = option("the path tracer, or realtime lighting, which has motion vectors (reference)",
-                       choices=("reference", "realtime"), default="reference")
-    aov: tuple[str, ...] = option(
-        "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, "
-        "albedo, variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
-    )
-    format: str = option("of the pictures (png)", choices=("png", "jpg", "exr", "npz", "npy"), default="png")
-    colmap: bool = flag("write the cameras as COLMAP's text files too, into the folder sparse/0")
-    labels: Path | None = option(
-        'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
-    )
-    annotations: tuple[str, ...] = option(
-        "labels of instances that have a class: coco (annotations.json: boxes and masks), yolo (boxes: a text file for "
-        "each picture), objects (boxes in space, poses and the share that is seen: NUMBER.objects.json), bop (a folder "
-        "in the format of that benchmark)", "coco,yolo,objects,bop", type=words, default=(),
-    )
-    sensor: str | None = option(
-        "write the raw digital numbers of an image sensor too, NUMBER.raw.npy: fields of Sensor as JSON, such as "
-        '{"iso": 400, "bayer": "RGGB"}, or in a file', "JSON|FILE",
-    )
-    keypoints: Path | None = option(
-        "named points of instances for the annotations coco and objects: a JSON file such as "
-        '{"Chair*": {"seat": [0, 0.4, 0]}}', "FILE", type=Path
-    )
-    randomize: Path | None = option(
-        "what is random in each view: a .yaml file of ranges, or a .py file with a function randomize(scene, random, "
-        "number)", "FILE", type=Path
-    )
-    shards: int | None = option("write the files of N views each into tar files too (WebDataset)", "N", type=positive)
-    time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
-    samples: int = option("samples per pixel (64)", "N", type=positive, default=64)
-    max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
-    denoise: bool = flag("denoise by Intel Open Image Denoise")
-    time_limit: float | None = option(
-        "stop after this many seconds of rendering, with exit code 1 if views are missing", "S", type=float
-    )
-    warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
-    average: int = option(f"each picture is the mean of N frames ({ANIMATION_AVERAGE})", "N", type=positive,
-                          default=ANIMATION_AVERAGE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewJob(RealtimeOptions, PictureOptions):
-    """An interactive window."""
-
-    size: tuple[int, int] = option("width and height of the window (1280x720)", "WxH", type=size, default=(1280, 720))
-    mode: str = option("Solari's realtime lighting, the path tracer, or both side by side (realtime)",
-                       choices=("realtime", "reference", "split"), default="realtime")
-    scale: str = option("share of the window's width and height that is rendered (auto: as much as --fps allows)",
-                        "auto|0.1..1", default="auto")
-    fps: float | None = option("frames a second for --scale auto (60; on a CPU 7)", "N", type=float)
-    no_overlay: bool = flag("show no panels beside the picture")
-    beside: str | None = option("a second file or built-in scene, shown right of a line that can be dragged",
-                                "FILE|builtin:NAME")
-    folder: Path = option("where F2 writes screenshots (.)", type=Path, default=Path())
-    frames: int | None = option("close after this many frames", "N", type=positive)
-    screenshot: Path | None = option("write the window's last frame to a file", "FILE.png", type=Path)
-
-    def check(self) -> None:
-        """Raise SolariError for files that aren't there."""
-        super().check()
-        if self.beside is not None:
-            replace(self, source=self.beside, beside=None).check()
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServeJob(RealtimeOptions, PictureOptions):
-    """A server for browsers."""
-
-    GROUPS: ClassVar = {"server": ("host", "port", "token", "shared")}
-
-    size: tuple[int, int] = option("width and height of the picture, which the page scales (1280x720)", "WxH",
-                                   type=size, default=(1280, 720))
-    mode: str = option("Solari's realtime lighting, the path tracer once the camera rests, or both side by side "
-                       "(realtime)", choices=("realtime", "reference", "split"), default="realtime")
-    samples: int = option("samples per pixel after which the path tracer's picture is finished (256)", "N",
-                          type=positive, default=256)
-    scale: str = option("share of the width and height that is rendered while the camera moves (auto: as much as "
-                        "--fps allows)", "auto|0.1..1", default="auto")
-    fps: float | None = option("frames a second for --scale auto (30; on a CPU 7)", "N", type=float)
-    host: str = option("the address to listen at; any but this machine's own needs a token, which is made and printed "
-                       "unless --token gives it (127.0.0.1)", "ADDRESS", default="127.0.0.1")
-    port: int = option("the port; 0 is any that is free (8765)", "N", type=count, default=8765)
-    token: str | None = option("what the address must end with as ?token=, at least 8 letters and digits", "TOKEN")
-    shared: bool = flag("all pages see one camera, otherwise each has its own")
-
-    def check(self) -> None:
-        """Raise SolariError for a file that isn't there, and for numbers and a token that can't be."""
-        super().check()
-        if self.token is not None and not re.fullmatch(r"[\w-]{8,}", self.token, re.ASCII):
-            raise SolariError("--token: give at least 8 letters and digits, which nobody can guess")
-        if self.fps is not None and not self.fps > 0:
-            raise SolariError(f"--fps {self.fps:g}: give a number above 0")

@@ -9,13 +9,14 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
 from typing import Any, NoReturn
 
 from solari_vk import __version__
-from solari_vk.errors import brief, quoted, unknown_name
+from solari_vk.base.errors import brief, quoted, unknown_name
 
 ON_OR_OFF = argparse.BooleanOptionalAction
 
@@ -33,25 +34,42 @@ def flag(meaning: str) -> Any:
     return option(meaning, default=False, action="store_true")
 
 
+def resolve(place: str) -> Any:
+    """What MODULE:NAME, below solari_vk, means."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(f"solari_vk.{module}"), name)
+
+
 @dataclass(frozen=True)
 class Command:
-    """A command: its name, its job, and the function of a module of this folder that does it, as MODULE:FUNCTION."""
+    """A command: its name, the function that does it, and its job, each as MODULE:NAME below solari_vk.
+
+    A job may have a DESCRIPTION, and PARTS: commands below this one, each of which may stand behind its name.
+    """
 
     name: str
     meaning: str
     does: str
-    job: type[Any]
-    description: str | None = None
+    job: str | type[Any]
     aliases: tuple[str, ...] = ()
-    parts: tuple[Command, ...] = ()
-    """Commands below this one, each of which may stand behind its name."""
+
+    @property
+    def job_type(self) -> type[Any]:
+        """The job's class, whose module is imported when it is first asked for."""
+        found: type[Any] = resolve(self.job) if isinstance(self.job, str) else self.job
+        return found
+
+    @property
+    def parts(self) -> tuple[Command, ...]:
+        """The commands below this one."""
+        found: tuple[Command, ...] = vars(self.job_type).get("PARTS", ())
+        return found
 
     def run(self, job: Any) -> int:
         """Do a job; returns the exit code. What is checked before anything large is imported is its `check`."""
         if hasattr(job, "check"):
             job.check()
-        module, _, name = self.does.partition(":")
-        return getattr(import_module(f"solari_vk.cli.{module}"), name)(job) or 0
+        return resolve(self.does)(job) or 0
 
 
 _WRONG_COMMAND = re.compile(r"argument (COMMAND|PART): invalid choice: '(.*)' \(choose from (.*)\)")  # argparse's words
@@ -73,44 +91,54 @@ class _Parser(argparse.ArgumentParser):
         return super()._get_values(action, arg_strings)
 
 
-def make_parser(commands: Sequence[Command]) -> argparse.ArgumentParser:
-    """The parser of all commands. Its result holds only what is given: jobs have the defaults."""
+def make_parser(commands: Sequence[Command], wanted: str | None = None) -> argparse.ArgumentParser:
+    """The parser of all commands. Its result holds only what is given: jobs have the defaults.
+
+    wanted: the only command whose options are needed, so that the modules of the others aren't imported.
+    """
     parser = _Parser(
         prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays."
     )
     parser.add_argument("--version", action="version", version=f"solari_vk {__version__}")
-    _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, "PART")
+    _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, wanted)
     return parser
 
 
 def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Command, Any]:
     """The command that words ask for, and its job. Wrong usage ends the process with exit code 2."""
-    parser = make_parser(commands)
+    given_words = sys.argv[1:] if words is None else words
+    # Before a command there are only options of this program, such as --version.
+    wanted = next((word for word in given_words if not word.startswith("-")), "")
+    parser = make_parser(commands, wanted)
     parsed, unknown = parser.parse_known_args(words)
     found = vars(parsed)
     command: Command = found.pop("command")
     for word in (word for word in unknown if word.startswith("-")):
-        options = [name for part in fields(command.job) if part.metadata
+        options = [name for part in fields(command.job_type) if part.metadata
                    for name in part.metadata["names"] or [spelled(part.name)]]  # fmt: skip
         parser.error(str(unknown_name(f"{command.name} has no option", word.partition("=")[0], options)))
     if unknown:
         parser.error(f"{command.name} takes no {', '.join(map(quoted, unknown))}")
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
-    if "given" in command.job.__dataclass_fields__:
+    if "given" in command.job_type.__dataclass_fields__:
         given["given"] = frozenset(found)
-    return command, command.job(**given)
+    return command, command.job_type(**given)
 
 
-def _add_commands(place: Any, commands: Sequence[Command], below: str) -> None:
+def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -> None:
     for command in commands:
+        if wanted is not None and wanted not in (command.name, *command.aliases):
+            place.add_parser(command.name, help=command.meaning, aliases=command.aliases)
+            continue
+        job = command.job_type
         parser = place.add_parser(
-            command.name, help=command.meaning, description=command.description, aliases=command.aliases,
+            command.name, help=command.meaning, description=getattr(job, "DESCRIPTION", None), aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
         )
         parser.set_defaults(command=command)
-        _add_options(parser, command.job)
+        _add_options(parser, job)
         if command.parts:
-            _add_commands(parser.add_subparsers(metavar=below), command.parts, below)
+            _add_commands(parser.add_subparsers(metavar="PART"), command.parts, None)
 
 
 def _add_options(parser: argparse.ArgumentParser, job: type[Any]) -> None:

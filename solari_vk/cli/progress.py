@@ -8,7 +8,7 @@ import sys
 import time
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.compile_notes import CompileNotes
 
 UNLIMITED = 1 << 24

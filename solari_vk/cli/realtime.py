@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from solari_vk.cli import animation
+import solari_vk as sv
+from solari_vk.base.errors import SolariError
+from solari_vk.cli.commands import ANIMATION
 from solari_vk.cli.compiling import open_device
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob, StillJob
+from solari_vk.cli.options import resolve
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, expose, load
-from solari_vk.errors import SolariError
-from solari_vk.frame_means import FrameMeans
+from solari_vk.cli.subject import Subject, check_aovs, expose, load, open_shutter
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
@@ -23,9 +24,9 @@ from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.path_sampling import numbered_seed
 from solari_vk.passes.taa import render_size
-from solari_vk.renderer import Renderer
+from solari_vk.renderers.frame_means import FrameMeans
+from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera
-from solari_vk.sensors.sensor import Sensor
 from solari_vk.settings import Settings
 
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
@@ -66,7 +67,7 @@ def run(job: StillJob | MovieJob) -> int:
     frames_of(job, "cpu")  # says what is wrong before the scene is loaded
     subject = load(job, clip=job.clip, time=job.time)
     if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
-        return animation.run(job, subject, settings)
+        return int(resolve(ANIMATION)(job, subject, settings))
     with frames_folder() if job.is_movie else nullcontext() as folder:
         cameras, targets = subject.cameras, targets_of(job, len(subject.cameras), folder)
         notes = CompileNotes()
@@ -125,7 +126,7 @@ class _Shooting:
         self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
         self._cameras, self._targets = subject.cameras, targets
         self._frames, self._average = frames, average
-        self._exposure = animation.exposure(job, subject)
+        self._exposure = open_shutter(job, subject)
         self._written: list[Path] = []
         self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(targets) == 1 else None
         self._begin_mean()
@@ -177,7 +178,7 @@ class _Shooting:
             layers = {name: self._means[name] for name in job.aov}
             if job.sensor is not None:
                 seed = numbered_seed(job.seed, len(self._written))
-                layers["raw"] = Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
+                layers["raw"] = sv.Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
             light, alpha = self._renderer.cut_out(radiance) if job.transparent else (radiance, None)
             write_or_keep(target, lambda path: picture.save_image(
                 path, light, exposure=camera.exposure, tonemap=job.tonemap, layers=layers, alpha=alpha

@@ -11,20 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk import bands
-from solari_vk.cli import animation
+from solari_vk.base.errors import SolariError
 from solari_vk.cli.cluster import Reporter, open_pool, words_on
+from solari_vk.cli.commands import ANIMATION
 from solari_vk.cli.compiling import open_device
 from solari_vk.cli.jobs import MovieJob, StillJob
+from solari_vk.cli.options import resolve
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, load
-from solari_vk.errors import SolariError
+from solari_vk.cli.subject import Subject, check_aovs, load, open_shutter
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
 from solari_vk.output.movie import check_encoder
+from solari_vk.renderers import bands
 
 SAMPLES, DENOISED_SAMPLES = 256, 48
 
@@ -56,7 +57,7 @@ def run(job: StillJob | MovieJob) -> int:
         samples = job.samples or (DENOISED_SAMPLES if job.denoise else SAMPLES)
         if job.is_movie:
             check_encoder(job.output)
-        return animation.run(job, load(job, clip=job.clip, time=job.time), samples)
+        return int(resolve(ANIMATION)(job, load(job, clip=job.clip, time=job.time), samples))
     total = job.samples
     if total is None and (job.target_error is None or job.shutter is not None):
         total = DENOISED_SAMPLES if job.denoise else SAMPLES
@@ -88,7 +89,7 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         if bands.rows_of(device, job.size) < job.size[1]:
             return _render_large(job, subject, total, device, notes)
         renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
-        exposing = animation.exposure(job, subject)
+        exposing = open_shutter(job, subject)
         with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
                 renderer.render(
@@ -136,7 +137,7 @@ def _render_large(job: StillJob, subject: Subject, total: int | None, device: De
 
 def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Result:
     """On several devices."""
-    from solari_vk.cluster import render_reference
+    from solari_vk.renderers.cluster.reference import render_reference
 
     with open_pool(job) as pool:
         print(f"rendering {job.source} with {words_on(pool)}", file=sys.stderr)

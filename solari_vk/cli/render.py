@@ -8,17 +8,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.cli import desktop, realtime, reference, terminal
 from solari_vk.cli.jobs import MovieJob, RenderOptions, StillJob
 from solari_vk.cli.options import spelled
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.subject import check_aovs
-from solari_vk.errors import SolariError
 from solari_vk.output import oidn
 from solari_vk.output.picture import WITH_ALPHA
-from solari_vk.reference import PathTracer
-from solari_vk.renderer import Renderer
-from solari_vk.sensors.sensor import Sensor
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.renderer import Renderer
 
 MODES = ("realtime", "reference")
 
@@ -59,7 +59,7 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     check_time_limit(options.time_limit)
     if options.sensor is not None:
-        Sensor.load(options.sensor)
+        sv.Sensor.load(options.sensor)
     job = kind(**values)
     for wrong, why in _contradictions(job):
         if wrong:

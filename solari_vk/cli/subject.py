@@ -10,16 +10,18 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import solari_vk as sv
-from solari_vk.cli.jobs import DatasetJob, MovieJob, SceneOptions
-from solari_vk.errors import SolariError, quoted
-from solari_vk.files import read_json
-from solari_vk.other_words import advice_for
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.files import read_json
+from solari_vk.base.other_words import advice_for
+from solari_vk.cli.jobs import MovieJob, SceneOptions, StillJob
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
-from solari_vk.scene.libraries import INSTALL
+from solari_vk.scene.files.libraries import INSTALL
 from solari_vk.scene.model import Animation, Camera, Scene
-from solari_vk.scene.surroundings import surround
+from solari_vk.scene.presenting.surroundings import surround
+from solari_vk.scene.shutter import Shutter
 
 ORBIT_PICTURES = 48
 MAX_DIGITS = 10  # of an index: Python refuses to read numbers with thousands
@@ -54,8 +56,13 @@ class Subject:
     """The clip of which --time chose the pose."""
 
 
-def load(job: SceneOptions, *, clip: str | None = None, time: float | None = None) -> Subject:
-    """The scene, the cameras and the exposure of a job; a still one is posed as it is at a time in a clip."""
+def load(
+    job: SceneOptions, *, clip: str | None = None, time: float | None = None, seen_all_round: bool = False
+) -> Subject:
+    """The scene, the cameras and the exposure of a job; a still one is posed as it is at a time in a clip.
+
+    seen_all_round: cameras will go around the scene, so that what frames it must do so from all sides.
+    """
     movie = job if isinstance(job, MovieJob) else None
     builtin = job.source.startswith("builtin:")
     scene = _load_scene(job)
@@ -64,8 +71,7 @@ def load(job: SceneOptions, *, clip: str | None = None, time: float | None = Non
     if played is not None and time is not None:
         played.apply(scene, time, loop=False)
         still, played = played, None
-    around = isinstance(job, DatasetJob) and job.cameras == "orbit"
-    sweep = (None,) if around else None if movie is None else _sweep(movie)
+    sweep = (None,) if seen_all_round else None if movie is None else _sweep(movie)
     turns = (0.0,) if sweep is None else orbit_turns(ORBIT_PICTURES, *sweep).tolist()
     front = scene.camera_for(job.size[0] / job.size[1], played, turns=turns)
     camera = front if job.camera is None else _find_camera(scene, job.camera)
@@ -182,3 +188,15 @@ def _find_camera(scene: Scene, text: str) -> Camera:
         return Camera.from_pose(pose)
     except SolariError as error:
         raise SolariError(f"--camera {text}: {error}") from None
+
+
+def open_shutter(job: StillJob | MovieJob, subject: Subject) -> dict[str, Any]:
+    """The arguments of `render` for --shutter of a still picture."""
+    if job.shutter is None:
+        return {}
+    clip, opens = subject.still, job.time or 0.0
+    if clip is None:
+        raise SolariError("--shutter: nothing moves in a still picture: give --time, of the file's animation, or "
+                          "--animate")  # fmt: skip
+    shutter = Shutter(open=opens, close=opens + job.shutter[0], readout=job.shutter[1])
+    return {"shutter": shutter, "pose": lambda seconds: clip.apply(subject.scene, seconds, loop=False)}

@@ -7,7 +7,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 SUFFIXES = (".png", ".gif")
 SPARE_LINES = 2  # for the prompt and the line above the picture

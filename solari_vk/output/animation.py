@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
-from solari_vk.files import read_json
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import read_json
 from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
 from solari_vk.scene.model import Camera
 

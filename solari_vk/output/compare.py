@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, quoted, warn
+from solari_vk.base.errors import SolariError, quoted, warn
 from solari_vk.output.picture import EIGHT_BIT, check_output, write_codes
 from solari_vk.output.tone_mapping import auto_exposure, unseen
 from solari_vk.scene.camera import Camera

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from solari_vk.errors import SolariError
-from solari_vk.files import make_temporary_folder
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import make_temporary_folder
 
 
 def write_or_keep(path: Path, write: Callable[[Path], None]) -> None:

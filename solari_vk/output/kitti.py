@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
-from solari_vk.files import write_whole
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import write_whole
 
 LARGEST_FLOW = 512.0  # pixels
 LARGEST_DISPARITY = 256.0

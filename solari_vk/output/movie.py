@@ -11,8 +11,8 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solari_vk.errors import SolariError, quoted
-from solari_vk.files import whole_file
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.files import whole_file
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 _INSTALL = "install it by \"pip install 'solari-vk[oidn]'\", or render without it"
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, checked_keywords
-from solari_vk.files import check_writable, whole_file, write_whole
+from solari_vk.base.errors import SolariError, checked_keywords
+from solari_vk.base.files import check_writable, whole_file, write_whole
 from solari_vk.output.cutout import encode_cutout
 from solari_vk.output.tone_mapping import Colors, encode_picture
 from solari_vk.scene.images import exr

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
-from solari_vk.files import make_folder, whole_file
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import make_folder, whole_file
 
 SHARD = "{:06}.tar"
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.color import LUMINANCE_WEIGHTS
-from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.base.color import LUMINANCE_WEIGHTS
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.gpu.shaders import headers
 
 Colors = NDArray[np.float32]

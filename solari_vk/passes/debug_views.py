@@ -6,7 +6,7 @@ glsl/passes/display/debug_views.glsl.
 
 from __future__ import annotations
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.base.errors import SolariError, unknown_name
 from solari_vk.passes.solari019 import views as solari019
 from solari_vk.passes.view_group import IF_SURFACE, ViewGroup
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.frame.stages import Draw, Pass, Size, Stage, Step
 from solari_vk.gpu.shaders.compiler import MANY_VIEWS, has_many_views

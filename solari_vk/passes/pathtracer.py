@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms

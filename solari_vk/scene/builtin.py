@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solari_vk.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.scene import shapes
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene
 from solari_vk.scene.parts import lamp as lamp

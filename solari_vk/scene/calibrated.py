@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.lens import Lens, make_lens
 from solari_vk.scene.matrices import rotation as rotation_about

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solari_vk.errors import Hints, SolariError, quoted
+from solari_vk.base.errors import Hints, SolariError, quoted
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.placement import placed
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, quoted, shortened
-from solari_vk.host_array import host_array
+from solari_vk.base.errors import SolariError, quoted, shortened
+from solari_vk.base.host_array import host_array
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.observed import Checked

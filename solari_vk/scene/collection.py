@@ -6,7 +6,7 @@ import operator
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, NoReturn, SupportsIndex, TypeVar, overload
 
-from solari_vk.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.scene.observed import Checked
 
 Item = TypeVar("Item", bound=Checked)

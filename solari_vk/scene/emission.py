@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.color import LUMINANCE_WEIGHTS
+from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Mesh, Scene, Texture, TextureImage

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.calibrated import lens_of
 

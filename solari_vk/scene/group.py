@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import Hints, SolariError, unknown_name
+from solari_vk.base.errors import Hints, SolariError, unknown_name
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Collection
 from solari_vk.scene.lights.directional import DirectionalLight

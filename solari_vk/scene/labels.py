@@ -7,8 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from solari_vk.errors import SolariError, checked_keywords, quoted
-from solari_vk.files import read_json
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
+from solari_vk.base.files import read_json
 from solari_vk.scene import checks
 from solari_vk.scene.model import Instance, Scene
 from solari_vk.scene.objects import fits

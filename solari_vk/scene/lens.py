@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 Floats = NDArray[np.float64]
 PROJECTIONS = ("perspective", "fisheye", "stereographic", "equirectangular", "cube")

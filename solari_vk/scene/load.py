@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from solari_vk.budget import load_budget
-from solari_vk.errors import SolariError, checked_keywords, quoted
-from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.meshes.mesh_files import UP_AXES, load_mesh_file
+from solari_vk.base.budget import load_budget
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
+from solari_vk.scene.files.gltf import load_gltf
+from solari_vk.scene.files.meshes.mesh_files import UP_AXES, load_mesh_file
 from solari_vk.scene.model import Scene
 
 FORMATS = (".gltf", ".glb", *UP_AXES)

@@ -11,15 +11,13 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_name, warn
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name, warn
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
-from solari_vk.scene.dropping import Dropping
-from solari_vk.scene.framing import default_camera, poses
 from solari_vk.scene.group import Group, Grouping, copies, distinct
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
@@ -31,7 +29,9 @@ from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
+from solari_vk.scene.physics.dropping import Dropping
 from solari_vk.scene.placement import PARTS
+from solari_vk.scene.presenting.framing import default_camera, poses
 
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
@@ -313,7 +313,7 @@ class Scene(Grouping, Dropping, Observable):
         which other programs skip. What can't be written at all, such as meshes for rays, is named by warnings. Raises
         SolariError for another ending, and when writing fails; the file at `path` is then as it was.
         """
-        import_module("solari_vk.scene.gltf.saving.scene_file").save_gltf(self, path)  # which imports this module
+        import_module("solari_vk.scene.files.gltf.saving.scene_file").save_gltf(self, path)  # which imports this module
 
 
 SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings", "backdrop")

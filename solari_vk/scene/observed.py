@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, dataclass_tr
 
 import numpy as np
 
-from solari_vk.errors import Hints, SolariError, check_count, shortened, unknown_name, warn_of_old_name
+from solari_vk.base.errors import Hints, SolariError, check_count, shortened, unknown_name, warn_of_old_name
 
 _UNSEEN = {"name", "label", "part_of"}  # no picture depends on them
 

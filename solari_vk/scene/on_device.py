@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
-from solari_vk.host_array import host_array
+from solari_vk.base.errors import SolariError
+from solari_vk.base.host_array import host_array
 from solari_vk.scene.observed import Checked
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.model import Camera, Material, Scene
 from solari_vk.scene.parts import lamp, matte, place

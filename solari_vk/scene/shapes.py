@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, checked_keywords, quoted, unknown_attribute
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_attribute
 from solari_vk.scene.model import Mesh
 
 __all__ = [

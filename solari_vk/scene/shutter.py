@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.quasirandom import GOLDEN_STEP, additive, radical_inverse

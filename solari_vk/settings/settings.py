@@ -7,7 +7,7 @@ import functools
 from functools import partial
 from typing import Any
 
-from solari_vk.errors import Hints, SolariError, quoted, unknown_name, warn_of_old_name
+from solari_vk.base.errors import Hints, SolariError, quoted, unknown_name, warn_of_old_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES

@@ -7,8 +7,8 @@ import pytest
 from support.failing import failing
 
 import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 

@@ -14,18 +14,18 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 from support.failing import failing
 
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.bound.table import Table, upload
 from solari_vk.bound.traced_instances import HIDDEN, VISIBLE
-from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
-from solari_vk.reference import PathTracer
+from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.matrices import by_columns

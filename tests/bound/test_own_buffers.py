@@ -8,8 +8,8 @@ import pytest
 from support.memory import leaves_nothing
 
 import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.lights import own_buffers
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.scene.lights.profile import LightProfile
 

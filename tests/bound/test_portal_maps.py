@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.base.errors import DeviceError
 from solari_vk.bound.lights import portal_maps
-from solari_vk.errors import DeviceError
 
 
 class FakeDevice:

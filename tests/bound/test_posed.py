@@ -12,8 +12,8 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 from support.characters import bent, tube
 
 import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.errors import SolariError
 from solari_vk.scene.deformation import Deformation
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from solari_vk.errors import ValidationError
+from solari_vk.base.errors import ValidationError
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 

@@ -16,8 +16,8 @@ from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk import cli
-from solari_vk.conformance.groups import GROUPS
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.conformance.groups import GROUPS
 from solari_vk.output import movie
 from solari_vk.scene.builtin import SCENES
 from solari_vk.settings import FIELDS
@@ -25,7 +25,7 @@ from solari_vk.settings import FIELDS
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
-# By tests/rt/test_examples.py, tests/cluster/test_guide.py, test_coming_from.py and test_learning.py.
+# By tests/renderers/rt/test_examples.py, tests/data/cluster/test_guide.py, test_coming_from.py and test_learning.py.
 ELSEWHERE = ("ray_tracing.md", "driver_faults.md", "guides/clusters.md", "guides/coming_from.md", "guides/learning.md")
 RUN_ELSEWHERE = {DOCS / name for name in ELSEWHERE}
 # Pictures as small as possible, and few frames: each pattern must be on some page.

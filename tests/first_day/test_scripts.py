@@ -13,8 +13,8 @@ import pytest
 from support.assets import asset
 
 import solari_vk as sv
+from solari_vk.base.other_words import OTHER_WORDS
 from solari_vk.gpu.device.device import Device
-from solari_vk.other_words import OTHER_WORDS
 
 HIT_FIELDS = ("t", "position", "primitive")
 SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.py"))

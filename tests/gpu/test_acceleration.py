@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from support.memory import leaves_nothing
 
-from solari_vk.conformance.worlds import REFITTED, Placed, Triangles, World
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration import blas_builds, structure
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
@@ -23,6 +22,7 @@ from solari_vk.gpu.acceleration.tlas import Tlas, TlasBuild
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.conformance.worlds import REFITTED, Placed, Triangles, World
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from solari_vk.errors import CompilationError
+from solari_vk.base.errors import CompilationError
 from solari_vk.gpu.shaders import compiler
 from solari_vk.gpu.shaders.compiler import compile_shader
 from tests.gpu.shader_folder import ShaderFolder, check_spirv

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from shader_folder import check_spirv
 
-from solari_vk import disk_cache
-from solari_vk.errors import SolariError
+from solari_vk.base import disk_cache
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.shaders import compiler, dead_code, headers, shaderc
 from solari_vk.gpu.shaders.compiler import CompilationError, compile_shader
 from solari_vk.gpu.shaders.spirv import reflect

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.errors import DeviceError, SolariError, ValidationError
+from solari_vk.base.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import physical, raw, software
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer

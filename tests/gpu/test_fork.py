@@ -8,7 +8,7 @@ import signal
 import pytest
 
 import solari_vk as sv
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 
 
 def in_child(action):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.memory import leaves_nothing
 
-from solari_vk.errors import SolariError, ValidationError
+from solari_vk.base.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame import slot

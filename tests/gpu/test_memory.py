@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import allocator as allocator_module
 from solari_vk.gpu.device import raw, uploads
 from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Allocator

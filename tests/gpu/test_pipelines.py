@@ -16,8 +16,8 @@ import pytest
 from shader_folder import ShaderFolder
 from support.memory import leaves_nothing
 
-from solari_vk import disk_cache
-from solari_vk.errors import DeviceError
+from solari_vk.base import disk_cache
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import pipeline_cache, raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.kept import Kept

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.errors import SolariError, ValidationError
+from solari_vk.base.errors import SolariError, ValidationError
 from solari_vk.gpu.frame.frame import Draw, DrawList, Frame, History, Pass, Stage
 from solari_vk.gpu.shaders.compiler import CompilationError
 

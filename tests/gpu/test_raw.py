@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 
 

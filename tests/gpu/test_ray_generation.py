@@ -8,7 +8,7 @@ import pytest
 from shader_folder import ShaderFolder, check_spirv
 from support.seeded_bugs import Bug, seeded
 
-from solari_vk.errors import CompilationError, SolariError
+from solari_vk.base.errors import CompilationError, SolariError
 from solari_vk.gpu.shaders import ray_generation, shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 from solari_vk.gpu.shaders.spirv import reflect

@@ -13,7 +13,7 @@ from shader_folder import HEADER
 from support.memory import leaves_nothing
 
 from solari_vk import HitGroup, RayPass, rt
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shader_folder import ShaderFolder
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_into_spirv, compile_shader
 from solari_vk.gpu.shaders.spirv import Module, reflect
 

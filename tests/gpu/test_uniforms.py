@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.frame.packing import packing
 from solari_vk.gpu.frame.uniforms import Uniforms

@@ -8,7 +8,7 @@ import pytest
 from support.pictures import take_picture
 
 import solari_vk as sv
-from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.conformance.shader_runner import ShaderRunner
 
 
 @pytest.fixture

@@ -27,8 +27,8 @@ from fuzz_subjects import Subject, open_subject
 from hypothesis import HealthCheck, Phase, given, seed, settings, target
 
 import solari_vk as sv
-from solari_vk.budget import load_budget
-from solari_vk.errors import SolariError
+from solari_vk.base.budget import load_budget
+from solari_vk.base.errors import SolariError
 
 BUDGET = 256 * 2**20
 SPARE = 48 * 2**20  # what the allocator keeps

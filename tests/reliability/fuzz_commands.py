@@ -13,11 +13,11 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from solari_vk.base.errors import SolariError
 from solari_vk.cli import info, main
 from solari_vk.cli.commands import COMMANDS
 from solari_vk.cli.options import make_parser
-from solari_vk.cluster import worker_pool
-from solari_vk.errors import SolariError
+from solari_vk.renderers.cluster import worker_pool
 
 POSE = '{"position": [1, 1, 3], "target": [0, 0, 0]}'
 NUMBERS = [

@@ -20,13 +20,13 @@ from hypothesis import strategies as st
 from support.gltf_writer import GltfWriter, encoded
 
 import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.cli.subject import _find_camera
-from solari_vk.cluster import RenderTask, Style, View
-from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
-from solari_vk.cluster.journal import Journal
-from solari_vk.errors import SolariError
+from solari_vk.data.cluster import RenderTask, Style, View
+from solari_vk.data.datasets.dataset import cameras_for, views_of, write_transforms
+from solari_vk.data.datasets.journal import Journal
 from solari_vk.output.animation import load_path
-from solari_vk.scene.gltf.saving.content import glb
+from solari_vk.scene.files.gltf.saving.content import glb
 
 RANDOMS = st.randoms(use_true_random=False)
 Write = Callable[[random.Random], object]

@@ -24,9 +24,9 @@ import numpy as np
 from fuzz_subjects import open_subject
 
 import solari_vk as sv
+from solari_vk.base.errors import DeviceError, ValidationError
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import Features
-from solari_vk.errors import DeviceError, ValidationError
 from solari_vk.gpu.shaders.compiler import COMMON_FEATURES
 from solari_vk.scene.lights.environment import EnvironmentLight
 

@@ -17,10 +17,10 @@ import pytest
 from support.full_disks import room_for
 
 import solari_vk as sv
-from solari_vk import files
+from solari_vk.base import files
 from solari_vk.cli import main
-from solari_vk.cluster.journal import Journal
-from solari_vk.measure.report import Report
+from solari_vk.data.datasets.journal import Journal
+from solari_vk.lab.measure.report import Report
 from solari_vk.output.kept import frames_folder, write_or_keep
 
 SMALL = ["builtin:cornell_box", "--size", "8x8"]

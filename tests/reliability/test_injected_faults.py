@@ -2,7 +2,7 @@
 
 A run of a scenario is counted call by call. Then the scenario runs again and again, and its first, second, third, ...
 such call returns an error in place of being made. The scenarios trace by ray queries; the window's swapchain has tests
-of its own in tests/viewer.
+of its own in tests/studio/viewer.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ import pytest
 from support.gltf_writer import TRIANGLE, GltfWriter
 
 import solari_vk as sv
-from solari_vk.budget import parse_size
+from solari_vk.base.budget import parse_size
 
 MIB = 2**20
 SPARE = 48 * MIB  # libraries that are imported, and what the allocator keeps
@@ -23,7 +23,7 @@ LOADER = """
 import json, os, sys, warnings
 import numpy, PIL.Image, OpenEXR, trimesh.exchange.load
 import solari_vk as sv
-from solari_vk.budget import load_budget
+from solari_vk.base.budget import load_budget
 status = lambda: open("/proc/self/status").read()  # the maximum of getrusage may be that of the parent
 peak = lambda: int(status().partition("VmHWM:")[2].split()[0]) << 10
 warnings.simplefilter("ignore")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from support.oracles import environments
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, builtin, cornell_box
 from solari_vk.scene.model import Camera, Instance, Material, Scene
-from solari_vk.scene.studio import FLOOR_ALBEDO, studio_environment, studio_lights
+from solari_vk.scene.presenting.studio_lights import FLOOR_ALBEDO, studio_environment, studio_lights
 
 
 def corners_of(mesh):

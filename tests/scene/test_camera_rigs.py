@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene.matrices import rotation
 
 

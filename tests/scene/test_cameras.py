@@ -9,7 +9,7 @@ import pytest
 from support.oracles import gbuffer
 
 import solari_vk as sv
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 BOX = np.array([[-1.0, 0, 2], [4, 1, 3]])
 

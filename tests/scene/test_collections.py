@@ -7,7 +7,7 @@ import operator
 import numpy as np
 import pytest
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene

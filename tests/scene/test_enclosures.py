@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.scene import enclosures, shapes
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.lights.punctual import PointLight
-from solari_vk.scene.surroundings import surround
+from solari_vk.scene.presenting import enclosures
+from solari_vk.scene.presenting.surroundings import surround
 
 WHITE = matte(0.5)
 SKY = sv.Material(base_color=(0.3, 0.5, 0.9), unlit=True, double_sided=True)

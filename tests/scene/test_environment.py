@@ -12,8 +12,8 @@ from support.hdr_files import hdr, rgbe
 from support.oracles import encodings, environments
 
 import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.lights.environment_buffers import encode_texels
-from solari_vk.errors import SolariError
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.scene.lights import atmosphere as air
 from solari_vk.scene.lights.environment import directions, solid_angles

@@ -7,9 +7,10 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.output.animation import orbit, orbit_turns
-from solari_vk.scene import enclosures, framing, shapes
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.presenting import enclosures, framing
 
 WHITE = matte(0.5)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.gltf_writer import TRIANGLE
 
-from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.files.gltf import load_gltf
 
 
 def load_mesh(writer):

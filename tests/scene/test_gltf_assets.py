@@ -10,7 +10,7 @@ import pytest
 from support.assets import ASSETS, asset
 
 import solari_vk as sv
-from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.files.gltf import load_gltf
 
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 

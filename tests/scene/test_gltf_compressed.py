@@ -10,7 +10,7 @@ import pytest
 from support.compressed_gltf import MESHOPT, SIDE, corners, draco_file, meshopt_accessor, meshopt_file, plain_file, wave
 from support.gltf_writer import GltfWriter
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def expected(tmp_path):
 
 @pytest.fixture
 def no_library(monkeypatch):
-    monkeypatch.setattr("solari_vk.scene.libraries.is_installed", lambda module: False)
+    monkeypatch.setattr("solari_vk.scene.files.libraries.is_installed", lambda module: False)
     for module in ("meshopt", "DracoPy"):
         monkeypatch.setitem(sys.modules, module, None)
 

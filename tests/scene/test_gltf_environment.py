@@ -7,10 +7,10 @@ import pytest
 from support.hdr_files import exr
 from support.oracles import environments
 
-from solari_vk.budget import BudgetError
-from solari_vk.errors import SolariError
-from solari_vk.scene.gltf.images import Images
-from solari_vk.scene.gltf.values import Entry
+from solari_vk.base.budget import BudgetError
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.gltf.images import Images
+from solari_vk.scene.files.gltf.values import Entry
 from solari_vk.scene.images.exr import ExrImage
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 

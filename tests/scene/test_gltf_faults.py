@@ -11,7 +11,7 @@ import pytest
 from support.compressed_gltf import DRACO
 from support.gltf_writer import TRIANGLE
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 NAN = [[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]
 ATTRIBUTES = {

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from support.gltf_writer import TRIANGLE, encoded
 
-from solari_vk.errors import SolariError
-from solari_vk.scene.gltf import load_gltf
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.gltf import load_gltf
 
 GRAY = np.full((2, 2, 3), 128)
 
@@ -277,7 +277,7 @@ def test_errors_of_the_scenes_classes_name_the_file(writer, monkeypatch):
         raise SolariError("Instance: too heavy")
 
     writer.mesh()
-    monkeypatch.setattr("solari_vk.scene.gltf.loader.Instance", refuse)
+    monkeypatch.setattr("solari_vk.scene.files.gltf.loader.Instance", refuse)
     assert refusal(writer.path, writer) == "Instance: too heavy"
 
 

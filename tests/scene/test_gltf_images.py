@@ -12,8 +12,8 @@ from support import ktx2_files
 from support.gltf_writer import encoded
 from support.hdr_files import exr
 
-from solari_vk.budget import BudgetError, load_budget
-from solari_vk.errors import SolariError
+from solari_vk.base.budget import BudgetError, load_budget
+from solari_vk.base.errors import SolariError
 from solari_vk.scene.images import image_files
 from solari_vk.scene.images.ktx2 import IDENTIFIER_OF_KTX_1
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB

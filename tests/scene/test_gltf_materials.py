@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from solari_vk.scene.gltf.extensions import OF_MATERIALS
+from solari_vk.scene.files.gltf.extensions import OF_MATERIALS
 from solari_vk.scene.material import TEXTURES, Material
 
 UVS = [[0, 0], [1, 0], [0, 1]]

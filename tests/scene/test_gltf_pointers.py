@@ -11,7 +11,7 @@ import pytest
 from support.same_scene import check_same
 
 import solari_vk as sv
-from solari_vk.scene.gltf.pointers import DEFAULTS
+from solari_vk.scene.files.gltf.pointers import DEFAULTS
 
 LIGHTS, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
 

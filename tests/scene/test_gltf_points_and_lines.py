@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.scene.gltf import points_and_lines
-from solari_vk.scene.gltf.points_and_lines import LINE_RADIUS, POINT_RADIUS
+from solari_vk.scene.files.gltf import points_and_lines
+from solari_vk.scene.files.gltf.points_and_lines import LINE_RADIUS, POINT_RADIUS
 
 SQUARE = [[0, 0, 0], [3, 0, 0], [3, 4, 0], [0, 4, 0]]
 DIAGONAL = 5.0

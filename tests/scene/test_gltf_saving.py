@@ -21,7 +21,7 @@ from support.random_scenes import random_transform
 from support.same_scene import check_same
 
 import solari_vk as sv
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel

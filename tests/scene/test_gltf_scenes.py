@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support.gltf_writer import GltfWriter
 
-from solari_vk.errors import SolariError
-from solari_vk.scene.gltf import EXTENSIONS, load_gltf
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.gltf import EXTENSIONS, load_gltf
 
 HALF = math.sqrt(0.5)
 

@@ -9,7 +9,7 @@ import pytest
 from support.gltf_writer import TRIANGLE
 
 import solari_vk as sv
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 HALF = math.sqrt(0.5)
 

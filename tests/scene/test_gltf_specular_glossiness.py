@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.assets import asset
 
-from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.gltf.specular_glossiness import EXTENSION
+from solari_vk.scene.files.gltf import load_gltf
+from solari_vk.scene.files.gltf.specular_glossiness import EXTENSION
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
 UVS = [[0, 0], [1, 0], [0, 1]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 NAME = "KHR_materials_variants"
 UVS = [[0, 0], [1, 0], [0, 1]]

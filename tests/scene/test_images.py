@@ -14,7 +14,7 @@ from support.gltf_writer import encoded
 from support.ktx2_files import plain
 from support.oracles.encodings import decode_srgb
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene.images.image_files import decode, open_image
 from solari_vk.scene.images.mip_chain import mip_chain
 

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from solari_vk import Environment, Sky
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.scene import shapes
 from solari_vk.scene.lights.punctual import PointLight, SpotLight

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 
 def failing(patch, owner, name, calls):

@@ -5,9 +5,9 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from solari_vk.conformance.rules import SUITE, Rule
+from solari_vk.lab.conformance.rules import SUITE, Rule
 from solari_vk.passes import pathtracer
-from solari_vk.renderer import LIGHT
+from solari_vk.renderers.renderer import LIGHT
 from support.realtime import SPLIT, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
 
 SIZE = (32, 32)

@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from solari_vk.errors import SolariError
-from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.gltf.saving.content import glb
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.gltf import load_gltf
+from solari_vk.scene.files.gltf.saving.content import glb
 
 COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}

@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 
-from solari_vk.scene.libraries import zstd
+from solari_vk.scene.files.libraries import zstd
 
 # Written by the encoder of Basis Universal 2.10. 8 x 4 pixels: left (200, 40, 40, 255), right (40, 40, 200, 128).
 ETC1S = base64.b64decode(

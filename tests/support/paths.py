@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb
 from support import realtime

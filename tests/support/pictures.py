@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.conformance.rules import Measurement, Rule
-from solari_vk.reference import PathTracer
+from solari_vk.lab.conformance.rules import Measurement, Rule
+from solari_vk.renderers.path_tracer import PathTracer
 from support.statistics import compare
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solari_vk.conformance import embree_checks
+from solari_vk.lab.conformance import embree_checks
 from solari_vk.scene.matrices import transform_points
 from support.oracles.closed_forms import camera_rays as camera_rays
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from solari_vk.conformance.rules import Measurement
-from solari_vk.measure.partial import PartialRenderer
-from solari_vk.reference import PathTracer
-from solari_vk.renderer import Renderer
+from solari_vk.lab.conformance.rules import Measurement
+from solari_vk.lab.measure.partial import PartialRenderer
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, place
 from solari_vk.scene.model import Instance, Material, Mesh

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from solari_vk.conformance.rules import Rule
-from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders import compiler
+from solari_vk.lab.conformance.rules import Rule
+from solari_vk.lab.conformance.shader_runner import ShaderRunner
 from support.measured import hold
 
 GLSL = Path(__file__).resolve().parents[2] / "glsl"

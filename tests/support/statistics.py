@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from solari_vk.measure.statistics import interval
+from solari_vk.lab.measure.statistics import interval
 
 Floats = NDArray[np.float64]
 ALPHA = 0.005  # family-wise level of the tiles of one picture

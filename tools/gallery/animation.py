@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.measure.character import character
+from solari_vk.lab.measure.character import character
 
 POSES = 3
 

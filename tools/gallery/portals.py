@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import solari_vk as sv
-from solari_vk.measure.portals import window_room
+from solari_vk.lab.measure.portals import window_room
 
 SAMPLES = 64
 

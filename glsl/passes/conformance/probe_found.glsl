@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/conformance/probe_actions.glsl"
+#include "generated/lab/conformance/probe_actions.glsl"
 #include "generated/gpu/frame/ray_query_constants.glsl"
 
 struct Probe {

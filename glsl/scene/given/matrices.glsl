@@ -36,7 +36,7 @@ struct Axes {
 };
 
 // The columns of a matrix; false if it isn't affine and invertible by the rules of check_transforms in
-// solari_vk/bound/view_cameras.py, in which case the matrix is noted as wrong.
+// solari_vk/batch/view_cameras.py, in which case the matrix is noted as wrong.
 bool read_axes(uint index, out Axes axes) {
     bool right = true;
     dvec3 columns[4];

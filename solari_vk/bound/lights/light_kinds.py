@@ -35,8 +35,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.bound.features import FEATURES
-from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.portal import Portal

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, show
 from solari_vk.gpu.acceleration.compaction import Preparation, copy_compacted
 from solari_vk.gpu.acceleration.geometry import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.compaction import SizeQuery, copy_compacted
 from solari_vk.gpu.acceleration.structure import clock, make_scratch, scratch_size

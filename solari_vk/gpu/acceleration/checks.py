@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
-from solari_vk.host_array import host_array
+from solari_vk.base.errors import SolariError
+from solari_vk.base.host_array import host_array
 
 _SHOWN = 60  # maximum number of characters of a value in a message
 

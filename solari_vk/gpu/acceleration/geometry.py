@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, show, whole_number
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.checks import check_items, check_kind, check_whole, numbers, show
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, numbers, whole_number
 from solari_vk.gpu.acceleration.geometry import AABB_DTYPE, AabbGeometry, TriangleGeometry, check_index_type
 from solari_vk.gpu.device.buffer import Buffer

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, whole_number
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device

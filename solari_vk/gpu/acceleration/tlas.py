@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.acceleration.structure import BuildOptions, Structure, clock, make_scratch

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections.abc import Callable
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.work_queue import WorkQueue
 

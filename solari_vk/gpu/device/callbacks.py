@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from solari_vk.errors import CallbackError
+from solari_vk.base.errors import CallbackError
 
 
 class Callbacks:

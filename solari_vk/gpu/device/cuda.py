@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from cffi import FFI
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import dlpack
 from solari_vk.gpu.device.cuda_names import HEADER
 from solari_vk.gpu.device.cuda_names import HIP as _HIP

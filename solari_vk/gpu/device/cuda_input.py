@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import cuda_tensor, dlpack, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import dlpack, raw
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.barriers import ALL_COMMANDS, READ, WRITE, full_barrier

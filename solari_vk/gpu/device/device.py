@@ -6,7 +6,7 @@ import os
 from functools import cached_property
 from typing import Any, Literal
 
-from solari_vk.errors import DeviceError, SolariError, checked_keywords, quoted
+from solari_vk.base.errors import DeviceError, SolariError, checked_keywords, quoted
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes

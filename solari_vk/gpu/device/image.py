@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.allocator import Allocation
 from solari_vk.gpu.device.barriers import layout_barrier

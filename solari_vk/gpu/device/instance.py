@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.physical import PhysicalDevice
 

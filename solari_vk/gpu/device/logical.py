@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from weakref import WeakSet
 
-from solari_vk.errors import DeviceError, SolariError, ValidationError, quoted, warn
+from solari_vk.base.errors import DeviceError, SolariError, ValidationError, quoted, warn
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.errors import DeviceError, quoted
+from solari_vk.base.errors import DeviceError, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
 

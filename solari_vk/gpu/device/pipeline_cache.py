@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import struct
 
-from solari_vk import disk_cache
-from solari_vk.errors import DeviceError, warn
+from solari_vk.base import disk_cache
+from solari_vk.base.errors import DeviceError, warn
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.work_queue import WorkQueue
 

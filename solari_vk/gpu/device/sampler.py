@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.work_queue import WorkQueue
 

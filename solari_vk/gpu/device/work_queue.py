@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 
-from solari_vk.errors import DeviceError
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks

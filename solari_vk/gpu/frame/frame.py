@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError, checked_keywords
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.command_pool import CommandPool

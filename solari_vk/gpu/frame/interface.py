@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address

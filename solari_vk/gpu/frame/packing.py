@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 _CODES = {"f4": "f", "f8": "d", "u4": "I", "i4": "i", "u8": "Q", "i8": "q"}
 

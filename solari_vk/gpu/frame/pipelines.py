@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device

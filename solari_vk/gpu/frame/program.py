@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
 from solari_vk.gpu.frame.graphics import Targets

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device import raw

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.ray_pipelines import RayGroups

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.base.errors import SolariError, unknown_name
 from solari_vk.gpu.frame.packing import packing
 
 

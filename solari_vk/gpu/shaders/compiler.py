@@ -29,8 +29,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from solari_vk import disk_cache
-from solari_vk.errors import CompilationError, SolariError, quoted
+from solari_vk.base import disk_cache
+from solari_vk.base.errors import CompilationError, SolariError, quoted
 from solari_vk.gpu.shaders import dead_code, headers, ray_generation, shader_cache, shaderc
 from solari_vk.gpu.shaders.shader_cache import Sources
 

@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Iterable
 
-from solari_vk.errors import CompilationError
+from solari_vk.base.errors import CompilationError
 
 FOLDER = "generated/"
 _IDENTIFIER = re.compile(r"[A-Za-z_]\w*")

@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 VULKAN_1_3 = 1 << 22 | 3 << 12
 SPIRV_1_6 = 0x010600

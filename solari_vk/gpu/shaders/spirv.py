@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.gpu.shaders import spirv_code as code
 from solari_vk.gpu.shaders.module import Binding, Entry, Module, SpecConstant
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 MAGIC = 0x07230203
 STORAGE_UNIFORM_CONSTANT, STORAGE_UNIFORM, STORAGE_PUSH_CONSTANT, STORAGE_BUFFER = 0, 2, 9, 12

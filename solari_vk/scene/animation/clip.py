@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.animation.keyframes import Channel, Sample, tracks
 from solari_vk.scene.animation.rig import Rig

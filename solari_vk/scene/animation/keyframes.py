@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 
 Values = NDArray[np.float64]
 Sample = tuple[NDArray[np.int64], str, Values]

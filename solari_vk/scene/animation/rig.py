@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene.animation.keyframes import Sample, unit_quaternions
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items

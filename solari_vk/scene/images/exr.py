@@ -10,8 +10,8 @@ from io import BytesIO
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.budget import charge
-from solari_vk.errors import SolariError
+from solari_vk.base.budget import charge
+from solari_vk.base.errors import SolariError
 
 IDENTIFIER = b"\x76\x2f\x31\x01"
 _COPIES_OF_CHUNKS = 3  # packed, unpacked, and by channels

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError
-from solari_vk.files import read_regular
+from solari_vk.base.budget import charge, load_budget
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import read_regular
 from solari_vk.scene.images import dds, exr, ktx2
 from solari_vk.scene.images.mip_chain import srgb_of_linear
 

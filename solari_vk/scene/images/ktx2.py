@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
-from solari_vk.scene.libraries import library, zstd
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.libraries import library, zstd
 
 IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"
 IDENTIFIER_OF_KTX_1 = b"\xabKTX 11\xbb\r\n\x1a\n"

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError, warn
-from solari_vk.files import read_regular
+from solari_vk.base.budget import charge, load_budget
+from solari_vk.base.errors import SolariError, warn
+from solari_vk.base.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.images import exr, image_files

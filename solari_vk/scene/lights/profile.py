@@ -12,9 +12,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.budget import charge, load_budget
-from solari_vk.errors import SolariError, quoted, warn
-from solari_vk.files import read_regular
+from solari_vk.base.budget import charge, load_budget
+from solari_vk.base.errors import SolariError, quoted, warn
+from solari_vk.base.files import read_regular
 
 ROWS, COLUMNS = 361, 360
 """Of the table that the device has: vertical angles from 0 to 180 degrees, and horizontal angles below 360."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light

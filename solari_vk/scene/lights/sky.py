@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from solari_vk.color import LUMINANCE_WEIGHTS
+from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.atmosphere import EYE, atmosphere, sky_map

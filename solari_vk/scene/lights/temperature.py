@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solari_vk.color import LUMINANCE_WEIGHTS
-from solari_vk.errors import SolariError, quoted
+from solari_vk.base.color import LUMINANCE_WEIGHTS
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene.checks import FloatArray
 
 COLDEST, HOTTEST = 1667.0, 25_000.0

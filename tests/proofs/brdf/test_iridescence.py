@@ -9,7 +9,7 @@ from support import brdf_runs
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
-from solari_vk.color import LUMINANCE_WEIGHTS
+from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import shapes
 
 FILM = "scene/lobes/iridescence.glsl"

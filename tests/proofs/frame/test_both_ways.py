@@ -13,7 +13,7 @@ from support.realtime import make_renderer
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
-from solari_vk.measure.portals import window_room
+from solari_vk.lab.measure.portals import window_room
 from solari_vk.scene.builtin import place
 
 OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"

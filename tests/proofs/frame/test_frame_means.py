@@ -21,7 +21,7 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.measure.claims.scenes import ball_in_white
+from solari_vk.lab.measure.claims.scenes import ball_in_white
 from solari_vk.scene.builtin import closed_box, cornell_box, rgb
 
 # Perceptual roughness, metallic, and pixels per side: enough pixels that the interval is half of the bar. More frames

@@ -14,7 +14,7 @@ from support.realtime import Effort, make_renderer, measure_mean, measure_pictur
 from support.replication import replicate
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 
 OUTLIERS = Rule("no pixel without the lamp is brighter than the lamp in the mean of 16 frames", SUITE, "Renderer")
 BALLS = Rule("the indirect light of balls is the path tracer's", SUITE, "Renderer")

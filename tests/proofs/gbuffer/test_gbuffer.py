@@ -21,7 +21,7 @@ import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.gpu.shaders import compiler
-from solari_vk.measure.partial import PartialRenderer
+from solari_vk.lab.measure.partial import PartialRenderer
 from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, matte, place

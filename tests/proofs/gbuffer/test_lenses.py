@@ -11,7 +11,7 @@ from support.realtime import GBUFFER, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 

@@ -11,7 +11,7 @@ from support.realtime import GUIDES, OFF, PARTS, add_up, make_renderer, odd_scen
 from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.output.compare import relative_mse
 from solari_vk.passes.guides import IMAGES
 from solari_vk.scene import shapes

@@ -12,8 +12,8 @@ from support.oracles.closed_forms import polygon_irradiance
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box
 

@@ -25,8 +25,8 @@ import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
 from solari_vk.scene.matrices import transform_points

@@ -26,7 +26,7 @@ from support.pictures import compare_picture, take_picture
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.rules import Measurement, Rule
+from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.scene.builtin import rgb
 
 _CLOSED = ("closed form", "Lambert 1760, KHR_lights_punctual, and disks of constant radiance")

@@ -20,7 +20,7 @@ from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights import environment_buffers
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place, rgb
 from solari_vk.scene.lights.environment import directions, luminances, solid_angles

@@ -14,7 +14,7 @@ from support.statistics import standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights.choice_weights import PORTAL_SHARE
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene.lights.environment import luminances
 from solari_vk.scene.matrices import rotation
 

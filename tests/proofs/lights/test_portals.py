@@ -21,8 +21,8 @@ from support.statistics import assert_equal, compare
 
 import solari_vk as sv
 from solari_vk.bound.lights import choice_weights
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.portals import window_room
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.measure.portals import window_room
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 

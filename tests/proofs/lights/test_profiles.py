@@ -13,8 +13,8 @@ from support.realtime import Effort
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
-from solari_vk.budget import load_budget
-from solari_vk.errors import SolariError
+from solari_vk.base.budget import load_budget
+from solari_vk.base.errors import SolariError
 from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.matrices import rotation
 

@@ -12,8 +12,8 @@ from support.measured import hold
 from support.realtime import Effort, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
 
 import solari_vk as sv
+from solari_vk.base.errors import SolariError
 from solari_vk.bound.lights import bodies
-from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 

@@ -12,8 +12,8 @@ from support.pictures import take_picture
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.bulk_checks import bumpy_ball
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.bulk_checks import bumpy_ball
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, matte, place
 

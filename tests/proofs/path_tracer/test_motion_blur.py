@@ -7,7 +7,7 @@ import pytest
 from support.characters import bent, tube
 
 import solari_vk as sv
-from solari_vk.errors import SolariError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte
 from solari_vk.scene.matrices import rotation

@@ -9,7 +9,7 @@ from support.frames import each_lighting, snapshot
 from support.realtime import make_renderer
 
 import solari_vk as sv
-from solari_vk.conformance.embree_checks import meet
+from solari_vk.lab.conformance.embree_checks import meet
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, matte
 

@@ -14,8 +14,8 @@ from support.realtime import read_radiance as read
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, rgb
 

@@ -13,11 +13,11 @@ from support.realtime import GBUFFER, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
+from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.color import LUMINANCE_WEIGHTS
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.frame import SceneFrame
 from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import rotation
 

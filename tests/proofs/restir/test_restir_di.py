@@ -15,7 +15,7 @@ from support.statistics import relative_interval, replicates, sixteenths
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.matrices import transform_directions

@@ -10,7 +10,7 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import relative_interval
 
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.conformance.rules import SUITE, Rule
+from solari_vk.lab.conformance.rules import SUITE, Rule
 from solari_vk.scene.builtin import closed_box, cornell_box, place
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.shapes import sphere

@@ -14,7 +14,7 @@ from support.realtime import GBUFFER, SMALL, SPLIT, Effort, make_renderer, measu
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, matte, place, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Scene

@@ -6,7 +6,7 @@ from support.given_light import SIZE, moved, rendering, wall
 from support.measured import hold
 from support.seeded_bugs import Bug, bug_tests
 
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 
 _TAA = (SUITE, "Antialiasing")
 EVEN = Rule("an even light stays as it is, also upscaled and in motion", *_TAA)

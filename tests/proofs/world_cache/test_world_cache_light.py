@@ -16,7 +16,7 @@ from support.seeded_bugs import Bug, bug_tests, with_shaders
 from support.statistics import relative_interval
 
 import solari_vk as sv
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.settings.layering import LAYERINGS

@@ -1,0 +1,98 @@
+"""What loading a file may take, in memory and time. Whoever allocates for a file charges it first."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+
+from solari_vk.base.errors import SolariError, quoted
+
+MEMORY, SECONDS = 2 * 2**30, 600.0
+"""The default of bytes and of seconds."""
+_UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+_current: ContextVar[Budget | None] = ContextVar("budget", default=None)
+
+
+class BudgetError(SolariError):
+    """What is loaded needs more memory or time than it may take."""
+
+
+@dataclass
+class Budget:
+    """The bytes and the time of `time.monotonic()` up to which a file may be loaded, the bytes charged so far, and the
+    most that were needed at a time."""
+
+    memory: int
+    end: float
+    charged: int = field(default=0, init=False)
+    peak: int = field(default=0, init=False)
+
+
+@contextmanager
+def load_budget(memory: int | None = None, seconds: float | None = None) -> Iterator[Budget]:
+    """Charges within this context count together; within another such context they count there.
+
+    memory: bytes, by default those of the environment variable SOLARI_VK_LOAD_MEMORY ("4GiB"), else 2 GiB. seconds: by
+    default SOLARI_VK_LOAD_SECONDS, else 600. Raises SolariError for what is no size or time.
+    """
+    outer = _current.get()
+    if outer is not None:
+        yield outer
+        return
+    if memory is None:
+        memory = parse_size(os.environ.get("SOLARI_VK_LOAD_MEMORY", str(MEMORY)), "SOLARI_VK_LOAD_MEMORY")
+    if seconds is None:
+        seconds = _parse_seconds(os.environ.get("SOLARI_VK_LOAD_SECONDS", str(SECONDS)))
+    if not (isinstance(memory, int) and isinstance(seconds, int | float) and memory > 0 and seconds > 0):
+        given = f"{quoted(memory)} and {quoted(seconds)}"
+        raise SolariError(f"load: give memory in bytes and seconds, both above 0, not {given}")
+    budget = Budget(memory, time.monotonic() + seconds)
+    token = _current.set(budget)
+    try:
+        yield budget
+    finally:
+        _current.reset(token)
+
+
+def charge(size: int, who: str, what: str, *, working: int = 0) -> None:
+    """Charge bytes before they are allocated. who: the file and what in it is large; what: what the bytes are for.
+
+    working: bytes that are needed beside for a moment. Raises BudgetError above the budget, of memory or of time.
+    Without a budget nothing is charged.
+    """
+    budget = _current.get()
+    if budget is None:
+        return
+    if budget.charged + size + working > budget.memory:
+        raise BudgetError(
+            f"{who}: {what} would take {(size + working) / 2**20:,.0f} MiB, and with what was loaded before more than "
+            f"the {budget.memory / 2**20:,.0f} MiB that loading may take: give load(memory=bytes) or set "
+            "SOLARI_VK_LOAD_MEMORY, such as 8GiB, if you trust the file"
+        )
+    budget.peak = max(budget.peak, budget.charged + size + working)
+    budget.charged += size
+    if time.monotonic() > budget.end:
+        raise BudgetError(
+            f"{who}: loading takes longer than it may: give load(seconds=...) or set SOLARI_VK_LOAD_SECONDS if you "
+            "trust the file"
+        )
+
+
+def parse_size(text: str, name: str) -> int:
+    """Bytes from a number with a unit, such as "4GiB", "500 MB" or "1000000". name: what has the value, for errors."""
+    found = re.fullmatch(r"\s*(\d{1,15}(?:\.\d{1,9})?)\s*([kmg]i?b|b|)\s*", text, re.IGNORECASE)
+    if found is None or float(found[1]) <= 0:
+        raise SolariError(f"{name}: give a size such as 4GiB, not {text[:40]!r}")
+    return int(float(found[1]) * _UNITS[found[2].lower()])
+
+
+def _parse_seconds(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise SolariError(f"SOLARI_VK_LOAD_SECONDS: give a number of seconds, not {text[:40]!r}") from None

@@ -1,0 +1,301 @@
+"""Many cameras of one scene, or of many, in one frame: first hits, path-traced pictures, or realtime lighting."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.base.errors import SolariError, checked_keywords
+from solari_vk.batch import view_cameras
+from solari_vk.batch.frames import WHERE as MANY
+from solari_vk.batch.frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
+from solari_vk.batch.options import (
+    LIGHT,
+    check_realtime,
+    checked_flag,
+    checked_mask,
+    checked_names,
+    checked_results,
+    checked_scenes,
+    checked_size,
+    checked_worlds,
+)
+from solari_vk.batch.results import BatchResults
+from solari_vk.batch.scene_worlds import SceneWorlds
+from solari_vk.batch.view_renderers import ViewRenderer, ViewTracer, show_worlds
+from solari_vk.batch.view_table import ViewTable
+from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTransforms
+from solari_vk.batch.worlds import Worlds
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.features import LENSES
+from solari_vk.bound.given_numbers import GivenNumbers
+from solari_vk.bound.scenes_binder import ScenesBinder
+from solari_vk.bound.triangle_orders import TriangleOrders
+from solari_vk.gpu.acceleration.checks import whole_number
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.passes import batch as passes
+from solari_vk.passes import pathtracer
+from solari_vk.passes.many_views import upload_rows
+from solari_vk.passes.path_sampling import numbered_seeds
+from solari_vk.renderers.scene_frame import SceneFrame, checked_device
+from solari_vk.scene.model import Camera, Scene
+
+SHADER = "passes/batch/labels.comp"
+
+
+class Batch(BatchResults):
+    """Renders many views of a scene in one frame. A context manager.
+
+    size: (width, height) of a view in pixels. views: their number N. renderer: "labels" finds first hits alone, at the
+    pixels' centers; "reference" adds path-traced `radiance`, and takes the options of `PathTracer`, such as seed and
+    max_bounces; "realtime" adds the frame of `Renderer`, as `radiance`, `raw_radiance` and `display`, and takes its
+    options settings and seed. outputs: names of OUTPUTS, which are computed beside the light: by default depth,
+    position, geometric_normal, instance_id and primitive; motion_vectors and what needs materials take time of their
+    own. View i has what a `PathTracer` or a `Renderer` of its own finds with the same camera and seed, bit by bit or,
+    where a driver rounds in another way, nearly so: seed i is `seed` + i * 0x9E3779B9 modulo 2^32. Rays hit an
+    instance's ray_mesh where it has one. Realtime views share the world cache, so that bits are equal for one view, and
+    for more with the setting world_cache=off.
+
+    worlds: their number, of which N is a multiple: `transforms` moves instances in each, `world_materials` and
+    `world_lights` give instances other materials and the scene other lights. View i shows world i // (N / worlds). With
+    a list of scenes in place of the scene, each world shows its own, which may stand in the list several times.
+
+    The scene may be edited between calls of `render`. Raises SolariError for wrong options, and for more views than the
+    device's buffers hold, which names the largest number.
+    """
+
+    OUTPUTS = passes.OUTPUTS
+
+    def __init__(
+        self, device: Device, scene: Scene | SceneBinder | Sequence[Scene], size: tuple[int, int], views: int, *,
+        renderer: str = "labels", outputs: Sequence[str] = passes.GEOMETRY, worlds: int = 1, **options: Any,
+    ) -> None:  # fmt: skip
+        names = checked_names(renderer, outputs, options)
+        scenes = checked_scenes(scene, worlds)
+        binder: Any = scene if scenes is None else ScenesBinder(checked_device(device, "Batch"), scenes)
+        super().__init__(device, binder)
+        if scenes is not None:
+            self._owned.callback(binder.destroy)
+        try:
+            self.views = whole_number(views, "Batch: views", 1)
+            self._layout = reflect(compile_shader(SHADER), SHADER).bindings["views"]
+            record = self._layout.element
+            assert record is not None
+            self.size = checked_size(device, size, self.views, record.itemsize, renderer)
+            self._cameras = view_cameras.Cameras(record["current"], self.views, self.size)
+            self._strip = self.size[0], self.size[1] * self.views
+            self._rows = pathtracer.rows_of(self._strip, passes.MAX_PIXELS)
+            self._labels_names = names
+            self._names = (*LIGHT[renderer], *names)
+            self._owned.callback(self._close_many)
+            self.binder.update()
+            count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
+            self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
+            self._owned.callback(self._worlds.destroy)
+            self._given: list[GivenNumbers] = [*self.binder.assets.given]
+            if isinstance(self._worlds, Worlds):
+                self._given.append(self._worlds.given_poses)
+            self._bound = self._worlds.update()
+            self._capacity = self._worlds.rows
+            if renderer == "realtime":
+                self._realtime = ViewRenderer(
+                    device, self.binder, self.size, self.views, self._layout, self._worlds, options
+                )
+                self._owned.callback(self._realtime.close)
+                self._given.append(self._realtime.views.given_poses)
+            if names or renderer == "reference":
+                self._table = ViewTable(device, self._layout, self.views)
+                self._owned.callback(self._table.destroy)
+                self._given.append(self._table.given_poses)
+            if renderer == "reference":
+                self._paths = ViewTracer(device, self.binder, self._strip, self._table.buffer, self._worlds, options)
+                self._owned.callback(self._paths.close)
+            if names:
+                self._orders = TriangleOrders(device, self.binder)
+                self._owned.callback(self._orders.destroy)
+                self._orders.update()
+                external = {"views": self._table.buffer, **self._orders.buffers, **self._worlds.resources}
+                frame = SceneFrame(device, self.binder, self._stages(self._capacity), external=external)
+                self._labels = self._owned.enter_context(frame)
+            self._seeds = numbered_seeds(options.get("seed", 0), self.views)
+        except BaseException:
+            self._owned.close()
+            raise
+
+    def _stages(self, capacity: int) -> list[Stage]:
+        return [passes.labels_stage(self._strip, self._rows, self._labels_names, self._worlds.count * capacity)]
+
+    @property
+    def transforms(self) -> WorldTransforms:
+        """The transforms of instances in each world, (worlds, 4, 4) by the name of an instance: assign them, as in
+        `batch.transforms["box"] = poses`."""
+        return self._worlds.transforms
+
+    @property
+    def world_materials(self) -> WorldMaterials:
+        """The materials of instances in each world, a list by the name of an instance: assign them, as in
+        `batch.world_materials["box"] = [red, blue]`."""
+        return self._worlds.materials
+
+    @property
+    def world_lights(self) -> WorldLights:
+        """What takes the place of a light of the scene in each world, a list by the name of the light: assign them, as
+        in `batch.world_lights["sun"] = [low_sun, None]`."""
+        return self._worlds.lights
+
+    # ---- rendering ----------------------------------------------------------------------------------
+
+    @checked_keywords()
+    def render(
+        self, cameras: ArrayLike | Sequence[Camera], *, fov: ArrayLike | None = None,
+        vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
+        ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
+        reset: ArrayLike = False, reset_cache: bool = False,
+    ) -> Self:  # fmt: skip
+        """Render all views, and return the batch, whose results are these until it renders again.
+
+        cameras: poses (N, 4, 4), the transforms of `Camera`: world from camera, which looks along its -z axis with y
+        up, in meters. They are arrays of numpy or tensors, of which those of a GPU stay on it: what is wrong with such
+        a tensor is said by a later call. Their lens is given by one of fov, the vertical field of view in degrees,
+        vertical_fov, in radians (45 degrees), both a number or (N,), and K, OpenCV's matrices (3, 3) or (N, 3, 3) in
+        pixels of a view, as `Camera.from_opencv` takes them; near and ev100, numbers or (N,), are Camera.near and
+        Camera.ev100. Or N `Camera` objects of any kind, with lenses, apertures and parallel projections.
+
+        samples: per pixel, by default 16; each call begins new pictures. seeds (N,): whole numbers for those of the
+        views. reset: True or (N,), views that begin anew, without history: their cameras count as not having moved.
+        reset_cache: begin the world cache anew too, which views otherwise go on to share. Does not wait for the device.
+        Raises SolariError for wrong shapes, numbers that aren't finite, and matrices that can't be inverted; nothing is
+        rendered then.
+        """
+        self._check_open()
+        self._check_tensors()
+        samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
+        options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
+        written = self._read(poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
+        self._render(written, samples, self._checked_seeds(seeds), checked_mask(reset, self.views), begins_anew)
+        return self
+
+    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.Written:
+        written = self._cameras.read(cameras, options)
+        if self._realtime is not None:
+            check_realtime(cameras)
+        return written
+
+    def _render(
+        self, written: view_cameras.Written, samples: int, seeds: NDArray[np.uint32], cut: NDArray[np.bool_],
+        reset_cache: bool,
+    ) -> None:  # fmt: skip
+        if written.lenses and LENSES not in self.binder.features:
+            self.binder.note(written.lenses[0])
+        if self._worlds.count > 1 or self._worlds.shows_scenes:
+            self.binder.update()  # which the worlds' records depend on, and what features they have on these
+            self._worlds.update()
+        if self._labels is not None or self._paths is not None:
+            self._show(written, cut, seeds)
+        if self._labels is not None:
+            self._find_labels(self._labels)
+        self._rendered = True
+        if self._paths is not None:
+            self._paths.trace(samples)
+        if self._realtime is not None:
+            self._realtime.render_views(written, cut, seeds, not reset_cache)
+
+    @checked_keywords()
+    def render_many(
+        self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None,
+        transforms: Mapping[Any, ArrayLike] | None = None, fov: ArrayLike | None = None,
+        vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
+        ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
+        reset: ArrayLike = False, reset_cache: bool = False,
+    ) -> ManyFrames:  # fmt: skip
+        """Render several frames in one submission, and return what each of them shows, by the names of results. The
+        path tracer, which times its dispatches, makes several submissions.
+
+        cameras: as `render` takes them, for all frames, or for each: (frames, N, 4, 4), or a list of lists of `Camera`.
+        outputs: the results to keep, by default all. reset: True or (N,), of the first frame, or (frames, N). seeds:
+        (N,) or (frames, N). reset_cache is for the first frame. transforms: (frames, worlds, 4, 4) by instance, what
+        `batch.transforms` is in each frame. The others are those of `render`, for all frames.
+
+        The results are bit by bit those of as many calls of `render`, of which the batch then has those of the last.
+        They take memory for each frame. Raises SolariError as `render`; nothing is rendered then.
+        """
+        self._check_open()
+        self._check_tensors()
+        frames = whole_number(frames, f"{MANY}: frames", 1)
+        names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
+        samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
+        moves = moves_of(frames, self._worlds, transforms)
+        options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
+        shown = cameras_of(frames, self.views, cameras, self.device)
+        written = [self._read(of_frame, options) for of_frame in shown]
+        numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
+        cuts = cuts_of(frames, self.views, reset)
+        if self._labels is not None:
+            self._labels.prepare_many(frames)
+        for renderer in (self._paths, self._realtime):
+            if renderer is not None:
+                renderer.frame.prepare_many(frames)
+        with self.device.gathered():
+            for index in range(frames):
+                for instance, given in moves[index]:
+                    self.transforms.replace(instance, given)
+                self._render(written[index], samples, numbers[index], cuts[index], begins_anew and index == 0)
+                results = {name: self._result(name) for name in names}
+                if index == 0 and (self._many is None or not self._many.holds(results, frames)):
+                    self._close_many()
+                    self._many = ManyFrames(self.device, results, frames, self._given)
+                assert self._many is not None
+                self._many.take(index, results)
+        assert self._many is not None
+        return self._many
+
+    def _show(self, written: view_cameras.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+        """Give the cameras to the frame of labels and to the path tracer."""
+        table, worlds = self._table, self._worlds
+        if table.must_write((written.records, seeds), worlds.numbers):
+            table.write_cameras(written)
+            table.records["frame"]["seed"] = seeds
+            worlds.number(table)
+        table.show(written, cut)
+
+    def _find_labels(self, frame: SceneFrame) -> None:
+        frame.apply_edits()
+        self._bound = show_worlds(frame, self._worlds, self._bound)
+        if self._orders.update():
+            frame.bind(self._orders.buffers)
+        if (capacity := self._worlds.rows) != self._capacity:
+            if "motion_vectors" in self._names:
+                previous = frame.resource("previous_instances").read()
+                frame.rebuild(self._stages(capacity))
+                upload_rows(frame.resource("previous_instances"), previous, self._worlds.count)
+            self._capacity = capacity
+        frame.uniforms["path_sampling.row_count"] = self._rows
+        for row in range(0, self._strip[1], self._rows):
+            frame.uniforms["path_sampling.first_row"] = row
+            frame.submit_applied()
+
+    # ---- checks -------------------------------------------------------------------------------------
+
+    def _checked_samples(self, samples: int | None) -> int:
+        if samples is None:
+            return 16
+        if self._paths is None:
+            what = "labels have" if self._realtime is None else "the realtime renderer takes"
+            raise SolariError(f"Batch.render: {what} no samples: make the batch with renderer='reference'")
+        return whole_number(samples, "Batch.render: samples", 1)
+
+    def _checked_seeds(self, seeds: Any) -> NDArray[np.uint32]:
+        if seeds is None:
+            return self._seeds
+        if self._paths is None and self._realtime is None:
+            raise SolariError("Batch.render: labels have no seeds: make the batch with renderer='reference'")
+        given = view_cameras.array(seeds, "seeds", (self.views,))
+        whole = (given == np.floor(given)) & (given >= 0) & (given < 2**32)
+        view_cameras.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")
+        return given.astype(np.uint32)

@@ -1,0 +1,205 @@
+"""Several frames of a batch in one submission: `Batch.render_many`, and the results that it keeps of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.host_array import host_array
+from solari_vk.batch import view_cameras
+from solari_vk.batch.scene_worlds import SceneWorlds
+from solari_vk.batch.worlds import Worlds
+from solari_vk.bound.given_numbers import GivenNumbers
+from solari_vk.bound.given_poses import taken
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import Image
+from solari_vk.renderers.scene_frame import SceneFrame
+from solari_vk.scene.model import Camera, Instance
+
+WHERE = "Batch.render_many"
+
+
+class Result(NamedTuple):
+    """A result of a batch. frame: has it as its resource, of so many values of a dtype. shaped: makes (N, height,
+    width[, channels]) of these values."""
+
+    frame: SceneFrame
+    resource: str
+    dtype: np.dtype[Any]
+    values: int
+    shaped: Callable[[Any], Any]
+
+    @property
+    def size(self) -> int:
+        """In bytes."""
+        return self.values * self.dtype.itemsize
+
+    def record_copy(self, cmd: raw.CData, target: Buffer, begin: int) -> None:
+        """Record a copy of the latest frame's to a byte of a buffer."""
+        source: Buffer | Image = self.frame.resource(self.resource)
+        if isinstance(source, Image):
+            source.record_copy(cmd, target.handle, begin=begin)
+        else:
+            offset = self.frame.binding(self.resource).element_offset
+            source.record_copy(cmd, target.handle, size=self.size, offset=offset, begin=begin)
+
+
+class ManyFrames(Mapping[str, NDArray[Any]]):
+    """What several frames of a batch show: results by their names, (frames, N, height, width[, channels]).
+
+    They are these until the batch renders many frames again, or is closed; arrays are copies.
+    """
+
+    _tensors = 0  # that somebody has
+    _closed = False
+
+    def __init__(
+        self, device: Device, results: Mapping[str, Result], frames: int, given: Sequence[GivenNumbers]
+    ) -> None:
+        self._device, self._results, self._frames, self._given = device, dict(results), frames, given
+        self._buffers: dict[str, Buffer] = {}
+        with device.undone_on_error():
+            for name, result in results.items():
+                self._buffers[name] = device.buffer(frames * result.size, f"frames of {name}")
+
+    def holds(self, results: Mapping[str, Result], frames: int) -> bool:
+        """Whether there is room for just these results."""
+        sizes = [(name, frames * result.size) for name, result in results.items()]
+        return sizes == [(name, buffer.size) for name, buffer in self._buffers.items()]
+
+    def take(self, index: int, results: Mapping[str, Result]) -> None:
+        """Have the device copy what the latest frame shows, which is number `index`."""
+        self._results = dict(results)
+
+        def record(cmd: raw.CData) -> None:
+            self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            for name, result in results.items():
+                result.record_copy(cmd, self._buffers[name], index * result.size)
+            self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+        self._device.start(record, "results of a frame")
+
+    def _of(self, name: str) -> tuple[Result, Buffer]:
+        if name not in self._buffers:
+            raise unknown_name(f"{WHERE} kept no result", name, self._buffers)
+        if self._closed:
+            raise SolariError(f"there is no '{name}' any more: the batch was closed, or has rendered many frames again")
+        return self._results[name], self._buffers[name]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        result, buffer = self._of(name)
+        values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
+        for given in self._given:
+            given.check()
+        return np.stack([result.shaped(one) for one in values])
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """A result that stays on the device, as `Batch.tensor` has those of the latest frame."""
+        result, buffer = self._of(name)
+        if isinstance(result.frame.resource(result.resource), Image):
+            raise SolariError(f"{WHERE}: '{name}' is an image: frames['{name}'] copies it")
+        count = self._frames * result.values
+        if buffer.mapped:
+            self._device.sync_host()
+            memory = buffer.view(result.dtype, count)
+            self._tensors += 1
+            self._device.lent.lend(memory, self._release_tensor)
+            first = result.shaped(memory[: result.values])
+            shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
+            return shown
+        if self._device.properties.kind == "cpu":
+            return self[name]
+        shape = result.shaped(np.empty(result.values, result.dtype)).shape
+        copy = partial(buffer.record_copy, size=buffer.size)
+        return self._device.cuda_for(name).copy(copy, (self._frames, *shape), result.dtype)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._buffers)
+
+    def __len__(self) -> int:
+        return len(self._buffers)
+
+    def close(self) -> None:
+        """Free the memory, when no tensor shows it any more. Safe to call twice."""
+        self._closed = True
+        if not self._tensors:
+            for buffer in self._buffers.values():
+                buffer.destroy()
+
+    def _release_tensor(self) -> None:
+        """A tensor, and all that was made of it, is gone."""
+        self._tensors -= 1
+        if self._closed:
+            self.close()
+
+
+def poses_of(device: Device, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:
+    """Cameras, those of a tensor of the device in its memory."""
+    return taken(device, cameras, "cameras", *shapes, where=where) or cameras
+
+
+def cameras_of(frames: int, views: int, cameras: Any, device: Device) -> Sequence[Any]:
+    """The cameras of each frame: those of all, or for each its own."""
+    cameras = poses_of(device, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
+    if isinstance(cameras, (list, tuple)) and cameras and isinstance(cameras[0], (Camera, list, tuple)):
+        lists = [one for one in cameras if isinstance(one, (list, tuple)) and one and isinstance(one[0], Camera)]
+        if isinstance(cameras[0], Camera):
+            return [cameras] * frames
+        if lists:
+            if len(lists) != len(cameras) or len(cameras) != frames:
+                raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
+            return lists
+    if isinstance(cameras, Taken):
+        return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
+    shape = views, 4, 4
+    poses = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
+    return list(np.broadcast_to(poses, (frames, *shape)))
+
+
+def moves_of(frames: int, worlds: Worlds | SceneWorlds, transforms: Any) -> list[list[tuple[Instance, Any]]]:
+    """What to replace in the transforms of worlds before each frame."""
+    if not isinstance(transforms, Mapping | None):
+        raise SolariError(f"{WHERE}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
+    moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
+    for key, values in (transforms or {}).items():
+        own, what, shape = worlds.transforms, f"transforms of {key}", (frames, worlds.count, 4, 4)
+        tensor = own.taken(values, what, shape, where=WHERE)
+        parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
+                 else view_cameras.array(values, what, shape, where=WHERE))  # fmt: skip
+        for of_frame, part in zip(moves, parts, strict=True):
+            of_frame.append(own.checked(key, part))
+    return moves
+
+
+def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
+    """The views (frames, N) that are cut, of all or some in the first frame, or in each."""
+    try:
+        mask = host_array(reset)
+    except (TypeError, ValueError, RuntimeError):
+        mask = np.zeros(0)
+    if mask.dtype != np.bool_ or mask.shape not in ((), (views,), (frames, views)):
+        raise SolariError(f"{WHERE}: reset is True, False or an array ({views},) or ({frames}, {views}) of these, not "
+                          f"{quoted(reset)}")  # fmt: skip
+    if mask.ndim == 2:
+        return mask
+    cuts = np.zeros((frames, views), bool)
+    cuts[0] = mask
+    return cuts
+
+
+def seeds_of(frames: int, views: int, seeds: Any) -> Sequence[Any]:
+    """The seeds of each frame, None for those that the batch has."""
+    if seeds is None:
+        return [None] * frames
+    given = view_cameras.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
+    return list(np.broadcast_to(given, (frames, views)))

@@ -1,0 +1,134 @@
+"""What `Batch` is given: its options and results by renderer, and checks."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.host_array import host_array
+from solari_vk.gpu.acceleration.checks import check_kind, whole_number
+from solari_vk.gpu.device.device import Device
+from solari_vk.passes import batch as passes
+from solari_vk.passes import pathtracer, world_cache
+from solari_vk.renderers.renderer import Renderer
+from solari_vk.scene.model import Camera, Scene
+
+OPTIONS = {
+    "labels": [],
+    "reference": [field.name for field in dataclasses.fields(pathtracer.Settings)],
+    "realtime": ["settings", "seed"],
+}
+"""The options of each renderer."""
+LIGHT = {"labels": (), "reference": ("radiance",), "realtime": ("radiance", "raw_radiance", "display")}
+"""The results of each renderer beside the outputs."""
+
+
+def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
+    try:
+        mask = host_array(reset)
+    except (TypeError, ValueError, RuntimeError):
+        mask = np.zeros(0)
+    if mask.dtype != np.bool_ or mask.shape not in ((), (views,)):
+        raise SolariError(f"Batch.render: reset is True, False or an array ({views},) of these, not {quoted(reset)}")
+    return mask
+
+
+def checked_flag(value: Any, name: str) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise SolariError(f"Batch.render: {name} is True or False, not {quoted(value)}")
+    return bool(value)
+
+
+def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[str, ...]:
+    """The names of the labels among the outputs; raises SolariError for wrong ones, and for wrong options."""
+    if renderer not in OPTIONS:
+        raise SolariError(f"Batch: renderer is one of {', '.join(OPTIONS)}, not {quoted(renderer)}")
+    for name in options:
+        if name not in OPTIONS[renderer]:
+            known = ["renderer", "outputs", "worlds", *OPTIONS[renderer]]
+            raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
+    given = checked_results(outputs, passes.OUTPUTS, "Batch", "output")
+    if renderer == "labels" and not given:
+        raise SolariError(f"Batch: outputs names nothing: give some of {', '.join(passes.OUTPUTS)}")
+    return given
+
+
+def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -> tuple[str, ...]:
+    """Names of some results, each once; raises SolariError for those that aren't known."""
+    if not isinstance(outputs, (str, Sequence)):
+        raise SolariError(f"{where}: outputs is a list of names, not {quoted(outputs)}")
+    given = [outputs] if isinstance(outputs, str) else list(outputs)
+    for name in given:
+        if name not in known:
+            raise unknown_name(f"{where}: there is no {what}", name, known)
+    return tuple(dict.fromkeys(given))
+
+
+def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
+    """The scenes of worlds, None for one scene; raises SolariError for wrong ones."""
+    if isinstance(worlds, (list, tuple)) or np.ndim(worlds):
+        raise SolariError("Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
+                          "Batch(device, [scene_a, scene_b], size, views)")  # fmt: skip
+    if not isinstance(scene, (list, tuple)):
+        return None
+    if not scene:
+        raise SolariError("Batch: the list of scenes is empty: give one for each world")
+    for world, one in enumerate(scene):
+        check_kind(one, Scene, f"Batch: the scene of world {world}", "give a solari_vk.Scene")
+    if worlds != 1:
+        raise SolariError(f"Batch: worlds={quoted(worlds)} goes with one scene: a list has the scene of each world")
+    return list(scene)
+
+
+def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> int:
+    """The number of worlds; raises SolariError if views aren't shared evenly, or the device doesn't hold so many."""
+    count = whole_number(worlds, "Batch: worlds", 1)
+    most = world_cache.most_worlds(device.properties.limits.maxStorageBufferRange)
+    if renderer == "realtime" and count > most:
+        raise SolariError(f"Batch: {count:,} worlds: this device's buffers have cells of the world cache for at most "
+                          f"{most:,}: share the worlds among several batches")  # fmt: skip
+    if views % count:
+        raise SolariError(f"Batch: {views:,} views are no multiple of {count:,} worlds: each has as many views")
+    return count
+
+
+def check_realtime(cameras: Any) -> None:
+    """Raise SolariError for cameras that the realtime renderer doesn't take."""
+    for index, camera in enumerate(cameras if isinstance(cameras, (list, tuple)) else ()):
+        if not isinstance(camera, Camera):
+            return  # lists of poses
+        if camera.auto_exposure:
+            raise SolariError(f"Batch.render: view {index} can't choose an exposure: set auto_exposure to False")
+
+
+def checked_size(device: Device, size: Any, views: int, record_bytes: int, renderer: str) -> tuple[int, int]:
+    """The size of a view; raises SolariError if the device doesn't hold so many views, with a record for each."""
+    width, height = _pair(size)
+    limits = device.properties.limits
+    most = 0
+    if width > 0 and height > 0:
+        pixel_bytes = Renderer.LARGEST_PIXEL_BYTES if renderer == "realtime" else pathtracer.LARGEST_PIXEL_BYTES
+        most = limits.maxStorageBufferRange // max(pixel_bytes * width * height, record_bytes)
+        if renderer == "realtime":  # all in one image, whose last row may have places without a view
+            columns, rows = (limits.maxImageDimension2D // side for side in (width, height))
+            empty = min(round(math.sqrt(most * height / width)), most - 1)
+            layers = limits.maxComputeWorkGroupCount[2]  # paths that wait have one for each view
+            most = min(most - max(empty, 0), columns * rows, layers)
+    if views > most:
+        hint = f"at most {most:,} views of this size: render them in parts" if most else "none of this size"
+        raise SolariError(f"Batch: {views:,} views of {width}x{height} pixels: this device's buffers hold {hint}")
+    return width, height
+
+
+def _pair(size: Any) -> tuple[int, int]:
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        raise SolariError(f"Batch: size must be two whole numbers (width, height), not {quoted(size)}") from None
+    return whole_number(width, "Batch: the width"), whole_number(height, "Batch: the height")

@@ -1,0 +1,245 @@
+"""The cameras of a batch's views: arrays of poses, or Camera objects, as records of struct Camera of
+glsl/scene/camera_records.glsl.
+
+Arrays of poses become records without a loop over views, and with the numbers that `Projection.of` finds for a `Camera`
+of each, bit by bit: the same operations in the same order on doubles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.bound.projection import FIELDS, Projection
+from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.frame.packing import packing
+from solari_vk.scene import checks
+from solari_vk.scene.exposed import exposure_of
+from solari_vk.scene.lens import UNLIMITED
+from solari_vk.scene.model import Camera
+
+Floats = NDArray[np.float64]
+DEFAULTS = Camera()
+LARGEST_EV100 = 100.0
+POSE_NUMBERS = 24  # of a camera: world_from_view, then view_from_world, by columns
+_LAST_ROW = np.array([[0.0], [0.0], [0.0], [1.0]])
+NARROWEST, WIDEST = 1e-4, math.pi - 1e-4  # vertical fields of view of a Camera, in radians
+
+
+class Written(NamedTuple):
+    """The cameras of a frame."""
+
+    records: NDArray[Any]
+    """(N,): struct Camera, of pictures that are rendered in their size, which may lack the matrices. Frames of which it
+    is the same array have the same cameras, but for `poses`."""
+    lenses: list[Camera]
+    """Those with a lens, which is a feature of the shaders."""
+    apertures: dict[int, Camera]
+    """Those with an aperture, by the view."""
+    jitter: Floats
+    """(N, 2): the cameras' own, in pixels of the picture."""
+    principal_shift: Floats
+    """(N, 2): from the principal point to the middle of the picture, in its pixels."""
+    exposure: Floats
+    """(N,)"""
+    poses: Taken | NDArray[np.float32]
+    """Their world_from_view and view_from_world, (POSE_NUMBERS, N), or poses in a tensor of the device, of which a
+    shader makes these."""
+
+
+def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
+    """Finite numbers of one of these shapes, from numpy, lists, or what has __array__ or __dlpack__ in host memory.
+    They may be the value itself."""
+    try:
+        if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+            value = np.from_dlpack(value)
+        given: Floats = np.asarray(checks.real(value), np.float64)
+        if given.shape not in shapes:
+            raise ValueError(f"must have the shape {' or '.join(map(str, shapes))}, not {given.shape}")
+        checks.refuse_not_finite(given)
+    except (TypeError, ValueError, OverflowError, RuntimeError, BufferError) as error:
+        raise SolariError(f"{where}: {what} {error}") from None
+    return given
+
+
+def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batch.render", of: str = "view") -> None:
+    """Raise SolariError that names the first view, or what it is `of`, for which a rule isn't `right` (N, ...)."""
+    if not right.all():
+        wrong = np.flatnonzero(~right.reshape(len(right), -1).all(axis=1))
+        more = f", as of {len(wrong) - 1} more {of}s" if len(wrong) > 1 else ""
+        raise SolariError(f"{where}: {what} of {of} {wrong[0]} must {rule}{more}")
+
+
+def check_transforms(
+    given: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view"
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Raise SolariError unless all finite matrices (N, 4, 4) are affine and invertible: the rules of
+    `Camera.transform`. Returns their axes with a length of 1, by rows (3, 3, N), the origins (3, N), the cross products
+    of the axes, of which (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
+    names = what, where, of
+    rows = np.array(given.transpose(1, 2, 0), order="C")
+    if not (rows[3] == _LAST_ROW).all():
+        check_all((rows[3] == _LAST_ROW).T, "be affine, with the last row 0 0 0 1", *names)
+    if rows.max() > checks.LARGEST_TRANSFORM or rows.min() < -checks.LARGEST_TRANSFORM:
+        check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
+    axes = np.empty((5, 5, len(given)))  # with the first two rows and columns again
+    squares = rows[:3, :3] * rows[:3, :3]
+    lengths = np.sqrt(squares[0] + squares[1] + squares[2])
+    lengths[lengths == 0] = np.inf  # which leaves no volume
+    np.divide(rows[:3, :3], lengths, out=axes[:3, :3])
+    axes[3:, :3] = axes[:2, :3]
+    axes[:, 3:] = axes[:, :2]
+    crossed = axes[1:4, 1:4] * axes[2:, 2:]
+    crossed -= np.multiply(axes[2:, 1:4], axes[1:4, 2:], out=squares)
+    parts = axes[:3, 0] * crossed[:, 0]
+    volume = parts[0] + parts[1] + parts[2]
+    rule = "be invertible: no axis may have a scale of 0, and the axes may not lie in one plane"
+    check_all(np.abs(volume) > 1e-9, rule, *names)
+    return axes[:3, :3], rows[:3, 3], crossed, volume
+
+
+def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
+    """A function of `math` for all views: numpy's own rounds some results differently."""
+    if (numbers == numbers[0]).all():
+        return np.full(len(numbers), function(float(numbers[0])))
+    return np.fromiter(map(function, numbers.tolist()), np.float64, len(numbers))
+
+
+def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floats) -> NDArray[np.float32]:
+    """world_from_view and view_from_world (POSE_NUMBERS, N) of poses, of which `check_transforms` returned the rest;
+    glsl/scene/given/cameras.comp does the same."""
+    made = np.empty((8, 3, len(volume)), np.float32)
+    made[:3], made[3] = axes.swapaxes(0, 1), origins
+    crossed /= volume  # a row of the inverse has the cross product of the other two axes
+    made[4:7] = crossed
+    moved = np.multiply(crossed, origins[:, None], out=crossed)
+    made[7] = -moved[0] - moved[1] - moved[2]
+    return made.reshape(POSE_NUMBERS, -1)
+
+
+def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> Written:
+    """Write the records (N,) of cameras of any kind, one after the other."""
+    packed, begin = packing(records.dtype, FIELDS)
+    memory = records.view(np.uint8).data
+    count, offsets = len(cameras), np.zeros((2, len(cameras), 2))
+    poses = np.zeros((POSE_NUMBERS, count), np.float32)
+    written = Written(records, [], {}, offsets[0], offsets[1], np.zeros(count), poses)
+    for index, camera in enumerate(cameras):
+        found = Projection.of(camera, size)
+        jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
+        at = index * records.dtype.itemsize + begin
+        shift = found.principal_shift
+        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *shift, 0.0, 0.0, *found.lens)
+        written.jitter[index], written.principal_shift[index] = found.jitter, shift
+        written.exposure[index] = found.exposure
+        if camera.has_lens:
+            written.lenses.append(camera)
+        if camera.aperture:
+            written.apertures[index] = camera
+    poses[:12] = records["world_from_view"].reshape(count, 12).T
+    poses[12:] = records["view_from_world"].reshape(count, 12).T
+    return written
+
+
+def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Half the picture in focal lengths, and from the principal point to the middle of the picture in its pixels, both
+    (N, 2), of vertical fields of view (N,) in radians."""
+    check_all((fov >= NARROWEST) & (fov <= WIDEST), f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians",
+              "the vertical field of view")  # fmt: skip
+    half_height = _each(math.tan, fov / 2)
+    half = np.stack([half_height * size[0] / size[1] / 1.0, half_height], -1)
+    return half, np.zeros_like(half)
+
+
+def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+    """As `of_fov`, of matrices (N, 3, 3) as `Camera.from_opencv` reads them."""
+    fx, fy, cx, cy = K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]
+    plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
+    check_all(plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
+    width, height = size
+    fov = 2 * _each(math.atan, height / 2 / fy)
+    half_height = of_fov(fov, size)[0][:, 1]
+    half = np.stack([half_height * width / height / (fx / fy), half_height], -1)
+    center = np.stack([(cx + 0.5) / width, (cy + 0.5) / height], -1)
+    check_all((np.abs(center) <= 10).all(axis=1) & (fx / fy <= 1e3) & (fy / fx <= 1e3),
+              "have a principal point within 10 pictures and fx / fy between 0.001 and 1,000", "K")  # fmt: skip
+    return half, (0.5 - center) * size
+
+
+def camera_list(cameras: Any, views: int) -> list[Camera] | None:
+    """The cameras of a sequence of `Camera`, or None for an array of poses. Raises SolariError for a wrong count, and
+    for a mixture."""
+    if isinstance(cameras, Camera):
+        cameras = [cameras]
+    if not isinstance(cameras, (list, tuple)) or not any(isinstance(camera, Camera) for camera in cameras):
+        return None
+    wrong = [camera for camera in cameras if not isinstance(camera, Camera)]
+    if wrong or len(cameras) != views:
+        what = f"one is {quoted(wrong[0])}" if wrong else f"there are {len(cameras)}"
+        raise SolariError(f"Batch.render: give {views} cameras, one for each view; {what}")
+    return list(cameras)
+
+
+class Cameras:
+    """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels."""
+
+    def __init__(self, dtype: np.dtype[Any], count: int, size: tuple[int, int]) -> None:
+        self._dtype, self._count, self._size = dtype, count, size
+        self._pinholes: Written | None = None  # the latest
+        self._seen: dict[str, Any] = {}  # what they were made from
+        self._plain: Mapping[str, Any] | None = None  # the same, as it was given, if all were single numbers
+
+    def read(self, cameras: Any, options: Mapping[str, Any]) -> Written:
+        """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
+        `Batch.render`; None for what isn't given."""
+        given = {name: value for name, value in options.items() if value is not None}
+        found = camera_list(cameras, self._count)
+        if found is not None:
+            if given:
+                raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
+            return write_cameras(np.zeros(self._count, self._dtype), found, self._size)
+        poses: Taken | NDArray[np.float32]
+        if isinstance(cameras, Taken):
+            poses = cameras
+        else:
+            poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
+        return self._pinholes_of(given)._replace(poses=poses)
+
+    def _pinholes_of(self, given: Mapping[str, Any]) -> Written:
+        """Pinhole cameras with any poses: the latest, where they were made from the same numbers."""
+        plain = all(type(value) in (int, float) for value in given.values())
+        if plain and self._pinholes is not None and given == self._plain:
+            return self._pinholes
+        count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
+        numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
+        seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
+        if self._pinholes is not None and seen == self._seen:
+            self._plain = given if plain else None
+            return self._pinholes
+        near, ev100 = (np.broadcast_to(numbers.pop(name, getattr(DEFAULTS, name)), count) for name in ("near", "ev100"))
+        if len(numbers) > 1:
+            raise SolariError(f"Batch.render: give one of {', '.join(numbers)}")
+        if "K" in numbers:
+            half, shift = of_matrices(np.broadcast_to(numbers["K"], (count, 3, 3)), self._size)
+        else:
+            name, value = next(iter(numbers.items()), ("vertical_fov", DEFAULTS.vertical_fov))
+            fov = np.broadcast_to(value, count)
+            half, shift = of_fov(fov * (math.pi / 180) if name == "fov" else fov, self._size)
+        check_all((near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
+                  f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m", "near")  # fmt: skip
+        check_all(np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
+        records = np.zeros(count, self._dtype)
+        records["size"] = records["picture_size"] = self._size
+        records["tan_half_fov"], records["near"] = half, near
+        records["jitter"] = records["principal_shift"] = shift
+        records["focus_distance"] = DEFAULTS.focus_distance
+        records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
+        self._seen, self._plain = seen, given if plain else None
+        exposure, none = _each(exposure_of, ev100), np.empty((0, count), np.float32)
+        self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, exposure, none)
+        return self._pinholes

@@ -1,0 +1,212 @@
+"""The renderers of a batch's views: the stages of `PathTracer` and `Renderer` over the pictures of all views."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.batch.view_cameras import Written
+from solari_vk.batch.view_table import ViewTable, samples_of
+from solari_vk.batch.world_changes import Known, WorldChanges
+from solari_vk.batch.world_tables import WorldTables
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.shaders.spirv import Binding
+from solari_vk.passes import pathtracer, world_cache
+from solari_vk.passes.many_views import grid, over_views, tiled
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.picture_renderer import PictureRenderer
+from solari_vk.renderers.renderer import THIS_FRAME, Renderer
+from solari_vk.renderers.scene_frame import SceneFrame
+from solari_vk.scene.model import Scene
+
+Size = tuple[int, int]
+
+
+def show_worlds(frame: SceneFrame, worlds: WorldTables, bound: int) -> int:
+    """Have a frame, which has the scene's edits and the worlds' resources of a version, show what the worlds are now;
+    returns the version that it has then."""
+    version = worlds.update()
+    if bound != version:
+        frame.bind(worlds.resources)
+    return version
+
+
+class _WorldsRenderer(PictureRenderer):
+    """The base of renderers of the views of worlds. `_bound` is the version of the worlds that the frame has."""
+
+    _worlds: WorldTables
+    _bound: int
+
+    @property
+    def frame(self) -> SceneFrame:
+        """What has the results."""
+        return self._frame
+
+    @property
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
+
+    def _show_worlds(self) -> None:
+        self._bound = show_worlds(self._frame, self._worlds, self._bound)
+
+
+class ViewTracer(_WorldsRenderer, PathTracer):
+    """The path tracer over a strip of views, whose result is `radiance_mean`."""
+
+    def __init__(
+        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: WorldTables,
+        options: dict[str, Any],
+    ) -> None:  # fmt: skip
+        self._views, self._worlds, self._bound = views, worlds, worlds.version
+        super().__init__(device, binder, strip, **options)
+
+    def _stages(self, size: Size) -> list[Stage]:
+        return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
+
+    def _inputs(self) -> dict[str, Any]:
+        return super()._inputs() | {"views": self._views, **self._worlds.resources}
+
+    def trace(self, samples: int) -> None:
+        """Trace new pictures with this many samples per pixel."""
+        self._begin_picture()
+        self._warn_of_darkness()
+        self._frame.apply_edits()
+        self._show_worlds()
+        pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+        while self.samples < samples:
+            self._add_samples(min(self._batch, samples - self.samples))
+            self._adapt()
+
+
+class ViewRenderer(_WorldsRenderer, Renderer):
+    """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
+
+    def __init__(
+        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding,
+        worlds: WorldTables, options: dict[str, Any],
+    ) -> None:  # fmt: skip
+        self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
+        self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
+        self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
+        self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
+        self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
+        self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
+        self._blended_before = np.zeros(1, np.int64)
+        owned: list[ViewTable | Buffer] = []
+        try:
+            self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
+            owned.append(self.views)
+            self._changes = WorldChanges(device, worlds.count)
+            owned.append(self._changes.buffer)
+            super().__init__(device, binder, size, **options)
+        except BaseException:
+            for one in owned:
+                one.destroy()
+            raise
+        for one in owned:
+            self._owned.callback(one.destroy)
+        self._all_views = self._frame.uniforms.writer("all_views", THIS_FRAME[:5])
+
+    @property
+    def gbuffer(self) -> str:
+        """How the surface of a pixel is found: raster draws one view at a time."""
+        return "traced"
+
+    def _checked_size(self, size: Size) -> Size:
+        super()._checked_size(tiled(size, self._grid))
+        return size
+
+    def _stages(self, picture: Size) -> list[Stage]:
+        settings = self.settings
+        for wrong, said in (
+            (settings.lighting != "paths", "lighting=paths"), (settings.gbuffer == "raster", "gbuffer=traced"),
+            (settings.restir and (self._worlds.count > 1 or self._worlds.shows_scenes),
+             "restir=off where there are several worlds"),
+            (settings.frame_ms > 0, "frame_ms=0"),
+        ):  # fmt: skip
+            if wrong:
+                raise SolariError(f"Batch: views are rendered with the setting {said}")
+        return over_views(super()._stages(picture))
+
+    def _inputs(self) -> dict[str, Any]:
+        own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
+        return super()._inputs() | own | dict(self._worlds.resources)
+
+    def _note_build(self) -> None:
+        super()._note_build()
+        self._offsets = np.array(2 * self._jitters).T
+
+    def _write_settings(self) -> None:
+        super()._write_settings()
+        cap = self.settings.world_cache_update_cap * self._world_count  # each world has cells of its own
+        self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
+
+    def render_views(
+        self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
+    ) -> None:
+        """Render the next frame. cut, (N,) or one for all: views without a history. keeps_cache: whether the world
+        cache is that of earlier frames."""
+        self._has_lens = bool(written.lenses)
+        self._prepare()
+        self._show_worlds()
+        known = self._worlds.known_lights or [Known.of(self.binder.lights)]
+        self._changes.update(known, self.settings.world_cache_cell_size)
+        try:
+            self._write_views(written, cut if self._has_history else np.ones_like(cut), seeds)
+            self._write_shared(keeps_cache and self._has_history)
+            self._has_history = True
+            self._frame.submit_applied()
+        except BaseException:
+            self.reset()
+            raise
+        self.frame_count += 1
+
+    def _write_views(self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+        views, worlds = self.views, self._worlds
+        if self._change.any() or not self._changes.is_still:
+            change = self._change * CHANGE_DECAY
+            change[change <= MIN_CHANGE] = 0.0
+            newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
+            self._change = np.where(cut, 0.0, np.maximum(change, newest))
+        blended = worlds.blended_changes != self._blended_before
+        sources = written.records, written.jitter, seeds, self._change, self._own_jitter, self._offsets
+        size = self._built_render_size
+        if views.must_write(sources, (size, *worlds.numbers, blended.tobytes())):
+            samples = samples_of(written, self.size, size, self.frame_count, seeds)
+            views.write_cameras(written, samples)
+            worlds.number(views)
+            frame = views.records["frame"]
+            frame["seed"], frame["exposure"], frame["lighting_change"] = seeds, written.exposure, self._change
+            frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
+            frame["user_jitter_change"] = written.jitter - self._own_jitter
+            shifts = written.jitter * np.divide(size, self.size), samples["principal_shift"]
+            self._shifts = np.array([of_all.T for of_all in shifts], order="C")
+            self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)
+        offsets = np.zeros((2, 1))
+        if self.settings.jitter:
+            offsets = self._offsets[:, self.frame_count % len(self._jitters) :].take(self._jitter_begins, axis=1)
+        views.offsets[0], views.offsets[1] = self._shifts[0] + offsets + self._shifts[1], offsets
+        self._own_jitter = written.jitter
+        views.show(written, cut, self.frame_count & 0xFFFFFFFF)
+
+    def _write_shared(self, keeps_cache: bool) -> None:
+        """Write what passes without a pixel read."""
+        if not keeps_cache:
+            self._changes.clear()
+        self._changes.upload()
+        change = self._changes.change.max()
+        self._all_views.write(self.frame_count & 0xFFFFFFFF, self.seed, keeps_cache, 0.0, change)
+        self._blended_before = self._worlds.blended_changes
+
+    def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The pictures (N, height, width, channels) of an image that has them in the grid."""
+        (columns, rows), (width, height) = self._grid, self.size
+        apart = values.reshape(rows, height, columns, width, -1).swapaxes(1, 2)
+        return apart.reshape(rows * columns, height, width, -1)[: len(self.views.records)]

@@ -1,0 +1,137 @@
+"""The records of a batch's views for shaders with MANY_VIEWS: struct View of glsl/scene/camera_records.glsl.
+
+They are in the device's memory alone. Just before each frame glsl/scene/given/views.comp makes the next ones from three
+things: what the host uploads for each frame, what it uploads only when that changes, and the records of the frame
+before, whose cameras become the previous ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from operator import is_
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.batch.view_cameras import POSE_NUMBERS, Written
+from solari_vk.bound.given_poses import GivenPoses
+from solari_vk.bound.projection import SEED_STRIDE, lens_point
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.mirror import Mirror
+from solari_vk.gpu.frame.kernel import Kernel
+from solari_vk.gpu.shaders.spirv import Binding
+
+# What all views share: the fields of FrameOfViews in glsl/scene/given/view_records.glsl before its rows.
+SHARED = np.dtype([
+    ("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8"),
+])  # fmt: skip
+_WORLD = [("world", "u4"), ("first_instance", "u4")]
+_OFFSETS, _CUT, _ROWS = POSE_NUMBERS, POSE_NUMBERS + 4, POSE_NUMBERS + 5
+
+
+class ViewTable:
+    """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures.
+    world_parts: of the world cache, which wants the ball around the cameras; 0 without one."""
+
+    def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 0) -> None:
+        assert layout.element is not None
+        self._device, self._count, self._begin = device, count, layout.element_offset
+        self._first, self._written = True, False
+        self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
+        self.given_poses = GivenPoses(device, "Batch.render", "view")
+        self._poses: Buffer | None = None  # of tensors, as rows
+        fields = layout.element.fields
+        assert fields is not None
+        given = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
+        self.records = np.zeros(count, given)
+        """GivenView of view_records.glsl (N,): what changes seldom. Write to it where `must_write`."""
+        self._cameras: NDArray[Any] | None = None  # that were written
+        # Their memory, in which numpy copies them ten times as fast as by their fields.
+        self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, : fields["current"][0].itemsize]
+        memory = np.zeros(SHARED.itemsize + 4 * _ROWS * count, np.uint8)
+        self.shared = memory[: SHARED.itemsize].view(SHARED)
+        """What all views share (1,)."""
+        rows = memory[SHARED.itemsize :].view(np.float32).reshape(_ROWS, count)
+        self._rows, self._cut = rows[:POSE_NUMBERS], rows[_CUT]
+        self.offsets = rows[_OFFSETS:_CUT].reshape(2, 2, count)
+        """Camera.jitter and FrameValues.sample_jitter by x and y (2, 2, N), kept from frame to frame."""
+        self.shared["columns"], self.shared["world_parts"] = columns, world_parts
+        with device.undone_on_error():
+            self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")
+            self.buffer.fill()
+            self._steps = [(Kernel(device, "scene/given/views.comp"), count)]
+            if world_parts:
+                self._steps.append((Kernel(device, "scene/given/views_ball.comp"), 1))
+            self._given = Mirror(device, self.records.view(np.uint8), "rare changes of views")
+            self._frame = Mirror(device, memory, "frame of views", self._record)
+
+    def _record(self, commands: raw.CData) -> None:
+        block = self.buffer.address
+        for kernel, threads in self._steps:
+            kernel.record(
+                commands, (threads, 1), block=block, views=block + self._begin, given=self._given.buffer.address,
+                frame=self._frame.buffer.address, count=self._count,
+            )  # fmt: skip
+            self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+
+    def must_write(self, sources: tuple[Any, ...], values: tuple[Any, ...]) -> bool:
+        """Whether `records` must be written before the next frame: where a source is another object than in the call
+        before, or a value isn't equal. Remembers both for the next call."""
+        seen, known = self._seen
+        self._written |= len(seen) != len(sources) or not all(map(is_, seen, sources)) or known != values
+        self._seen = sources, values
+        return self._written
+
+    def write_cameras(self, cameras: Written, samples: Mapping[str, Any] | None = None) -> None:
+        """Write the records of cameras, with the fields that differ in samples, such as `samples_of` returns, and with
+        their own jitter."""
+        now = self.records["camera"]
+        if cameras.records is not self._cameras:
+            self._bytes[:] = cameras.records.view(np.uint8).reshape(self._bytes.shape)
+            self.offsets[0] = cameras.records["jitter"].T
+            self._cameras = cameras.records
+        for name, values in (samples or {}).items():
+            now[name] = values
+
+    def show(self, cameras: Written, cut: NDArray[np.bool_], index: int = 0) -> None:
+        """Have the next submission make the records of a frame with this index. Those so far become the previous
+        cameras, but for views that are cut, (N,) or one for all."""
+        poses, address = cameras.poses, self._frame.buffer.address + SHARED.itemsize
+        if isinstance(poses, Taken):
+            if self._poses is None:
+                self._poses = self._device.buffer(4 * POSE_NUMBERS * self._count, "poses of tensors")
+            address = self._poses.address
+            self.given_poses.write_cameras(poses, "the pose", self._count, address)
+        else:
+            self._rows[:] = poses
+        self._cut[:] = True if self._first else cut
+        self.shared["index"], self.shared["poses"] = index, address
+        if self._written:
+            self._given.upload()
+        self._frame.upload()
+        self._first = self._written = False
+
+    def destroy(self) -> None:
+        """Free everything."""
+        self.given_poses.destroy()
+        for owned in (self._frame, self._given, *(kernel for kernel, _ in self._steps), self.buffer, self._poses):
+            if owned is not None:
+                owned.destroy()
+
+
+def samples_of(
+    written: Written, size: tuple[int, int], render_size: tuple[int, int], frame: int, seeds: NDArray[np.uint32]
+) -> dict[str, Any]:
+    """The fields of records (N,) of what is rendered for pictures of this size, and of apertures whose points are those
+    of a frame with these seeds (N,)."""
+    samples = {"size": render_size, "principal_shift": written.principal_shift * np.divide(render_size, size)}
+    if written.apertures:
+        samples["lens_offset"] = points = np.zeros_like(written.principal_shift)
+        for index, camera in written.apertures.items():
+            points[index] = lens_point(camera, frame + SEED_STRIDE * int(seeds[index]))
+    return samples

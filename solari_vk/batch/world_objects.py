@@ -1,0 +1,270 @@
+"""What the worlds of a batch have of their own, by the scene's objects: transforms, materials and lights."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.batch.view_cameras import array, check_all, check_transforms
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.given_poses import taken
+from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.lights.portal import Portal
+from solari_vk.scene.model import Instance, Light, Material
+from solari_vk.scene.observed import Checked, Observable
+
+Item = TypeVar("Item", bound=Checked)
+Values = TypeVar("Values")
+
+
+class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
+    """What objects of the scene are in each world, by the name of an object or by itself. Objects without are the
+    scene's in all worlds."""
+
+    where: str  # for messages
+    kind: type[Any]
+    among: str  # the scene's collection
+
+    def __init__(self, binder: SceneBinder, worlds: int) -> None:
+        self._binder, self.worlds = binder, worlds
+        self._given: dict[Item, Values] = {}
+        self.changed: set[Item] = set()
+
+    def _item(self, key: str | Item) -> Item:
+        items, name = getattr(self._binder.scene, self.among), self.among.removesuffix("s")
+        if isinstance(key, self.kind):
+            if key not in items:
+                raise SolariError(f"{self.where}: the scene doesn't have {key.describe()}")
+            item: Item = key
+            return item
+        if not isinstance(key, str):
+            article = "an" if self.kind is Instance else "a"
+            raise SolariError(f"{self.where}: give the name of {article} {name} or {article} {self.kind.__name__}, "
+                              f"not {quoted(key)}")  # fmt: skip
+        found: Item = items[key]
+        return found
+
+    def _checked(self, item: Item, values: Any) -> Values:
+        raise NotImplementedError
+
+    def _by_default(self, item: Item) -> Values:
+        raise NotImplementedError
+
+    def replace(self, item: Item, values: Values | None) -> None:
+        """Keep what is checked, or None for the scene's."""
+        if values is None:
+            self._given.pop(item, None)
+        else:
+            self._given[item] = values
+        self.changed.add(item)
+
+    def checked(self, key: str | Item, values: Any) -> tuple[Item, Values]:
+        """What `replace` takes."""
+        item = self._item(key)
+        if self.worlds == 1:
+            raise SolariError(f"{self.where}: the batch has one world: change {item.describe()} in the scene")
+        return item, self._checked(item, values)
+
+    def __setitem__(self, key: str | Item, values: Any) -> None:
+        self.replace(*self.checked(key, values))
+
+    def __getitem__(self, key: str | Item) -> Values:
+        """A copy."""
+        item = self._item(key)
+        values: Any = self._given[item] if item in self._given else self._by_default(item)
+        copy: Values = values.copy()
+        return copy
+
+    def __delitem__(self, key: str | Item) -> None:
+        """Have all worlds show an object as the scene has it."""
+        item = self._item(key)
+        if item not in self._given:
+            raise KeyError(key)
+        self.replace(item, None)
+
+    def __contains__(self, key: object) -> bool:
+        """Whether an object has something of its own in each world."""
+        try:
+            return self._item(key) in self._given  # type: ignore[arg-type]
+        except SolariError:
+            return False
+
+    def get(self, key: str | Item, default: Any = None) -> Any:
+        if key not in self:
+            return default
+        return self[key]
+
+    def pop(self, key: str | Item, *default: Any) -> Any:
+        if default and key not in self:
+            return default[0]
+        values = self[key]
+        del self[key]
+        return values
+
+    def setdefault(self, key: str | Item, default: Any = None) -> Any:
+        if key not in self:
+            self[key] = default
+        return self[key]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.present())
+
+    def __len__(self) -> int:
+        return len(self.present())
+
+    def present(self) -> dict[Item, Values]:
+        """What was given; what left the scene is forgotten."""
+        items = getattr(self._binder.scene, self.among)
+        for item in [item for item in self._given if item not in items]:
+            self.replace(item, None)
+        return self._given
+
+    def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
+        given = list(values) if isinstance(values, Sequence) else None
+        if given is None or len(given) != self.worlds:
+            there = quoted(values) if given is None else f"{len(given)}"
+            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self.worlds} {what}, one for each "
+                              f"world, not {there}")  # fmt: skip
+        for world, value in enumerate(given):
+            if not isinstance(value, kind):
+                raise SolariError(f"{self.where}: world {world} of {item.describe()} takes one of {what}, not "
+                                  f"{quoted(value)}")  # fmt: skip
+        return given
+
+
+class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
+    """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
+    object. Instances without have the scene's in all worlds.
+
+    Assign numpy arrays, or tensors; for a list of K instances (worlds, K, 4, 4). Tensors of a GPU stay on it, but those
+    of lamps, which the host's lists of lights depend on. What is wrong with such a tensor is said by a later `render`,
+    and isn't shown. Raises SolariError for an instance that the scene doesn't have, and for transforms that
+    `Instance.transform` doesn't take.
+    """
+
+    where, kind, among = "Batch.transforms", Instance, "instances"
+
+    def __init__(self, device: Device, binder: SceneBinder, worlds: int) -> None:
+        super().__init__(binder, worlds)
+        self._device = device
+
+    def __setitem__(self, key: Any, values: Any) -> None:
+        if not isinstance(key, (list, tuple)):
+            super().__setitem__(key, values)
+            return
+        what, shape = "of several instances", (self.worlds, len(key), 4, 4)
+        given = self.taken(values, what, shape)
+        if given is not None:
+            parts: list[Any] = [given.at(index, axis=1) for index in range(len(key))]
+        else:
+            parts = list(np.moveaxis(array(values, what, shape, where=self.where), 1, 0))
+        for item, own in [self.checked(*pair) for pair in zip(key, parts, strict=True)]:
+            self.replace(item, own)
+
+    def taken(self, values: Any, what: str, *shapes: tuple[int, ...], where: str | None = None) -> Taken | None:
+        """A tensor that stays on the device; None for what the host reads."""
+        return taken(self._device, values, what, *shapes, where=where or self.where)
+
+    def _checked(self, item: Instance, values: Any) -> Any:
+        what, shape = f"of {item.describe()}", (self.worlds, 4, 4)
+        given = values if isinstance(values, Taken) else self.taken(values, what, shape)
+        return given or self._on_host(item, array(values, what, shape, where=self.where))
+
+    def _on_host(self, item: Instance, given: NDArray[np.float64]) -> NDArray[np.float64]:
+        names = item.describe(), self.where, "world"
+        check_all(np.isfinite(given), "be finite", *names)
+        check_transforms(given, *names)
+        return np.array(given)
+
+    def on_host(self, items: Iterable[Instance]) -> dict[Instance, NDArray[np.float64]]:
+        """What was given of these, from now on in the host's memory also if it was a tensor's, which waits for it."""
+        found = {}
+        for item in self._given.keys() & set(items):
+            given = self._given[item]
+            found[item] = self._on_host(item, given.copy()) if isinstance(given, Taken) else given
+        self._given.update(found)
+        return found
+
+    def _by_default(self, item: Instance) -> NDArray[np.float64]:
+        return np.broadcast_to(item.transform, (self.worlds, 4, 4))
+
+
+class WorldMaterials(OfWorlds[Instance, list[Material]]):
+    """The materials of instances by world, by the name of each instance or by itself: a list with one for each world,
+    in which materials may occur several times. Instances without have the scene's in all worlds.
+
+    A material may have textures, and emit light. It may be edited, as any other. Raises SolariError for an instance
+    that the scene doesn't have, and for wrong lists.
+    """
+
+    where, kind, among = "Batch.world_materials", Instance, "instances"
+
+    def _checked(self, item: Instance, values: Any) -> list[Material]:
+        return self._checked_list(item, values, Material, "sv.Material")
+
+    def _by_default(self, item: Instance) -> list[Material]:
+        return [item.material] * self.worlds
+
+    def replace(self, item: Instance, values: list[Material] | None) -> None:
+        before = self._given.get(item, [])
+        super().replace(item, values)
+        table = self._binder.materials
+        for material in dict.fromkeys(values or ()):
+            table.acquire(material, item)
+        for material in dict.fromkeys(before):
+            table.release(material, item)
+        for material in dict.fromkeys([*before, *(values or ())]):
+            self._binder.note(material)
+
+    def destroy(self) -> None:
+        """Let go of the materials."""
+        for item in list(self._given):
+            self.replace(item, None)
+
+
+class WorldLights(OfWorlds[Light, list[Light | None]]):
+    """The lights of the scene by world, by the name of each light or by itself: a list with what takes its place in
+    each world, None for nothing. Lights without are the scene's in all worlds.
+
+    They are of any kind but portals, environments with images of their own among them, and may be edited as any other.
+    Raises SolariError for a light that the scene doesn't have, and for wrong lists.
+    """
+
+    where, kind, among = "Batch.world_lights", Light, "lights"
+
+    def __init__(self, binder: SceneBinder, worlds: int) -> None:
+        super().__init__(binder, worlds)
+        self._edits = weakref.WeakKeyDictionary[Light, int]()
+
+    def _checked(self, item: Light, values: Any) -> list[Light | None]:
+        given = self._checked_list(item, values, Light | None, "sv lights, or None")  # type: ignore[arg-type]
+        for world, light in enumerate(given):
+            if isinstance(light, Portal):
+                raise SolariError(f"{self.where}: world {world} of {item.describe()} can't have a portal: all worlds "
+                                  "share the scene's")  # fmt: skip
+        return given
+
+    def _by_default(self, item: Light) -> list[Light | None]:
+        return [item] * self.worlds
+
+    def note(self, changed: Observable) -> None:
+        """A light in use was edited."""
+        assert isinstance(changed, Light)
+        self._edits[changed] = self._edits.get(changed, 0) + 1
+        self.changed.add(changed)
+
+    def edits_of(self, light: Light | None) -> int:
+        """How often a light was edited since it was first given."""
+        return 0 if light is None else self._edits.get(light, 0)
+
+    def replace(self, item: Light, values: list[Light | None] | None) -> None:
+        super().replace(item, values)
+        for light in values or ():
+            if light is not None:
+                light.watch(self)

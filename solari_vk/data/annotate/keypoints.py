@@ -1,0 +1,118 @@
+"""Named points on instances, where they are in a picture, and whether they are seen."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.files import read_json
+from solari_vk.data.annotate.surfaces import check_view, is_blocked
+from solari_vk.renderers.ray_tracer import RayTracer
+from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.objects import is_called, objects_of
+
+OUTSIDE, OCCLUDED, VISIBLE = range(3)
+"""States of keypoints, as COCO's v: not in the picture, hidden by a surface, seen."""
+Point = ArrayLike | int
+Named = Mapping[str, Mapping[str, Point]]
+
+
+class Keypoint(NamedTuple):
+    """A point of an instance in a picture."""
+
+    pixel: NDArray[np.float64]
+    """(2,) as `Camera.project` has it; NaN for what the camera doesn't see."""
+    state: int
+    """0: not in the picture; 1: hidden by a surface; 2: seen. These are COCO's numbers."""
+    position: NDArray[np.float64]
+    """(3,) in meters in the world."""
+
+
+def keypoints(
+    tracer: RayTracer, camera: Camera, size: tuple[int, int], points: Named | str | PathLike[str], *,
+    tolerance: float = 0.0, instances: Sequence[Instance] | None = None,
+) -> dict[Instance, dict[str, Keypoint]]:  # fmt: skip
+    """Named points of the scene's visible instances in a camera's picture of this size.
+
+    points: for patterns of instances' names, such as "Chair*", the points by name: (3,) in meters in the mesh's own
+    space, or the number of a vertex, which follows joints and morph targets; or a JSON file of that. Of several
+    patterns that fit, the first counts, and of an object's parts the first that fits has them. tolerance: how far
+    before a point, in meters, a surface counts as its own, as for joints below skin; always a thousandth of the
+    distance. instances: those whose names count; None: all. Raises SolariError for a pattern that fits no name, and for
+    a point that is neither.
+    """
+    check_view("keypoints", tracer, camera, size)
+    positions, names = list[NDArray[np.float64]](), list[tuple[Instance, str]]()
+    tracer.trace(np.zeros((0, 3)), np.zeros((0, 3)))  # takes up the scene's edits
+    given = list(tracer.instances.values()) if instances is None else instances
+    for instance, named in _found(given, points).items():
+        mesh = instance.posed_mesh()
+        for name, point in named.items():
+            local = _local(point, mesh.positions, f"keypoints: {name!r} of {instance.describe()}")
+            positions.append(transform_points(instance.transform, local[None])[0])
+            names.append((instance, name))
+    if not names:
+        return {}
+    at = np.array(positions)
+    pixels = camera.project(at, size)
+    inside = ((pixels >= -0.5) & (pixels < np.array(size) - 0.5)).all(axis=-1)
+    slack = tolerance + 1e-3 * np.linalg.norm(at - camera.position, axis=-1)
+    states = np.where(inside, np.where(is_blocked(tracer, camera, at, pixels, size, slack), OCCLUDED, VISIBLE), OUTSIDE)
+    found = dict[Instance, dict[str, Keypoint]]()
+    for (instance, name), pixel, state, position in zip(names, pixels, states.tolist(), at, strict=True):
+        found.setdefault(instance, {})[name] = Keypoint(pixel, state, position)
+    return found
+
+
+def _found(instances: Sequence[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
+    return {instance: named for instance, named in find_keypoints(instances, points).items() if instance.visible}
+
+
+def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
+    """The named points of each instance that a pattern fits; arguments and errors are those of `keypoints`."""
+    who = "keypoints"
+    if isinstance(points, str | PathLike):
+        who = f"keypoints {Path(points)}"
+        points = read_json(Path(points), who)
+    if not isinstance(points, Mapping) or not all(isinstance(named, Mapping) for named in points.values()):
+        raise SolariError(f'{who}: give points by name for patterns of names, such as {{"Chair*": {{"seat": [0, 0.4, '
+                          '0]}}')  # fmt: skip
+    found = dict[Instance, Mapping[str, Point]]()
+    for pattern, named in points.items():
+        if not isinstance(pattern, str):
+            raise SolariError(f"{who}: a pattern of names is text, not {quoted(pattern)}")
+        numbered = dict(enumerate(instance for instance in instances if is_called(instance, pattern)))
+        fitting = [numbered[first] for first in objects_of(numbered)]
+        if not fitting:
+            raise unknown_name(f"{who}: no instance is named", pattern, [instance.name for instance in instances])
+        for instance in fitting:
+            found.setdefault(instance, named)
+    for instance, named in found.items():
+        for name, point in named.items():
+            _local(point, instance.mesh.positions, f"{who}: {name!r} of {instance.describe()}")
+    return found
+
+
+def _local(point: Any, positions: NDArray[Any], who: str) -> NDArray[np.float64]:
+    """A point (3,) in the mesh's space."""
+    try:
+        if np.ndim(point) == 0:
+            number = operator.index(point)
+            if not 0 <= number < len(positions):
+                raise ValueError
+            return np.asarray(positions[number], np.float64)
+        given = np.asarray(point, np.float64)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise ValueError
+        return given
+    except (TypeError, ValueError):
+        raise SolariError(f"{who}: is three numbers, or a vertex from 0 to {len(positions) - 1}, not "
+                          f"{quoted(point)}") from None  # fmt: skip

@@ -1,0 +1,92 @@
+"""The surfaces that a camera would see along rays, in order: back faces of single-sided materials aren't among them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.renderers.ray_tracer import Hits, RayTracer
+from solari_vk.scene.model import Camera
+
+STEP = np.float32(1 + 2**-20)  # from one surface to the next: two that are closer, relative to the distance, are one
+Floats = NDArray[np.float64]
+
+
+def check_view(who: str, tracer: RayTracer, camera: Camera, size: tuple[int, int]) -> None:
+    """Raise SolariError for what is no tracer, no camera or no size."""
+    for given, kind in ((tracer, RayTracer), (camera, Camera)):
+        if not isinstance(given, kind):
+            raise SolariError(f"{who}: a {kind.__name__} is needed, not {quoted(given)}")
+    camera.rays((0, 0), size)
+
+
+def pixel_rays(camera: Camera, pixels: Floats, size: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
+    """Origins and unit directions (N, 3) of what pixels (N, 2) look along, and where the rays begin (N), at `near`."""
+    origins, directions = camera.rays(pixels, size)
+    forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
+    along = directions @ forward if camera.projection == "perspective" else np.ones(len(pixels))
+    return origins, directions, camera.near / np.maximum(along, 1e-9)
+
+
+def peel(
+    tracer: RayTracer, origins: Floats, directions: Floats, t_min: ArrayLike, t_max: ArrayLike = np.inf, *,
+    first: bool = False,
+) -> Iterator[tuple[NDArray[np.int64], Hits]]:  # fmt: skip
+    """The surfaces along rays (N, 3), nearest first: each step gives the numbers of the rays that met one, and hits.
+
+    first: a ray ends at its first surface.
+    """
+    count = len(origins)
+    start, end = (np.array(np.broadcast_to(value, count), np.float32) for value in (t_min, t_max))
+    active = np.flatnonzero(np.isfinite(directions).all(axis=-1))
+    step, double_sided = 0, np.zeros(0, np.bool_)
+    while len(active):
+        hits = tracer.trace(
+            origins[active], directions[active], t_min=start[active], t_max=end[active], seed=step & 0xFFFFFFFF
+        )
+        there = hits.instance >= 0
+        active, hits = active[there], hits[there]
+        start[active] = np.maximum(hits.t * STEP, np.nextafter(hits.t, np.float32(np.inf)))
+        if step == 0:
+            double_sided = _double_sided(tracer)
+        seen = hits.front_face | double_sided[hits.instance]
+        yield active[seen], hits[seen]
+        if first:
+            active = active[~seen]
+        step += 1
+
+
+def first_surfaces(
+    tracer: RayTracer, origins: Floats, directions: Floats, t_min: ArrayLike, t_max: ArrayLike = np.inf
+) -> tuple[NDArray[np.int64], Hits | None]:
+    """The rays that meet a surface that a camera sees, and the nearest hit of each; None if no ray does."""
+    parts = list(peel(tracer, origins, directions, t_min, t_max, first=True))
+    if not parts:
+        return np.zeros(0, np.int64), None
+    rays, hits = zip(*parts, strict=True)
+    return np.concatenate(rays), np.concatenate(hits).view(Hits)
+
+
+def _double_sided(tracer: RayTracer) -> NDArray[np.bool_]:
+    """Whether the material of each instance is, by its number."""
+    known = {number: instance.material.double_sided for number, instance in tracer.instances.items()}
+    table = np.zeros(max(known, default=0) + 1, np.bool_)
+    table[list(known)] = list(known.values())
+    return table
+
+
+def is_blocked(
+    tracer: RayTracer, camera: Camera, points: Floats, pixels: Floats, size: tuple[int, int], tolerance: ArrayLike
+) -> NDArray[np.bool_]:
+    """Whether a surface hides points (N, 3), which are seen at pixels (N, 2), from a camera.
+
+    tolerance (N): how far before a point, in meters, a surface counts as its own.
+    """
+    origins, directions, starts = pixel_rays(camera, pixels, size)
+    distance = np.einsum("ni,ni->n", points - origins, directions)
+    blocked = np.zeros(len(points), np.bool_)
+    blocked[first_surfaces(tracer, origins, directions, starts, distance - tolerance)[0]] = True
+    return blocked

@@ -1,0 +1,151 @@
+"""The labels of a rendered data set, from its files: COCO, YOLO, boxes in space, BOP, and shards of all."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import make_folder, read_json, write_whole
+from solari_vk.data.annotate.bop import BopWriter
+from solari_vk.data.annotate.boxes import box_around
+from solari_vk.data.annotate.silhouettes import Silhouette, merge_runs, read_runs
+from solari_vk.data.cluster import Style, View
+from solari_vk.data.datasets.dataset import NAME
+from solari_vk.data.datasets.tasks import KEYPOINTS, SILHOUETTES
+from solari_vk.output.annotations import Annotations, boxes
+from solari_vk.output.shards import save_shards
+from solari_vk.scene.model import Camera, Instance, Scene
+
+COCO, CLASSES, BOP, SHARDS, OBJECTS = "annotations.json", "classes.txt", "bop", "shards", "objects"
+ANNOTATIONS = {
+    "coco": ("instance_id",), "yolo": ("instance_id",), "objects": ("instance_id", SILHOUETTES),
+    "bop": ("instance_id", SILHOUETTES, "depth"),
+}  # fmt: skip
+"""The kinds of annotations, each with the layers that it is made of."""
+
+
+class Annotating:
+    """Writes annotations of all views of a folder. instances: of the scene, by the numbers in instance_id. split: of
+    BOP."""
+
+    def __init__(
+        self, folder: Path, annotations: Annotations, instances: Mapping[int, Instance], style: Style, scene: Scene,
+        split: str,
+    ) -> None:  # fmt: skip
+        self._folder, self._annotations, self._style, self._scene = folder, annotations, style, scene
+        self._labels, self._split = annotations.labels, split
+        self._instances = {number: instances[number] for number in self._labels}
+
+    def check(self, kinds: Sequence[str], cameras: Sequence[Camera]) -> None:
+        """Raise SolariError, before anything is rendered, for what a format doesn't have. cameras: those of the views,
+        before the randomizer."""
+        if "bop" not in kinds:
+            return
+        bop, randomizer = self._bop(), self._style.randomizer
+        for number, given in enumerate(cameras):
+            camera = copy.deepcopy(given)
+            if randomizer is not None:
+                randomizer.camera(camera, number)
+            with self._style.randomized(self._scene, number):
+                bop.check(camera)
+
+    def _bop(self) -> BopWriter:
+        """The objects have the sizes of the first view."""
+        with self._style.randomized(self._scene, 0):
+            return BopWriter(self._folder / BOP, self._instances, labels=self._labels, split=self._split)
+
+    def write(self, kinds: Sequence[str], views: Sequence[View]) -> None:
+        """Write these of ANNOTATIONS. Raises SolariError for a file that can't be written, and for what a format
+        doesn't have."""
+        pictures = self._pictures(kinds, views)
+        if "yolo" in kinds:
+            write_whole(self._folder / CLASSES, "".join(f"{name}\n" for name in self._annotations.classes))
+        if "coco" in kinds:
+            write_whole(self._folder / COCO, json.dumps(self._annotations.coco(pictures)))
+        else:
+            deque(pictures, 0)
+
+    def _pictures(
+        self, kinds: Sequence[str], views: Sequence[View]
+    ) -> Iterator[tuple[str, NDArray[Any], dict[int, NDArray[Any]]]]:
+        """The name, the ids and the keypoints of each picture, whose other annotations are written on the way: each
+        file is read once."""
+        bop = self._bop() if "bop" in kinds else None
+        for number, view in enumerate(views):
+            ids, points = self._layer(view, "instance_id"), self._points(view)
+            if "yolo" in kinds:
+                write_whole(self._folder / f"{Path(view.name).stem}.txt", self._annotations.yolo(ids))
+            if bop is not None or "objects" in kinds:
+                objects = self._annotations.objects
+                with self._style.randomized(self._scene, number):
+                    shown = {row: np.isin(ids, parts) for row, parts in objects.items()
+                             if any(self._instances[part].visible for part in parts)}  # fmt: skip
+                    silhouettes = read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
+                    if "objects" in kinds:
+                        rows = self._objects(view.camera, silhouettes, points)
+                        write_whole(self._folder / f"{Path(view.name).stem}.{OBJECTS}.json", json.dumps(rows))
+                    if bop is not None:
+                        picture = (self._folder / view.name).read_bytes()
+                        bop.add(number, view.camera, picture, self._layer(view, "depth"), silhouettes)
+            yield view.name, ids, points
+        if bop is not None:
+            bop.finish()
+
+    def _layer(self, view: View, name: str) -> NDArray[Any]:
+        return np.asarray(np.load(self._folder / f"{Path(view.name).stem}.{name}.npy"))
+
+    def _points(self, view: View) -> dict[int, NDArray[Any]]:
+        """u, v and state of the keypoints of each instance that has any."""
+        if KEYPOINTS not in self._style.layers:
+            return {}
+        rows = self._layer(view, KEYPOINTS)
+        return {int(number): rows[rows[:, 0] == number, 1:] for number in np.unique(rows[:, 0])}
+
+    def _objects(
+        self, camera: Camera, silhouettes: Mapping[int, Silhouette], points: Mapping[int, NDArray[Any]]
+    ) -> list[dict[str, Any]]:
+        """The instances that are in a picture, or would be if nothing were before them."""
+        rows = []
+        for number, silhouette in silhouettes.items():
+            if silhouette.pixel_count:
+                parts = [self._instances[part] for part in self._annotations.objects[number]]
+                box = box_around(parts, camera, self._style.size)
+                name = parts[0].part_of if len(parts) > 1 else parts[0].name
+                rows.append({
+                    "id": number, "name": name, "label": self._labels[number],
+                    "center": box.center.tolist(), "rotation": box.rotation.tolist(), "size": box.size.tolist(),
+                    "corners": [corner if np.isfinite(corner).all() else None for corner in box.pixels.tolist()],
+                    "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
+                    "whole_box": silhouette.box, "visible_fraction": silhouette.fraction,
+                })  # fmt: skip
+                named = self._annotations.points_of(number, points)
+                if len(named):
+                    places = [row if np.isfinite(row).all() else [None, None, 0] for row in named.tolist()]
+                    names = self._annotations.keypoints[self._labels[number]]
+                    rows[-1]["keypoints"] = dict(zip(names, places, strict=True))
+        return rows
+
+
+def write_shards(folder: Path, per_shard: int) -> None:
+    """Write all files of a folder's views into tar files, with the camera of each as "json"."""
+    transforms = read_json(folder / NAME, str(folder / NAME))
+    frames = transforms.pop("frames")
+
+    def samples() -> Iterator[tuple[str, dict[str, Any]]]:
+        for frame in frames:
+            stem = Path(frame["file_path"]).stem
+            files = {path.name.removeprefix(f"{stem}."): path for path in sorted(folder.glob(f"{stem}.*"))}
+            if not files:
+                raise SolariError(f"{folder / frame['file_path']}: is missing: render the data set again")
+            yield stem, {**files, "json": {**transforms, **frame}}
+
+    make_folder(folder / SHARDS)
+    save_shards(folder / SHARDS, samples(), per_shard=per_shard)

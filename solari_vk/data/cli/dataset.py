@@ -1,0 +1,171 @@
+"""`solari-vk dataset`: many views of a scene, with their cameras, for learning from pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import solari_vk as sv
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import make_folder, read_json, write_whole
+from solari_vk.cli.cluster import open_pool
+from solari_vk.cli.progress import check_time_limit
+from solari_vk.cli.realtime import check_parts
+from solari_vk.cli.subject import Subject, check_aovs, expose, load
+from solari_vk.data.annotate.keypoints import find_keypoints
+from solari_vk.data.cli.annotations import ANNOTATIONS, Annotating, write_shards
+from solari_vk.data.cli.rendering import metered, render_files
+from solari_vk.data.cluster import RenderTask, Style, View, blocks
+from solari_vk.data.datasets.dataset import cameras_for, views_of, write_transforms
+from solari_vk.data.datasets.journal import open_journal
+from solari_vk.data.datasets.tasks import FLOW, FLOW_BACK, KEYPOINTS, RAW, SILHOUETTES, TRACED
+from solari_vk.data.randomize.randomizer import Randomizer
+from solari_vk.data.sensors.sensor import Sensor
+from solari_vk.output import oidn
+from solari_vk.output.annotations import Annotations, instance_table
+from solari_vk.scene.files.colmap import check_colmap, save_colmap
+from solari_vk.scene.labels import find_labels
+from solari_vk.scene.objects import objects_of
+
+if TYPE_CHECKING:
+    from solari_vk.data.cli.jobs import DatasetJob
+    from solari_vk.scene.model import Camera
+
+METERED = 8  # views whose mean exposure is that of all
+FLOWS = {FLOW, FLOW_BACK}
+BOP_SPLITS = {"png": "train", "jpg": "train_pbr"}  # where bop_toolkit looks for such pictures
+JOURNAL = "views.jsonl"
+COLMAP = Path("sparse", "0")
+INSTANCES = "instances.json"
+
+
+def run(job: DatasetJob) -> int:
+    """Render the views that aren't in the folder yet; returns the exit code, 1 if some are missing."""
+    check_time_limit(job.time_limit)
+    randomizer = None if job.randomize is None else Randomizer.load(job.randomize, job.seed)
+    if randomizer is not None:
+        job = dataclasses.replace(job, seed=randomizer.seed)  # of cameras and noise too
+    style = dataclasses.replace(_style(_with_layers(job)), randomizer=randomizer)
+    if job.sensor is not None:
+        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
+    folder = job.output.resolve()
+    make_folder(folder)
+    subject = load(job, time=job.time, seen_all_round=job.cameras == "orbit")
+    cameras, metered_numbers = _cameras(subject, job)
+    shown = [cameras[number] for number in metered_numbers]
+    cameras = cameras[: job.views]
+    if randomizer is not None:
+        randomizer.prepare(subject.scene)
+    instances = dict(enumerate(subject.scene.instances))
+    objects = style.objects(subject.scene)
+    given = {} if job.labels is None else find_labels(objects, job.labels, subject.scene.backdrop)
+    labels = {number: instance.label for number, instance in instances.items()}
+    for number, instance in instances.items():
+        if instance in given:
+            labels[number], whole = given[instance]
+            instance.part_of = instance.part_of if whole is None else whole
+    points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
+    named = find_keypoints(objects, points)
+    style = dataclasses.replace(style, points=json.dumps(points))
+    keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
+    annotating = None
+    if job.annotations:
+        annotations = Annotations(labels, keypoints, objects_of(instances, labels))
+        split = BOP_SPLITS.get(job.format, "")
+        annotating = Annotating(folder, annotations, instances, style, subject.scene, split)
+        annotating.check(job.annotations, cameras)
+    with open_pool(job) as pool:
+        ev100 = subject.cameras[0].ev100
+        if subject.auto_exposure:
+            ev100 = metered(pool, subject, shown, job.size, randomizer, metered_numbers)
+        expose(cameras, ev100)
+        if randomizer is not None:
+            for number, camera in enumerate(cameras):
+                randomizer.camera(camera, number)
+        print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
+        views = views_of(cameras, f".{job.format}")
+        if job.colmap:
+            check_colmap(cameras, job.size)
+        if FLOWS & set(style.layers):
+            ends = [None, *cameras, None]
+            views = [dataclasses.replace(view, before=ends[number], after=ends[number + 2])
+                     for number, view in enumerate(views)]  # fmt: skip
+        tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
+        journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
+        write_transforms(folder, style, views)
+        if job.colmap:
+            save_colmap(folder / COLMAP, cameras, job.size, [view.name for view in views])
+        if "instance_id" in style.layers:
+            write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
+        if not render_files(pool, subject.scene, tasks, journal, job):
+            return 1
+    if annotating is not None:
+        annotating.write(job.annotations, views)
+    if job.shards is not None:
+        write_shards(folder, job.shards)
+    return 0
+
+
+def _with_layers(job: DatasetJob) -> DatasetJob:
+    """The job with the outputs that its annotations need."""
+    needed = list[str]()
+    for name in job.annotations:
+        if name not in ANNOTATIONS:
+            raise SolariError(f"--annotations {name}: take some of {', '.join(ANNOTATIONS)}")
+        needed += ANNOTATIONS[name]
+    whole = job.format in ("exr", "npz")
+    if whole and (needed or SILHOUETTES in job.aov):
+        raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png, jpg or npy")
+    if "bop" in job.annotations and job.format not in BOP_SPLITS:
+        raise SolariError("--annotations bop: its pictures are .png or .jpg files: give --format png or jpg")
+    if FLOWS & set(job.aov) and (job.randomize is not None or whole):
+        raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
+                          "leave --randomize out, and give --format png, jpg or npy")  # fmt: skip
+    if job.labels is not None and "instance_id" not in (*job.aov, *needed):
+        raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
+    if job.keypoints is not None:
+        if not {"coco", "objects"} & set(job.annotations):
+            raise SolariError("--keypoints: are part of --annotations coco or objects: give one of them")
+        needed.append(KEYPOINTS)
+    return dataclasses.replace(job, aov=tuple(dict.fromkeys((*job.aov, *needed))))
+
+
+def _style(job: DatasetJob) -> Style:
+    """How views are rendered. Raises SolariError for options that contradict each other."""
+    if job.view != "picture":
+        raise SolariError(f"--view {job.view}: a data set has pictures of light: see --aov")
+    if job.mode == "reference":
+        check_aovs(job.aov, job.mode, (*sv.PathTracer.OUTPUTS[1:], *TRACED))
+        if job.denoise:
+            oidn.check_installed()
+        return Style(job.size, job.seed, job.aov, job.tonemap, samples=job.samples, max_bounces=job.max_bounces,
+                     denoise=job.denoise)  # fmt: skip
+    if job.denoise:
+        raise SolariError("--denoise: is an option of --mode reference: give --settings denoise=on")
+    settings = job.make_settings()
+    check_parts([name for name in job.aov if name not in TRACED], job.size, settings)
+    return Style(job.size, job.seed, job.aov, job.tonemap, settings=settings, frames=job.average, warm_up=job.warm_up)
+
+
+def _tasks(style: Style, views: list[View], is_random: bool) -> list[RenderTask]:
+    """Each view alone; or, of cameras that follow a path in realtime mode, blocks, whose motion is that of the path."""
+    if style.settings is not None and not is_random:
+        return blocks(style, views)
+    warm_up = style.warm_up if style.settings is not None else 0
+    return [RenderTask(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
+
+
+def _cameras(subject: Subject, job: DatasetJob) -> tuple[list[Camera], list[int]]:
+    """The cameras of the views, and perhaps more, and the numbers of those whose exposures are measured.
+
+    At random places these are the first ones of the seed, used or not, so that any number of views has one exposure.
+    """
+    is_random = job.cameras == "random"
+    most = max(job.views, METERED) if is_random and job.views is not None else job.views
+    aspect = job.size[0] / job.size[1]
+    found = cameras_for(job.cameras, subject.scene, subject.cameras[0], most, aspect, job.seed)
+    numbers = range(len(found))
+    return found, list(numbers[:METERED] if is_random else numbers[:: -(-len(found) // METERED)])

@@ -1,0 +1,194 @@
+"""Data sets of views: cameras around or in a scene, and `transforms.json` in the convention of NeRF.
+
+Mildenhall et al., "NeRF: Representing Scenes as Neural Radiance Fields for View Synthesis" (2020); the fields are those
+of instant-ngp and Nerfstudio: world from camera as in OpenGL, which looks along -z with +y up, and the lens in pixels.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import read_json, remove_unfinished, write_whole
+from solari_vk.data.datasets.tasks import Style, View
+from solari_vk.output.animation import MAX_CAMERAS, orbit
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.presenting.enclosures import extent, find_room, trace
+from solari_vk.scene.presenting.framing import ROOM_FOV, fit
+
+LOWEST, HIGHEST = math.radians(5), math.radians(75)  # of random cameras above the horizon
+INSIDE = 0.7  # of the way from a room's center to what is there, random cameras stay within
+LEAST_APART = 1.0  # the two places that decide on a camera in a room, relative to the first one's distance
+NAME = "transforms.json"
+TERMS, FISHEYE_TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), ("k1", "k2", "k3", "k4")  # of distortion
+Floats = NDArray[np.float64]
+
+
+def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspect: float, seed: int) -> list[Camera]:
+    """The cameras of a data set.
+
+    kind: "orbit", once around the scene from `camera`; "random", where a seed and a camera's number mean one place, so
+    that a longer list begins with a shorter one; or a JSON file of poses. count: the number of cameras; None for all of
+    a file. aspect: width / height of the pictures. Raises SolariError for a file that can't be read or has fewer poses,
+    and without a count.
+    """
+    if kind not in ("orbit", "random"):
+        return _read_poses(Path(kind), count, aspect)
+    if count is None:
+        raise SolariError(f"--cameras {kind}: give the number of views by --views")
+    if count > MAX_CAMERAS:
+        raise SolariError(f"--views {count}: a data set has at most {MAX_CAMERAS:,} views")
+    if kind == "orbit":
+        return orbit(camera, scene.bounds.center, count)
+    shown = [instance for instance in scene if instance.visible and instance is not scene.backdrop]
+    if not shown:
+        raise SolariError(f"--cameras random: {scene.describe()} has no visible instance")
+    points = extent(shown)
+    room = find_room(shown, points)
+    randoms = (np.random.default_rng((seed, number)) for number in range(count))
+    if room is None:
+        return [fit(points, _from_above(random), aspect) for random in randoms]
+    return [_in_room(room.center, room.triangles, random) for random in randoms]
+
+
+def _from_above(random: np.random.Generator) -> tuple[float, float, float]:
+    """A view direction, uniform over the part of the sphere between LOWEST and HIGHEST."""
+    turn = random.uniform(0, 2 * math.pi)
+    height = random.uniform(math.sin(LOWEST), math.sin(HIGHEST))
+    across = math.sqrt(1 - height * height)
+    return across * math.sin(turn), -height, across * math.cos(turn)
+
+
+def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> Camera:
+    """A camera between the center of a room and a place on its walls or on what stands in it, towards another one."""
+    near, far, places = np.zeros(3), np.zeros(3), list[Floats]()
+    while len(places) < 2 or np.linalg.norm(far - near) < LEAST_APART * np.linalg.norm(near - center):
+        direction = random.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        distance = float(trace(center, direction[None], triangles).distance[0])
+        if math.isfinite(distance):  # no window or door
+            near, far = far, center + distance * direction
+            places.append(far)
+    eye = center + INSIDE * random.uniform() ** (1 / 3) * (near - center)
+    return Camera.look_at(eye, far, vertical_fov=ROOM_FOV, near=max(1e-3 * float(np.linalg.norm(far - eye)), 1e-9))
+
+
+def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
+    given = read_json(path, f"--cameras {path}: neither orbit nor random, nor a JSON file of poses")
+    poses = _poses_of_nerf(given, path, aspect) if isinstance(given, dict) else given
+    if not isinstance(poses, list) or not poses:
+        raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
+    if min(len(poses), count or len(poses)) > MAX_CAMERAS:
+        raise SolariError(f"--cameras {path}: it has {len(poses):,} poses, of which at most {MAX_CAMERAS:,} are read: "
+                          "give --views")
+    if count is not None and count > len(poses):
+        raise SolariError(f"--cameras {path}: it has {len(poses)} poses, --views asks for {count}")
+    cameras = []
+    for number, pose in enumerate(poses[:count]):
+        try:
+            cameras.append(Camera.from_pose(pose))
+        except SolariError as error:
+            raise SolariError(f"--cameras {path}: pose {number}: {error}") from None
+    return cameras
+
+
+def _poses_of_nerf(given: dict[str, Any], path: Path, aspect: float) -> list[dict[str, Any]]:
+    """Poses as Camera.from_pose takes them, of a file such as `write_transforms` writes.
+
+    The files of the paper have neither focal lengths nor a size, only the horizontal field of view: then the pictures
+    have the aspect that was asked for.
+    """
+    try:
+        poses = []
+        for frame in given["frames"]:
+            lens = {**given, **frame}
+            pose = {"transform": frame["transform_matrix"], **_lens_of_nerf(lens)}
+            if "fl_x" in lens or "fl_y" in lens:
+                length = lens["fl_y"] if "fl_y" in lens else lens["fl_x"]
+                fov = lens["h"] / length if "projection" in pose else 2 * math.atan(lens["h"] / (2 * length))
+            elif "projection" not in pose:
+                across = lens["w"] / lens["h"] if "w" in lens else aspect
+                fov = 2 * math.atan(math.tan(lens["camera_angle_x"] / 2) / across)
+            elif pose["projection"] == "equirectangular":
+                fov = math.pi  # without effect
+            else:
+                fov = lens["camera_angle_x"] * lens["h"] / lens["w"]
+            poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
+        return poses
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
+        raise SolariError(f"--cameras {path}: it lacks a field of {NAME}, or has a wrong one: {error}") from None
+
+
+def _lens_of_nerf(lens: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a pose that a frame's camera model, principal point and distortion mean."""
+    model = lens.get("camera_model", "OPENCV")
+    if model == "EQUIRECTANGULAR":
+        return {"projection": "equirectangular"}
+    if model not in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE"):
+        raise ValueError(f"camera_model is {model!r}, not OPENCV, OPENCV_FISHEYE, PINHOLE or EQUIRECTANGULAR")
+    fisheye = model == "OPENCV_FISHEYE"
+    found: dict[str, Any] = {"projection": "fisheye"} if fisheye else {}
+    if "cx" in lens and "cy" in lens:
+        found["principal_point"] = lens["cx"] / lens["w"], lens["cy"] / lens["h"]
+    if "fl_x" in lens and "fl_y" in lens:
+        found["pixel_aspect"] = lens["fl_x"] / lens["fl_y"]
+    found["distortion"] = [float(lens.get(name, 0.0)) for name in (FISHEYE_TERMS if fisheye else TERMS)]
+    return found
+
+
+def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
+    """Numbered views of the cameras. Raises SolariError for a camera that transforms.json can't describe."""
+    for number, camera in enumerate(cameras):
+        if camera.orthographic_height or camera.projection in ("stereographic", "cube") or len(camera.distortion) > 8:
+            kind = "orthographic" if camera.orthographic_height else camera.projection
+            raise SolariError(f"view {number}: {camera.describe()} is {kind}: {NAME} describes perspective, fisheye "
+                              "and equirectangular ones, without thin prism distortion")  # fmt: skip
+        if camera.projection != cameras[0].projection:
+            raise SolariError(f"view {number}: {camera.describe()} is {camera.projection} and view 0 isn't: {NAME} has "
+                              "one camera_model")  # fmt: skip
+    return [View(f"{number:05}{suffix}", camera) for number, camera in enumerate(cameras)]
+
+
+def write_transforms(folder: Path, style: Style, views: Sequence[View]) -> None:
+    """Write `transforms.json` for views in a folder; `layer_paths` of a frame names the files of its layers."""
+    remove_unfinished(folder, [NAME])
+    write_whole(folder / NAME, json.dumps(_transforms(style, views), indent=1))
+
+
+def _transforms(style: Style, views: Sequence[View]) -> dict[str, Any]:
+    width, height = style.size
+    frames = []
+    for view in views:
+        camera = view.camera
+        transform = camera.transform.copy()
+        transform[:3, :3] /= np.linalg.norm(transform[:3, :3], axis=0)
+        beside = style.files_of(view)[1:]
+        frames.append({
+            "file_path": view.name, "transform_matrix": transform.tolist(), **_nerf_lens(camera, style.size),
+            "exposure": camera.exposure, "layer_paths": dict(zip(style.layers, beside, strict=False)),
+        })  # fmt: skip
+    model = {"fisheye": "OPENCV_FISHEYE", "equirectangular": "EQUIRECTANGULAR"}
+    shared = _nerf_lens(views[0].camera, style.size)
+    return {"camera_model": model.get(views[0].camera.projection, "OPENCV"), "w": width, "h": height, **shared,
+            "layers": list(style.layers), "frames": frames}  # fmt: skip
+
+
+def _nerf_lens(camera: Camera, size: tuple[int, int]) -> dict[str, float]:
+    """Focal lengths and principal point in pixels, where the first pixel's center is (0.5, 0.5), and distortion."""
+    if camera.projection == "equirectangular":
+        return {}
+    (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
+    lens = {"fl_x": fx, "fl_y": fy, "cx": cx + 0.5, "cy": cy + 0.5}
+    names = FISHEYE_TERMS if camera.projection == "fisheye" else TERMS
+    if camera.projection == "perspective":
+        lens["camera_angle_x"] = 2 * math.atan(size[0] / (2 * fx))
+    given = [*camera.distortion.tolist(), *[0.0] * len(names)]
+    return lens | {name: term for number, (name, term) in enumerate(zip(names, given, strict=False))
+                   if number < 4 or any(given[4:])}  # fmt: skip

@@ -1,0 +1,187 @@
+"""A folder of pictures that can be left and taken up again: a journal beside them says what is finished."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import cannot_be, remove_unfinished, write_whole
+from solari_vk.base.folder_lock import lock_folder
+from solari_vk.data.datasets.tasks import RenderTask
+from solari_vk.renderers.cluster.device_session import OneDevice, pack
+from solari_vk.renderers.cluster.worker_pool import TICK_SECONDS, WorkerPool
+from solari_vk.scene.model import Camera, Scene
+
+LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a new file to another machine
+
+
+class Journal:
+    """The tasks whose files are in the journal's folder, one JSON line each, with the SHA-256 of each file.
+
+    made_of: what all tasks of the folder have in common, by name. As long as the object lives, no other process can
+    open it. Raises SolariError if another one has, for a journal of other pictures, and for one that can't be read.
+    """
+
+    def __init__(self, path: Path, made_of: dict[str, Any]) -> None:
+        self._path = path
+        self._lock = lock_folder(path.with_name(f"{path.name}.lock"))
+        self._files: dict[str, dict[str, str]] = {}  # by the keys of the tasks
+        head = json.loads(_as_json({"made_of": made_of}))
+        lines = self._read_lines()
+        if not lines:
+            self._append(json.dumps(head, sort_keys=True) + "\n")
+            return
+        try:
+            first, *others = [json.loads(line) for line in lines]
+            there = dict(first["made_of"])
+            self._files = {line["task"]: dict(line["files"]) for line in others}
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise SolariError(f"{path}: is damaged: {error}: remove it, and all pictures are made anew") from None
+        if other := [name for name, value in head["made_of"].items() if there.get(name) != value]:
+            raise SolariError(
+                f"{path.parent}: its pictures were made with another {', another '.join(other)}: give another folder, "
+                f"or remove {path}"
+            )
+
+    @property
+    def folder(self) -> Path:
+        """Where the files are."""
+        return self._path.parent
+
+    def _read_lines(self) -> list[bytes]:
+        try:
+            *lines, rest = self._path.read_bytes().split(b"\n")
+            if rest:  # the last line was cut off
+                os.truncate(self._path, sum(len(line) + 1 for line in lines))
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise SolariError(f"{self._path}: can't be read: {error}") from None
+        return lines
+
+    def _append(self, text: str) -> None:
+        try:
+            with open(self._path, "a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise cannot_be("written", self._path, error) from None
+
+    def check(self, tasks: Sequence[RenderTask]) -> None:
+        """Raise SolariError if a task would replace a file that is in the folder as that of another one."""
+        owners = {name: key for key, files in self._files.items() for name in files}
+        for task in tasks:
+            key = _key(task)
+            for name in task.files:
+                if owners.get(name, key) != key:
+                    raise SolariError(
+                        f"{self.folder / name}: is there already, with another camera, exposure or time, or from a run "
+                        f"of another length: give another folder, or remove {self._path}"
+                    )
+
+    def has(self, task: RenderTask) -> bool:
+        """Whether all files of a task are in the folder with the content that they had."""
+        files = self._files.get(_key(task), {})
+        return all(name in files and _sha256(self.folder / name) == files[name] for name in task.files)
+
+    def note(self, task: RenderTask, files: dict[str, str]) -> None:
+        """Record that a task's files are in the folder. files: the SHA-256 of each by its name."""
+        self._files[_key(task)] = files
+        self._append(json.dumps({"task": _key(task), "files": files}) + "\n")
+
+
+def open_journal(path: Path, pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask]) -> Journal:
+    """The journal of tasks, of which all have one style. Raises SolariError for a folder with other pictures."""
+    if not tasks:
+        raise SolariError(f"{path}: there is nothing to render: give at least one task")
+    made_of = {"scene": pack(scene)[0], "device or code": pool.identity, "style": tasks[0].style}
+    journal = Journal(path, made_of)
+    journal.check(tasks)
+    return journal
+
+
+def render_tasks(
+    pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask], path: Path, *,
+    progress: Callable[[int], object] | None = None,
+) -> int:  # fmt: skip
+    """Render the tasks that aren't finished into the folder of their journal, `path`; returns the number of pictures
+    that are there at the end.
+
+    progress: is called with the number of finished pictures, about once a second; when it returns True, rendering ends.
+    All tasks have one style. Raises SolariError without tasks, for a folder with other pictures, a file that can't be
+    written, and when workers fail; pictures that are finished stay, and the next call goes on after them.
+    """
+    return render_missing(pool, scene, tasks, open_journal(path, pool, scene, tasks), progress)
+
+
+def render_missing(
+    pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask], journal: Journal,
+    progress: Callable[[int], object] | None,
+) -> int:  # fmt: skip
+    """`render_tasks` with an open journal."""
+    remove_unfinished(journal.folder, {name for task in tasks for name in task.files})
+    missing = [task for task in tasks if not journal.has(task)]
+    count = sum(len(task.views) for task in tasks) - sum(len(task.views) for task in missing)
+    if progress is not None and progress(count):
+        return count
+    with closing(pool.map(scene, missing)) as results:
+        for done in results:
+            if done is not None:
+                task, files = done
+                for name, file in files.items():
+                    if file.data is None:
+                        _await_file(journal.folder / name)
+                    else:
+                        write_whole(journal.folder / name, file.data)
+                journal.note(task, {name: file.sha256 for name, file in files.items()})
+                count += len(task.views)
+            if progress is not None and progress(count):
+                break
+    return count
+
+
+def _await_file(path: Path) -> None:
+    """Wait until a file that a worker wrote is seen here: network file systems show it late."""
+    deadline = time.monotonic() + LATE_SECONDS
+    while not path.exists():
+        os.listdir(path.parent)  # has NFS look at the folder again
+        if time.monotonic() > deadline:
+            raise SolariError(
+                f"{path}: a worker wrote it, but it isn't here: the folder isn't on a file system that all machines "
+                "share: leave --shared-folder out, or give another folder"
+            )
+        time.sleep(TICK_SECONDS)
+
+
+def _key(task: RenderTask) -> str:
+    return hashlib.sha256(_as_json(task).encode()).hexdigest()[:16]
+
+
+def _as_json(value: Any) -> str:
+    return json.dumps(value, default=_plain, sort_keys=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Camera):
+        return {**value.pose(), "jitter": value.jitter.tolist()}
+    if dataclasses.is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.compare}
+    assert isinstance(value, np.generic)
+    return value.item()
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""

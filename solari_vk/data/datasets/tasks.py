@@ -1,0 +1,289 @@
+"""Pictures for files: single views of the path tracer, and runs of frames of the realtime renderer.
+
+The realtime renderer needs earlier frames. A run of pictures is cut into blocks of a fixed length, and a block begins
+with the frames before it, which are rendered and not written. So its bits don't depend on who renders it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import make_temporary_folder
+from solari_vk.data.annotate.keypoints import keypoints
+from solari_vk.data.annotate.optical_flow import OUTSIDE, optical_flow
+from solari_vk.data.annotate.silhouettes import trace_silhouettes
+from solari_vk.data.randomize.randomizer import Randomizer
+from solari_vk.data.sensors.sensor import Sensor
+from solari_vk.output.picture import WHOLE, save_image, write_npy
+from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.renderers.cluster.device_session import DeviceSession
+from solari_vk.renderers.frame_means import FrameMeans
+from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.shutter import Shutter, between
+from solari_vk.settings import Settings
+
+BLOCK = 24  # pictures of the realtime renderer
+# Layers that no renderer has: the runs of annotate/silhouettes.py; rows of an instance's number, u, v and state; u, v
+# and state of the flow to the next view and to the one before.
+TRACED = SILHOUETTES, KEYPOINTS, FLOW, FLOW_BACK = "silhouettes", "keypoints", "optical_flow", "optical_flow_back"
+RAW = "raw"  # the layer of a sensor's digital numbers
+METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
+
+
+@dataclass(frozen=True)
+class View:
+    """A picture to render.
+
+    name: its file in the folder, of picture.SUFFIXES. time: seconds since the start of the style's clip.
+    closing: the camera when the shutter closes for the last row, None for the same. before, after: the cameras of the
+    views around it, for the flow to them.
+    """
+
+    name: str
+    camera: Camera
+    time: float | None = None
+    closing: Camera | None = None
+    before: Camera | None = None
+    after: Camera | None = None
+
+
+@dataclass(frozen=True)
+class Style:
+    """How pictures are rendered.
+
+    With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
+    picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
+    layers: names of further results of the renderer, and TRACED; RAW with a sensor. shutter: relative to the views'
+    times; the warm-up has none. clip: the number of an animation of the scene. randomizer: changes the scene for each
+    view, by its number. points: those of KEYPOINTS, as JSON.
+    """
+
+    size: tuple[int, int]
+    seed: int = 0
+    layers: tuple[str, ...] = ()
+    tonemap: str = "agx"
+    clip: int | None = None
+    settings: Settings | None = None
+    frames: int = 4
+    warm_up: int = 16
+    samples: int = 64
+    max_bounces: int = 16
+    denoise: bool = False
+    randomizer: Randomizer | None = None
+    points: str = "{}"
+    sensor: Sensor | None = None
+    shutter: Shutter | None = None
+
+    @property
+    def rendered(self) -> tuple[str, ...]:
+        """The layers that the renderer has."""
+        return tuple(name for name in self.layers if name not in (*TRACED, RAW))
+
+    def randomized(self, scene: Scene, number: int) -> AbstractContextManager[None]:
+        """A context in which the scene is as view `number` has it."""
+        return nullcontext() if self.randomizer is None else self.randomizer.applied(scene, number)
+
+    def objects(self, scene: Scene) -> list[Instance]:
+        """The instances that have labels."""
+        return list(scene.instances) if self.randomizer is None else self.randomizer.objects(scene)
+
+    def files_of(self, view: View) -> list[str]:
+        """The names of the files of a view, those of WHOLE with the layers inside."""
+        path = Path(view.name)
+        beside = [] if path.suffix.lower() in WHOLE else [f"{path.stem}.{layer}.npy" for layer in self.layers]
+        return [view.name, *beside]
+
+
+@dataclass(frozen=True)
+class File:
+    """A file that a worker wrote: its SHA-256, and its content unless it is in the shared folder."""
+
+    sha256: str
+    data: bytes | None
+
+
+@dataclass(frozen=True)
+class RenderTask:
+    """Pictures that one worker renders in a row. first: the number of the first view among all.
+
+    before: the views of the frames that are rendered first, for the realtime renderer's history. folder: where the
+    worker writes; None: the files' contents come back. Raises SolariError if views have a time and others none.
+    """
+
+    style: Style
+    first: int
+    views: tuple[View, ...]
+    before: tuple[View, ...] = ()
+    folder: str | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if len({view.time is None for view in (*self.before, *self.views)}) > 1:
+            raise SolariError(f"{self.name}: give all views of a task a time, or none")
+
+    @property
+    def clip(self) -> int | None:
+        """The animation whose poses the views show; None: they show the scene as it was given."""
+        return None if self.views[0].time is None else self.style.clip
+
+    @property
+    def files(self) -> list[str]:
+        """The names of the files of all views."""
+        return [name for view in self.views for name in self.style.files_of(view)]
+
+    @property
+    def name(self) -> str:
+        """What the job is, for messages."""
+        last = f" to {self.views[-1].name}" if len(self.views) > 1 else ""
+        return f"picture {self.views[0].name}{last}"
+
+    def perform(self, session: DeviceSession) -> dict[str, File]:
+        """Render the pictures and write them; returns the files by name."""
+        folder = make_temporary_folder() if self.folder is None else Path(self.folder)
+        if not os.path.isdir(folder):
+            raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
+        try:
+            (self._trace if self.style.settings is None else self._play)(session, folder)
+            contents = {name: (folder / name).read_bytes() for name in self.files}
+        finally:
+            if self.folder is None:
+                shutil.rmtree(folder)
+        return {
+            name: File(hashlib.sha256(data).hexdigest(), None if self.folder else data)
+            for name, data in contents.items()
+        }
+
+    def _trace(self, session: DeviceSession, folder: Path) -> None:
+        style = self.style
+        for number, view in enumerate(self.views, self.first):
+            self._pose(session, view)
+            with style.randomized(session.scene, number):
+                tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
+                exposure = self._exposure(session, view)
+                frame = tracer.render(view.camera, style.samples, denoise=style.denoise, **exposure)
+                self._save(session, folder, view, frame, number)
+
+    def _play(self, session: DeviceSession, folder: Path) -> None:
+        style = self.style
+        assert style.settings is not None
+        renderer = session.renderer(style.size, style.settings, style.seed)
+        renderer.frame_count = self.first * style.frames + style.warm_up - len(self.before)
+        with style.randomized(session.scene, self.first):  # then the task has one view
+            for view in self.before:
+                self._pose(session, view)
+                renderer.render(view.camera)
+            for number, view in enumerate(self.views, self.first):
+                self._pose(session, view)
+                exposure = self._exposure(session, view)
+                means = FrameMeans(renderer, style.rendered, exposes=bool(exposure))
+                for _ in range(style.frames):
+                    renderer.render(view.camera, **exposure)
+                    means.add()
+                self._save(session, folder, view, means, number)
+
+    def _pose(self, session: DeviceSession, view: View) -> None:
+        if view.time is not None and self.clip is not None:
+            session.scene.animate(view.time, self.clip)
+
+    def _exposure(self, session: DeviceSession, view: View) -> dict[str, Any]:
+        """The arguments of `render` for the style's shutter."""
+        if self.style.shutter is None:
+            return {}
+        shutter = self.style.shutter.at(view.time or 0.0)
+        lasts = (shutter.close - shutter.open + shutter.readout) or 1.0
+
+        def pose(seconds: float) -> Camera:
+            if self.clip is not None:
+                session.scene.animate(seconds, self.clip)
+            closing = view.camera if view.closing is None else view.closing
+            return between(view.camera, closing, (seconds - shutter.open) / lasts)
+
+        return {"shutter": shutter, "pose": pose}
+
+    def _save(self, session: DeviceSession, folder: Path, view: View, results: Any, number: int) -> None:
+        if SILHOUETTES in self.style.layers:
+            around = 0.0 if view.camera.has_lens else 1.0
+            runs, _ = trace_silhouettes(session.ray_tracer(), view.camera, self.style.size, around=around)
+            write_npy(folder / f"{Path(view.name).stem}.{SILHOUETTES}.npy", runs)
+        if KEYPOINTS in self.style.layers:
+            tracer = session.ray_tracer()
+            found = keypoints(tracer, view.camera, self.style.size, json.loads(self.style.points),
+                              instances=self.style.objects(session.scene))  # fmt: skip
+            rows = [(number, *point.pixel, point.state) for number, instance in sorted(tracer.instances.items())
+                    for point in found.get(instance, {}).values()]  # fmt: skip
+            write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))
+        for layer, pair in ((FLOW, (view.camera, view.after)), (FLOW_BACK, (view.before, view.camera))):
+            if layer in self.style.layers:
+                write_npy(folder / f"{Path(view.name).stem}.{layer}.npy", self._flow(session, pair, layer == FLOW_BACK))
+        layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.rendered}
+        if self.style.sensor is not None:
+            seed = numbered_seed(self.style.seed, number)
+            layers[RAW] = self.style.sensor.expose(results["radiance"], view.camera, seed=seed)
+        save_image(
+            folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,
+            layers=layers,
+        )  # fmt: skip
+
+    def _flow(
+        self, session: DeviceSession, cameras: tuple[Camera | None, Camera | None], back: bool
+    ) -> NDArray[np.float32]:
+        """u, v and state (height, width, 3); NaN and "outside" where there is no other view."""
+        first, second = cameras
+        if first is None or second is None:
+            nothing = np.full((self.style.size[1], self.style.size[0], 3), np.nan, np.float32)
+            nothing[..., 2] = OUTSIDE
+            return nothing
+        found = optical_flow(session.ray_tracer(), (first, second), self.style.size)[back]
+        return np.concatenate([found.flow, found.state[..., None]], axis=-1).astype(np.float32)
+
+
+def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[RenderTask]:
+    """Tasks of successive pictures, for the realtime renderer.
+
+    The frames before the first picture show its view; those before a later block show the views before it.
+    """
+    tasks = []
+    for start in range(0, len(views), length):
+        count = style.warm_up if start == 0 else max(style.warm_up, 1)
+        earlier = [view for view in views[:start] for _ in range(style.frames)][-count:] if count else []
+        before = [views[0]] * (count - len(earlier)) + earlier
+        tasks.append(RenderTask(style, start, tuple(views[start : start + length]), tuple(before)))
+    return tasks
+
+
+@dataclass(frozen=True)
+class Meter:
+    """Finds the exposure that suits some cameras. randomizer: makes the scene for each, by its number."""
+
+    cameras: tuple[Camera, ...]
+    size: tuple[int, int]
+    randomizer: Randomizer | None = None
+    numbers: tuple[int, ...] = ()
+    name: str = "metering"
+
+    @property
+    def clip(self) -> None:
+        """None: the scene is metered as it was given."""
+
+    def perform(self, session: DeviceSession) -> float:
+        """The mean EV100 of small pictures."""
+        scale = METERED_SIDE / max(self.size)
+        size = (max(round(self.size[0] * scale), 1), max(round(self.size[1] * scale), 1))
+        tracer = session.path_tracer(size, 16, 0)
+        values, style = [], Style(size, randomizer=self.randomizer)
+        for number, camera in zip(self.numbers or range(len(self.cameras)), self.cameras, strict=True):
+            with style.randomized(session.scene, number):
+                tracer.render(camera, METERED_SAMPLES)
+                values.append(tracer.auto_exposure())
+        return float(np.mean(values))

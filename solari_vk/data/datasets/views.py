@@ -1,0 +1,83 @@
+"""A rendered data set as a sequence of samples, as PyTorch's DataLoader and others take it."""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import Hints, SolariError, unknown_name
+from solari_vk.base.files import read_json
+from solari_vk.data.datasets.dataset import NAME, cameras_for
+from solari_vk.data.datasets.tasks import TRACED
+from solari_vk.scene.images.image_files import read_pixels
+from solari_vk.scene.model import Camera, Scene
+
+PICTURES = (".png", ".jpg", ".npy")
+
+
+class Sample(dict[str, NDArray[Any]]):
+    """The layers of a view, by name."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise SolariError(f"Views: samples have {', '.join(self)}, and no {name}: name what they shall have, "
+                          f"Views(folder, [{', '.join(map(repr, (*self, name)))}])")  # fmt: skip
+
+
+class Views(Hints):
+    """The views in a folder of `solari-vk dataset`.
+
+    views[n] is a sample: a dict of "rgb" (height, width, 3), float32, sRGB from 0 to 1, of .npy files radiance in
+    cd/m^2, and of the other layers by name. `torch.utils.data.DataLoader(Views(folder), batch_size=8)` gives tensors.
+    names: what samples have, by default "rgb" and all layers but silhouettes, keypoints and optical flow. Raises
+    SolariError for a folder that isn't a data set, for an unknown name, and for files that can't be read.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], names: Sequence[str] | None = None) -> None:
+        self.folder = Path(folder)
+        path = self.folder / NAME
+        data = read_json(path, str(path))
+        try:
+            self._frames: list[dict[str, Any]] = list(data["frames"])
+            self.size: tuple[int, int] = (int(data["w"]), int(data["h"]))
+            self._known = ("rgb", *data["layers"])
+            suffix = Path(self._frames[0]["file_path"]).suffix
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
+        if suffix not in PICTURES:
+            raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
+        self.names = tuple(name for name in self._known if name not in TRACED) if names is None else tuple(names)
+        """What samples have."""
+        for name in self.names:
+            if name not in self._known:
+                raise unknown_name(f"{path}: views have no", name, self._known)
+        self.cameras: list[Camera] = cameras_for(str(path), Scene(), Camera(), None, self.size[0] / self.size[1], 0)
+        """The camera of each view; `camera.rays(pixels, views.size)` are the rays of pixels."""
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, number: int) -> Sample:
+        frame = self._frames[operator.index(number)]  # whose IndexError ends loops
+        paths = {name: frame["file_path" if name == "rgb" else "layer_paths"] for name in self.names}
+        return Sample({name: self._read(path, name) for name, path in paths.items()})
+
+    def _read(self, path: Any, name: str) -> NDArray[Any]:
+        file = self.folder / (path if name == "rgb" else path[name])
+        if file.suffix != ".npy":
+            return (read_pixels(file)[..., :3] / np.float32(255)).astype(np.float32)
+        try:
+            return np.asarray(np.load(file))
+        except (OSError, ValueError, EOFError) as error:
+            raise SolariError(f"{file}: can't be read: {error}") from None
+
+    def objects(self, number: int) -> list[dict[str, Any]]:
+        """The boxes in space of a view, as `--annotations objects` writes them."""
+        path = self.folder / f"{Path(self._frames[operator.index(number)]['file_path']).stem}.objects.json"
+        found: list[dict[str, Any]] = read_json(path, f"{path}")
+        return found

@@ -1,0 +1,91 @@
+"""`solari-vk fidelity`: pictures of the scenarios of the glTF render fidelity generator."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import solari_vk as sv
+from solari_vk.base.errors import SolariError, unknown_name
+from solari_vk.base.files import make_folder
+from solari_vk.bound.projection import Projection
+from solari_vk.cli.jobs import SceneOptions
+from solari_vk.cli.progress import Progress, Stopped
+from solari_vk.cli.subject import load
+from solari_vk.gpu.device.compile_notes import CompileNotes
+from solari_vk.gpu.device.device import Device
+from solari_vk.lab.cli.fidelity_job import FidelityJob
+from solari_vk.lab.measure import fidelity
+from solari_vk.lab.measure.fidelity import Scenario
+from solari_vk.output import oidn
+from solari_vk.output.cutout import backdrop
+from solari_vk.output.picture import check_output, write_codes
+from solari_vk.scene.model import Camera
+
+
+def run(job: FidelityJob) -> int:
+    """Render the scenarios and write their pictures; returns the exit code."""
+    found, output = fidelity.read_scenarios(job.scenarios)
+    output = job.output or output
+    if job.scenario is not None:
+        names = [scenario.name for scenario in found]
+        if job.scenario not in names:
+            raise unknown_name("--scenario: there is no scenario", job.scenario, names)
+        found = [found[names.index(job.scenario)]]
+    if output is None:
+        raise SolariError("-o: give the picture's path, or the folder of the pictures")
+    paths = [output]
+    if len(found) > 1:
+        if output.suffix.lower() == ".png":
+            raise SolariError(f"{output}: there are {len(found)} scenarios: give a folder, or one by --scenario NAME")
+        make_folder(output)
+        paths = [output / f"{scenario.name}.png" for scenario in found]
+    for path in paths:
+        check_output(path, (".png",))
+    denoise = oidn.is_installed() if job.denoise is None else job.denoise
+    if denoise:
+        oidn.check_installed()
+    missing = []
+    with Device(job.device, rays=job.rays, on_compile=CompileNotes()) as device:
+        for scenario, path in zip(found, paths, strict=True):
+            if scenario.excludes_us:
+                print(f"{scenario.name}: left out, because its 'exclude' names {fidelity.RENDERER}", file=sys.stderr)
+                continue
+            try:
+                render(device, scenario, path, job, denoise)
+            except Stopped:
+                raise SolariError(f"{path}: interrupted before it was done, so it isn't written") from None
+            except SolariError as error:
+                if len(found) == 1 or device.lost:
+                    raise
+                missing.append(scenario.name)
+                print(f"solari-vk: {error}", file=sys.stderr)
+    if missing:
+        raise SolariError(f"{len(missing)} of {len(found)} scenarios have no picture: {', '.join(missing)}")
+    return 0
+
+
+def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, denoise: bool) -> None:
+    """Write the picture of one scenario."""
+    model, lighting = str(scenario.file("model")), str(scenario.file("lighting"))
+    scene = load(SceneOptions(source=model, environment=lighting, exposure="camera")).scene
+    fidelity.show_unlit_colors(scene)
+    low, high = scene.bounds
+    camera: Camera = scenario.camera(float(sum((high - low) ** 2) ** 0.5 / 2))
+    size = scenario.size[0] * job.pixel_ratio, scenario.size[1] * job.pixel_ratio
+    samples = job.samples or (64 if denoise else 256)
+    renderer = sv.PathTracer(device, scene, size, seed=job.seed, max_bounces=job.max_bounces)
+    try:
+        with Progress("samples a pixel", samples) as progress:
+            radiance = renderer.render(camera, samples=samples, denoise=denoise, progress=progress)["radiance"]
+        if scenario.skybox:
+            codes = fidelity.codes(radiance, job.tonemap)
+        else:
+            coverage = renderer.first_hits.read_coverage(Projection.of(camera, size), size)
+            assert scene.environment is not None
+            codes = fidelity.codes(radiance, job.tonemap, coverage, backdrop(scene.environment, camera, size))
+    finally:
+        renderer.close()
+    write_codes(path, codes)
+    print(f"wrote {path}: {size[0]}x{size[1]}, {samples} samples a pixel{', denoised' if denoise else ''}",
+          file=sys.stderr)  # fmt: skip

@@ -1,0 +1,115 @@
+"""Measures checks in a child process, so that a driver that crashes or hangs ends one check and not the run."""
+
+from __future__ import annotations
+
+import faulthandler
+import multiprocessing
+import os
+import pickle
+import re
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from solari_vk.lab.conformance.rules import CRASH, HANG, Check
+from solari_vk.lab.conformance.worker import Began, Tell, Work, measure_checks
+
+LEAVING = "leaving the process"
+_GRACE = 10.0  # seconds for a process to end after its pipe was closed, or after SIGABRT
+_PACKAGE = Path(__file__).resolve().parents[2]
+_FRAME = re.compile(r'File "(.+)", line (\d+) in (.+)')
+
+
+@dataclass(frozen=True)
+class Death:
+    """How a child ended that didn't reach its end.
+
+    status: CRASH or HANG; ended: the signal, the exit code or the limit; reason: what else is known; seconds: since
+    its last check began."""
+
+    status: str
+    ended: str
+    reason: str
+    seconds: float
+
+
+def measure_in_child(work: Work, checks: Sequence[Check], tell: Tell, limit: float) -> Death | None:
+    """`measure_checks` in a new process; `limit`: seconds for each check. Returns None when the child reached its end.
+
+    Whatever stops this function, such as Ctrl-C, kills the child too."""
+    context = multiprocessing.get_context("spawn")
+    receiving, sending = context.Pipe(duplex=False)
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / "output"
+        child = context.Process(target=_run, args=(work, checks, sending, str(log)), daemon=True)
+        child.start()
+        sending.close()
+        try:
+            return _watch(child, receiving, tell, limit, log)
+        finally:
+            child.kill()
+            child.join(_GRACE)
+            receiving.close()
+
+
+def _run(work: Work, checks: Sequence[Check], sending: Connection, log: str) -> None:
+    """The child. What it and the driver print goes to a file; Ctrl-C is for the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(output, stream.fileno())
+    faulthandler.enable()
+    measure_checks(work, checks, sending.send)
+    sending.send(Began(Check(checks[0].group, LEAVING)))
+
+
+def _watch(child: BaseProcess, receiving: Connection, tell: Tell, limit: float, log: Path) -> Death | None:
+    """Pass the child's messages on until it ends or is too slow."""
+    case, began = "", time.monotonic()
+    while receiving.poll(max(began + limit - time.monotonic(), 0)):
+        try:
+            message = receiving.recv()
+        except (EOFError, OSError, pickle.UnpicklingError):
+            seconds = time.monotonic() - began
+            child.join(_GRACE)
+            if child.exitcode == 0 and case == LEAVING:
+                return None
+            ended, reason = _explain(child.exitcode)
+            return Death(CRASH, ended, reason + _last_words(log), seconds)
+        if isinstance(message, Began):
+            case, began = message.check.case, time.monotonic()
+        tell(message)
+    assert child.pid is not None
+    os.kill(child.pid, signal.SIGABRT)  # makes faulthandler write where the child is
+    child.join(_GRACE)
+    return Death(HANG, f"{limit:g} s", f"it was killed after {limit:g} s{_last_words(log)}", limit)
+
+
+def _explain(code: int | None) -> tuple[str, str]:
+    """How a child ended that closed its pipe too early, in a word and in a sentence."""
+    if code is None:
+        return "closed its pipe", "the process closed its pipe, but did not end"
+    if code >= 0:
+        return f"exit code {code}", f"the process left with exit code {code}"
+    name = signal.Signals(-code).name
+    hint = ", as the system does when memory runs out" if name == "SIGKILL" else ""
+    return name, f"the process was killed by {name}{hint}"
+
+
+def _last_words(log: Path) -> str:
+    """What a child printed last, and where it was: in which function of a check, and in which of the package."""
+    text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
+    said, _, trace = text.partition("Fatal Python error:")
+    frames = [(Path(file), f"{name} ({Path(file).name}:{line})") for file, line, name in _FRAME.findall(trace)]
+    check = next((i for i, (file, _) in enumerate(frames) if file.stem.endswith("_checks")), len(frames) - 1)
+    inside = [place for file, place in frames[:check] if _PACKAGE in file.parents]
+    places = [place for _, place in frames[check : check + 1]] + inside[:1]
+    lines = ["".join(filter(str.isprintable, line)).strip() for line in said.splitlines()]
+    last = next((line[:200] for line in reversed(lines) if line), "")
+    return (f", in {', '.join(places)}" if places else "") + (f"; its last words: {last}" if last else "")

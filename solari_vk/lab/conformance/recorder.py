@@ -1,0 +1,58 @@
+"""Turns what a check measures into outcomes, which it tells at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+from solari_vk.lab.conformance.faults import Fault, find_end
+from solari_vk.lab.conformance.rules import ERROR, FAIL, FAULT, PASS, Check, Measurement, Outcome, Rule
+
+_GONE = "known_faults.toml lists this rule as failing, but {}: remove the entry"
+
+
+class Recorder:
+    """The `rule` of a check: each outcome goes to `tell` as soon as it is measured."""
+
+    def __init__(self, check: Check, faults: Sequence[Fault], tell: Callable[[Outcome], None]) -> None:
+        self._check = check
+        self._faults = faults
+        self._tell = tell
+        self._count = 0
+
+    def _add(self, rule: Rule, status: str, made: Measurement | None = None, reason: str = "", ended: str = "") -> None:
+        self._count += 1
+        self._tell(Outcome(self._check.group, rule, status, self._check.case, made, reason, ended))
+
+    def __call__(self, measured: Measurement | Iterable[Measurement]) -> None:
+        """Record one or more measurements."""
+        for made in [measured] if isinstance(measured, Measurement) else measured:
+            fault = next((fault for fault in self._faults if fault.explains(made.rule, self._check.case)), None)
+            status, reason = (PASS, "") if made.holds else (FAIL, "")
+            if fault is not None and made.holds:
+                status, reason = FAIL, _GONE.format("it holds")
+            elif fault is not None and fault.at_most is not None and made.measured <= fault.at_most:
+                status, reason = FAULT, f"{fault.evidence} Listed up to {fault.at_most:g}."
+            elif fault is not None and fault.at_most is not None:
+                reason = f"known_faults.toml lists this rule as failing up to {fault.at_most:g} only: it grew worse"
+            self._add(made.rule, status, made, reason)
+
+    def unmeasured(self, rules: Rule | Iterable[Rule], status: str, reason: str) -> None:
+        """Record why rules aren't measured: UNSUPPORTED by the device, NOT_RUN in this profile, or an ERROR."""
+        for rule in [rules] if isinstance(rules, Rule) else rules:
+            self._add(rule, status, reason=reason)
+
+    def error(self, reason: str) -> None:
+        """Record that the check ended in an error."""
+        self._add(self._check.rule, ERROR, reason=reason)
+
+    def died(self, status: str, ended: str, reason: str) -> None:
+        """Record that the driver crashed or hung, or lost its device (status), and how: a FAULT if it is listed."""
+        fault = find_end(self._faults, self._check, ended)
+        self._add(self._check.rule, FAULT if fault else status, None, fault.evidence if fault else reason, ended)
+
+    def finish(self) -> None:
+        """Record what is wrong with a check that ran to its end: nothing was measured, or its known end is gone."""
+        if not self._count:
+            self.error("nothing was measured")
+        if find_end(self._faults, self._check):
+            self._add(self._check.rule, FAIL, reason=_GONE.format("the check ran to its end"))

@@ -1,0 +1,159 @@
+"""Measures checks on one device in this process, and tells what happens as messages."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from solari_vk.base.errors import SolariError
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.rays import AUTO
+from solari_vk.lab.conformance.cases import Run
+from solari_vk.lab.conformance.faults import Fault, known_faults
+from solari_vk.lab.conformance.recorder import Recorder
+from solari_vk.lab.conformance.rules import LOST, Check, Outcome
+from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.measure.page import device_facts, host_load
+
+OPENING, CLOSING = "opening the device", "closing the device"
+
+
+@dataclass(frozen=True)
+class Work:
+    """What checks are measured with: the device that `select` names, the profile, the way to trace rays (see `Device`),
+    and the module that has GROUPS, RAYS and parts."""
+
+    select: str | None = None
+    full: bool = False
+    rays: str | None = None
+    table: str = "solari_vk.lab.conformance.groups"
+
+
+@dataclass(frozen=True)
+class Began:
+    """A check begins."""
+
+    check: Check
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A check reached its end after so many seconds."""
+
+    check: Check
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The device is open: the head of the report, and the known faults of the driver."""
+
+    facts: dict[str, str]
+    faults: list[Fault]
+
+
+# The error is the reason why the device can't be opened, prepared or closed.
+Message = Began | Ended | Opened | Outcome | SolariError
+Tell = Callable[[Message], None]
+
+
+class Worker:
+    """A device for a group, with the suite's shaders and the known faults of its driver. A context manager.
+
+    Raises DeviceError when no device fits, SolariError for a wrong SOLARI_VK_RAYS or known_faults.toml."""
+
+    def __init__(self, work: Work, group: str) -> None:
+        table = importlib.import_module(work.table)
+        self._open = ExitStack()
+        self.device = self._open.enter_context(_open_device(work, table.RAYS.get(group, AUTO)))
+        self.faults = known_faults(f"{self.device.properties.driver} {self.device.name}")
+        self._shaders = self._open.enter_context(ShaderRunner(self.device))
+        self._full = work.full
+        self._groups = table.GROUPS
+
+    def measure(self, check: Check, tell: Callable[[Outcome], None]) -> None:
+        """Measure one check. An error that it raises becomes an outcome."""
+        rule = Recorder(check, self.faults, tell)
+        try:
+            rule(self._groups[check.group][check.case](Run(rule, self._shaders, self._full, check.part)))
+            self.device.wait_idle()
+            self.device.check_messages()
+        except Exception as error:
+            if self.device.lost:
+                rule.died(LOST, "VK_ERROR_DEVICE_LOST", _describe(error))
+            else:
+                rule.error(_describe(error))
+        else:
+            rule.finish()
+
+    def close(self) -> None:
+        """Close the device. Raises ValidationError if messages of the validation layer are left."""
+        self._open.close()
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def measure_checks(work: Work, checks: Sequence[Check], tell: Tell) -> None:
+    """Open the device, measure checks of one group up to one that loses the device, and close the device."""
+    group, worker = checks[0].group, None
+    with _telling(Check(group, OPENING), tell):
+        worker = Worker(work, group)
+        tell(Opened(_facts(worker.device), worker.faults))
+    if worker is None:
+        return
+    try:
+        for check in checks:
+            with _telling(check, tell):
+                worker.measure(check, tell)
+            if worker.device.lost:
+                break
+    finally:
+        with _telling(Check(group, CLOSING), tell):
+            worker.close()
+
+
+def _open_device(work: Work, rays: str) -> Device:
+    """The device, opened for this way to trace rays if it has it and the user didn't choose one."""
+    device = Device(work.select, rays=work.rays)
+    chosen = work.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO
+    if chosen != AUTO or rays in (AUTO, device.rays) or device.missing_rays[rays]:
+        return device
+    device.close()
+    return Device(work.select, rays=rays)
+
+
+def _facts(device: Device) -> dict[str, str]:
+    limits = device.properties.acceleration
+    return {
+        **device_facts(device, host_load()),
+        "limits": f"{limits.maxInstanceCount:,} instances, {limits.maxPrimitiveCount:,} primitives, "
+        f"{limits.maxGeometryCount:,} geometries",
+        "validation": "core and synchronization" if device.validation else "off",
+    }
+
+
+@contextmanager
+def _telling(check: Check, tell: Tell) -> Iterator[None]:
+    """Tell when a check begins, what it raises, and when it ends."""
+    started = time.monotonic()
+    tell(Began(check))
+    try:
+        yield
+    except SolariError as error:
+        tell(error)
+    tell(Ended(check, time.monotonic() - started))
+
+
+def _describe(error: Exception) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"

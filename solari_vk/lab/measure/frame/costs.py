@@ -1,0 +1,129 @@
+"""The costs of a frame besides its passes: memory, Python's time, and the growth of a frame's time."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from solari_vk.base.errors import SolariError
+from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.frame.passes import frame_times
+from solari_vk.lab.measure.frame.plan import Plan, Size
+from solari_vk.lab.measure.timing import seconds
+from solari_vk.renderers.renderer import Renderer
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.model import Scene
+from solari_vk.settings import Settings
+
+# ---- growth -----------------------------------------------------------------------------------------
+
+
+def frame_time(device: Device, scene: Scene, size: Size, plan: Plan) -> float:
+    """Milliseconds of a frame of a new renderer, after a warm-up that fills its cells and reservoirs."""
+    with Renderer(device, scene, size, Settings()) as renderer:
+        return frame_times(renderer, scene.camera, plan.warm_up_frames, plan.growth_frames, plan.seconds)["frame"]
+
+
+# ---- start ------------------------------------------------------------------------------------------
+
+_START = """
+import sys, time
+import solari_vk as sv
+with sv.Device(sys.argv[1]) as device:
+    scene, started = sv.builtin("cornell_box"), time.perf_counter()
+    renderer = sv.Renderer(device, scene, (256, 256))
+    made = time.perf_counter()
+    renderer.render().wait()
+    print(made - started, time.perf_counter() - made)
+"""
+NO_DRIVER_CACHE = {"MESA_SHADER_CACHE_DISABLE": "true", "__GL_SHADER_DISK_CACHE": "0"}
+
+
+def start_seconds(device: Device, *, cold: bool = True) -> dict[str, tuple[float, float]]:
+    """Seconds that new processes need to make a renderer, and to finish its first frame, by what must be compiled.
+
+    cold: measure the starts that compile too, for which the driver's own cache is off. Raises SolariError when a
+    process fails.
+    """
+
+    def start(**environment: str) -> tuple[float, float]:
+        command = [sys.executable, "-c", _START, device.properties.uuid]
+        variables = {**os.environ, "SOLARI_VK_RAYS": device.rays, **environment}
+        done = subprocess.run(command, check=False, capture_output=True, text=True, env=variables)
+        if done.returncode:
+            raise SolariError(f"starting in a new process failed: {done.stderr.strip().rpartition(chr(10))[2]}")
+        made, first = map(float, done.stdout.split())
+        return made, first
+
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        caches = {**NO_DRIVER_CACHE, "SOLARI_VK_CACHE": folder}
+        if cold:
+            found["GLSL and pipelines"] = start(**caches)
+            for file in Path(folder).glob("*.pipelines"):
+                file.unlink()
+            found |= {"pipelines": start(**caches), "nothing": start(**caches)}
+    start()
+    return found | {"nothing, and the driver has a cache": start()}
+
+
+# ---- memory -----------------------------------------------------------------------------------------
+
+
+def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> dict[str, tuple[float, ...]]:
+    """(bytes a pixel, fixed bytes) of the resources of each stage, from the bytes for two picture sizes."""
+    scene, sizes = builtin("cornell_box"), []
+    with Renderer(device, scene, small, Settings()) as renderer:
+        for size in (small, large):
+            renderer.resize(size)
+            renderer.render(scene.camera)
+            device.wait_idle()
+            sizes.append(renderer.memory)
+        stage_of = {name: row.name.partition("/")[0] for row in reversed(renderer.describe()) for name in row.writes}
+    pixels = [size[0] * size[1] for size in (small, large)]
+    found: dict[str, tuple[float, ...]] = {}
+    for name, size_bytes in sizes[0].items():
+        slope = (sizes[1][name] - size_bytes) / (pixels[1] - pixels[0])
+        stage = stage_of.get(name, "written by no pass")
+        before = found.get(stage, (0.0, 0.0))
+        found[stage] = before[0] + slope, before[1] + size_bytes - slope * pixels[0]
+    return found
+
+
+# ---- host -------------------------------------------------------------------------------------------
+
+
+def host_times(device: Device, frames: int) -> dict[str, float]:
+    """Milliseconds of a call of `render` by case: medians over frames. Each call starts on an idle device."""
+    scene = builtin("cornell_box")
+    camera, block = scene.camera, list(scene.instances)[-2]
+    pose, start = np.array(camera.transform), np.array(block.transform)
+
+    def move_camera(_: int) -> None:
+        pose[0, 3] += 1e-4
+        camera.transform = pose
+
+    def move_block(frame: int) -> None:
+        moved = start.copy()
+        moved[0, 3] += 1e-3 * (frame % 7)
+        block.transform = moved
+
+    cases: dict[str, Callable[[int], None]] = {
+        "still": lambda _: None, "camera moving": move_camera, "one instance moving": move_block,
+    }  # fmt: skip
+    found = {}
+    with Renderer(device, scene, (32, 32), Settings()) as renderer:
+        for name, change in cases.items():
+            spent = []
+            for frame in range(frames + 5):
+                change(frame)
+                spent.append(1e3 * seconds(lambda: renderer.render(camera)))
+                device.wait_idle()
+            found[name] = float(np.median(spent[5:]))
+    return found

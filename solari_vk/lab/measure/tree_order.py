@@ -1,0 +1,150 @@
+"""`solari-vk bench trees`: how fast rays are by what the driver's builder of trees is given."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound import geometry, traced_instances
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.bare_rays import BarePaths
+from solari_vk.lab.measure.report import measuring
+from solari_vk.lab.measure.subjects import from_file
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.model import Camera, Instance, Mesh, Scene
+
+SCENES = ("cornell_box", "many_lights", "sphere_grid", "mirror_hall")
+ROUNDS, SAMPLES, SIZE = 3, 2, (96, 96)
+INTRO = (
+    "Millions of rays for each second of all processors' time, of paths without shading (`glsl/passes/bare_rays`), and "
+    "in brackets over those of the last column, what the renderers do. Ways take turns, each figure is the median of "
+    "three.",
+    "As given: triangles and instances in the file's order. By centers: halved along the longest extent of their "
+    "centers; with the smaller half of an odd number first, which Mesa's builder halves elsewhere, in the column after "
+    "it. Fast build: in the renderers' order, with PREFER_FAST_BUILD. Not compacted: with no copy to a smaller "
+    "structure. One mesh: all instances' triangles in one structure. Renderers: halves of least surface area.",
+)
+TRIED = (
+    "Tried on 2026-11-26 and not kept: a traversal of the renderer's own in storage buffers, one tree over all static "
+    "triangles by binned SAH, in place of ray queries. With paths of closest hits and a shadow ray each, and queries "
+    "in the renderers' order, it was 1.39 times as fast in cornell_box, .98 in many_lights, 1.06 in sphere_grid, 1.30 "
+    "in mirror_hall, 1.73 in FlightHelmet and 1.08 in a dungeon (four children, boxes of 8 bits, nearest first, nodes "
+    "by address); without a stack, by skip pointers for each octant, 1.56, .90, .85, 1.41, 1.55 and .91. Bound buffers "
+    "in place of addresses, float boxes, 16-bit boxes and sorted children were slower. The aim was 1.5 in three.",
+    "Also tried: empty places between triangles, so that halves may have unequal numbers (boxes 8 % smaller in some "
+    "meshes, larger in others); nine and thirteen directions to halve along (3 % smaller); boxes' sides in place of "
+    "centers (none). Large triangles can't be split: the builder's leaves are whole triangles.",
+    "Where Mesa 25.0 spends the time, by samples of its code: a fifth waits for the first word of a node; most of the "
+    "rest are 14 gathers a node and comparisons with NaN. Its builder ignores build flags, and its trees have one "
+    "triangle a leaf and two children a node.",
+)
+HEAD = ("scene", "as given", "by centers", "smaller half first", "fast build", "not compacted", "one mesh", "renderers")
+Order = Callable[..., NDArray[np.int64]]
+
+
+def _by_centers(low: NDArray[Any], high: NDArray[Any] | None = None, larger: int = 1) -> NDArray[np.int64]:
+    """larger: 1 if the first half is the larger one, else 0."""
+    centers = low if high is None else (low + high) / 2
+    order, runs = np.arange(len(centers)), [(0, len(centers))]
+    while runs:
+        first, end = runs.pop()
+        if end - first > 2:
+            part = order[first:end]
+            axis = np.ptp(centers[part], axis=0).argmax()
+            half = first + (end - first + larger) // 2
+            order[first:end] = part[np.argpartition(centers[part, axis], half - first - 1)]
+            runs += [(first, half), (half, end)]
+    return order
+
+
+def _as_given(low: NDArray[Any], high: NDArray[Any] | None = None) -> NDArray[np.int64]:
+    return np.arange(len(low))
+
+
+@contextmanager
+def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
+    """Binders that are updated in this context give the builder this order and these options."""
+    with (
+        mock.patch.object(geometry, "spatial_order", order),
+        mock.patch.object(traced_instances, "spatial_order", order),
+        mock.patch.object(geometry, "Blas", partial(Blas, **options)),
+    ):
+        yield
+
+
+def one_mesh(scene: Scene) -> Scene:
+    """The surfaces of a scene as one instance."""
+    positions, triangles, count = [], [], 0
+    for instance in scene.instances:
+        mesh = instance.ray_mesh or instance.mesh
+        moved = mesh.positions @ instance.transform[:3, :3].T + instance.transform[:3, 3]
+        turned = np.linalg.det(instance.transform[:3, :3]) < 0
+        positions.append(moved)
+        triangles.append(count + (mesh.triangles[:, ::-1] if turned else mesh.triangles))
+        count += len(moved)
+    mesh = Mesh(np.concatenate(positions).astype(np.float32), np.concatenate(triangles).astype(np.uint32))
+    made = Scene()
+    made.add(Instance(mesh=mesh))
+    return made
+
+
+WAYS: dict[str, Callable[[], Any]] = {
+    "as given": lambda: _handed(_as_given),
+    "by centers": lambda: _handed(_by_centers),
+    "smaller half first": lambda: _handed(partial(_by_centers, larger=0)),
+    "fast build": lambda: _handed(prefer_fast_trace=False),
+    "not compacted": lambda: _handed(allow_compaction=False),
+    "one mesh": _handed,
+    "renderers": _handed,
+}
+
+
+def run(
+    select: str | None, files: Sequence[Path], markdown: Path | None, *, rays: str | None = None,
+    scenes: Sequence[str] = (),
+) -> None:  # fmt: skip
+    """Measure and report. files: to load beside built-in scenes, these or SCENES."""
+    with measuring(select, rays, markdown, "Rays by what the driver's builder is given", *INTRO) as (device, report):
+        subjects = [(name, builtin(name)) for name in scenes or SCENES]
+        subjects += [(path.stem, from_file(path)) for path in files]
+        rows = []
+        for name, scene in subjects:
+            report.progress(name)
+            found = measure(device, scene)
+            ours = found["renderers"]
+            cells = [f"{rate:.2f}" + ("" if way == "renderers" else f" ({rate / ours:.2f})")
+                     for way, rate in found.items()]  # fmt: skip
+            rows.append([name, *cells])
+        report.table(f"Scenes, {SIZE[0]}x{SIZE[1]}", HEAD, rows, *TRIED)
+
+
+def measure(device: Device, scene: Scene) -> dict[str, float]:
+    """For each way of WAYS, million rays for each second of processor time."""
+    camera: Camera = scene.camera_for(SIZE[0] / SIZE[1], None)
+    with ExitStack() as owned:
+        paths = {}
+        for way, handed in WAYS.items():
+            with handed():
+                binder = SceneBinder(device, one_mesh(scene) if way == "one mesh" else scene)
+                owned.callback(binder.destroy)
+                paths[way] = owned.enter_context(BarePaths(device, binder, camera, SIZE))
+                paths[way].run(0)
+        rates: dict[str, list[float]] = {way: [] for way in WAYS}
+        for number in range(ROUNDS):
+            for way, path in paths.items():
+                before, count = time.process_time(), 0
+                for sample in range(SAMPLES):
+                    count += path.run(1 + number * SAMPLES + sample)[1]
+                rates[way].append(count / (time.process_time() - before) / 1e6)
+    return {way: float(np.median(found)) for way, found in rates.items()}

@@ -1,0 +1,212 @@
+"""The page of a trial: HTML with pictures, JSON, and Markdown for docs/measured."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.files import make_folder, write_whole
+from solari_vk.lab.measure.page import head, markdown_list, markdown_table, wrapped
+from solari_vk.lab.trial.compare import Comparison, Distance
+from solari_vk.lab.trial.differences import Difference
+from solari_vk.lab.trial.process import KINDS, OURS, Picture
+from solari_vk.output.compare import squared_scale
+from solari_vk.output.picture import save_image, write_codes
+
+MOST_SHOWN = 0.5  # of the error maps: the relative error that is fully red or blue
+STYLE = ("body{font:14px sans-serif;margin:2em;max-width:90em}table{border-collapse:collapse;margin:1em 0}"
+         "td,th{border:1px solid #ccc;padding:.3em .6em;text-align:left}figure{display:inline-block;margin:0 1em 1em 0}"
+         "img{width:256px;image-rendering:pixelated;display:block}.failed{color:#a00}")  # fmt: skip
+INTRO = (
+    "The same glTF file, camera, environment and lights through several path tracers.",
+    "A picture is the mean of two halves with independent noise. Distances are relMSE without noise: the product of "
+    "the differences of both halves, over the squared mean of both renderers plus 1 % of its squared average. It may "
+    "be a little below 0 where two renderers agree. `noise` is the relMSE of a renderer's own picture that is noise. "
+    "The ratio of means has its standard error: single bright pixels (fireflies) move it.",
+    "Time to equal error: the samples double, from one on, until the relMSE against the renderer's own picture, whose "
+    "noise cancels out, is at most the error asked for. Renderers take turns; errors and seconds are medians of three "
+    "pictures with different seeds. Loading, compiling and building structures are not in it: `loading` has them, and "
+    "a first sample.",
+)
+SUMMARY = "Distances are relMSE. The last columns are seconds of all processors to equal error."
+EXPLAINED = "[The guide](../guides/trial.md#differences-that-are-explained) has the reasons."
+RENDERERS, DISTANCES = ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s",
+                        "to equal error"), ("scene", "pair", "relMSE", "FLIP", "R G B ratio")  # fmt: skip
+
+
+class Page:
+    """Writes the page of a trial into a folder, again after each scene. absent: why renderers are left out."""
+
+    def __init__(self, folder: Path, facts: Mapping[str, str], absent: Mapping[str, str]) -> None:
+        self._folder, self._facts, self._absent = folder, dict(facts), dict(absent)
+        self._scenes: list[tuple[str, Comparison, Sequence[Difference]]] = []
+        make_folder(folder)
+
+    def add(self, name: str, found: Comparison, known: Sequence[Difference]) -> None:
+        """Add a scene: its pictures, and the differences that are explained."""
+        make_folder(self._folder / name)
+        for renderer, result in found.results.items():
+            save_image(self._folder / name / f"{renderer}.exr", result.picture)
+            save_image(self._folder / name / f"{renderer}.png", result.picture, exposure=found.exposure)
+        for a, b in found.distances:
+            shown = error_map(found.results[a].picture, found.results[b].picture)
+            write_codes(self._folder / name / f"{a}-{b}.png", shown)
+        self._scenes.append((name, found, known))
+        write_whole(self._folder / "trial.json", json.dumps(self.facts(), indent=1, allow_nan=False) + "\n")
+        write_whole(self._folder / "index.html", self.html())
+
+    def facts(self) -> dict[str, Any]:
+        """All numbers, as JSON values."""
+        return {
+            **self._facts, "left out": self._absent,
+            "scenes": {name: {
+                "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
+                "failures": found.failures,
+                "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
+                "explained": [f"{difference.judge}: {difference.what}" for difference in known],
+            } for name, found, known in self._scenes},
+        }  # fmt: skip
+
+    def rows(self, name: str, found: Comparison) -> tuple[list[list[str]], list[list[str]]]:
+        """The cells below RENDERERS and below DISTANCES of a scene."""
+        renderers = []
+        for renderer, result in found.results.items():
+            facts, reached = result.facts(), result.time
+            spent = [f"{facts[key]:.2f}" for key in ("loading", "seconds", "processor_seconds")]
+            time = "" if reached is None else (f"{reached.seconds:.2f} s, {reached.processor_seconds:.2f} s of "
+                                               f"processors, {reached.samples} samples")  # fmt: skip
+            mean = " ".join(f"{value:.4g}" for value in facts["mean"])
+            renderers.append([name, KINDS[renderer].title, mean, f"{facts['noise']:.2g}", *spent, time])
+        distances = [[name, f"{KINDS[a].title} / {KINDS[b].title}", *_cells(far)]
+                     for (a, b), far in found.distances.items()]  # fmt: skip
+        return renderers, distances
+
+    def summary(self) -> tuple[str, list[str], list[list[str]]]:
+        """How often ours is nearest to the first of the other renderers, and columns and rows of all scenes: distances
+        to that one, and the processors' seconds to equal error. ("", [], []) without ours or another renderer."""
+        present = [name for name in KINDS if any(name in found.results for _, found, _ in self._scenes)]
+        if OURS not in present or len(present) < 2:
+            return "", [], []
+        first, *others = present[1:]
+        farther, rows = [], []
+        for name, found, _ in self._scenes:
+            far = {frozenset(pair): distance for pair, distance in found.distances.items()}
+            apart = [far.get(frozenset((renderer, first))) for renderer in (OURS, *others)]
+            times = [found.results[renderer].time if renderer in found.results else None for renderer in present]
+            known = [distance.relative_mse for distance in apart if distance is not None]
+            ours = apart[0]
+            farther += [name] if ours is None or len(known) < 2 or ours.relative_mse > min(known) else []
+            rows.append([name, *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
+                         "" if ours is None else _cells(ours)[2],
+                         *("" if time is None else f"{time.processor_seconds:.2f}" for time in times)])  # fmt: skip
+        pairs = [f"{KINDS[renderer].title} / {KINDS[first].title}" for renderer in (OURS, *others)]
+        columns = ["scene", *pairs, f"R G B, {pairs[0]}", *(f"{KINDS[renderer].title}, s" for renderer in present)]
+        if not others:
+            return "", columns, rows
+        but = f", but not in {', '.join(farther)}" if farther else ""
+        where = f"In {len(rows) - len(farther)} of {len(rows)} scenes"
+        return f"{where} solari_vk is the nearest to {KINDS[first].title}{but}.", columns, rows
+
+    def html(self) -> str:
+        """The page."""
+        facts = [f"{name}: {value}" for name, value in self._facts.items()]
+        absent = [f"{KINDS[name].title} is left out: {why}" for name, why in self._absent.items()]
+        parts = [f"<!doctype html><meta charset='utf-8'><title>Trial</title><style>{STYLE}</style><h1>Trial</h1>",
+                 *(f"<p>{html.escape(text)}</p>" for text in INTRO), _list(facts), _list(absent, "failed")]  # fmt: skip
+        said, columns, summed = self.summary()
+        if summed:
+            parts += [f"<p>{html.escape(f'{said} {SUMMARY}')}</p>", _table(columns, summed)]
+        for name, found, known in self._scenes:
+            renderers, distances = self.rows(name, found)
+            parts += [f"<h2>{html.escape(name)}</h2>", _list(_failures(found), "failed"), self._pictures(name, found),
+                      _table(RENDERERS[1:], [row[1:] for row in renderers]),
+                      _table(DISTANCES[1:], [row[1:] for row in distances]), _list(_explained(known))]  # fmt: skip
+        return "\n".join(parts) + "\n"
+
+    def _pictures(self, name: str, found: Comparison) -> str:
+        """For each pair a row of both pictures and the error map."""
+        rows = []
+        for a, b in found.distances:
+            cells = [
+                (f"{a}.png", KINDS[a].title),
+                (f"{b}.png", KINDS[b].title),
+                (f"{a}-{b}.png", f"{KINDS[a].title} brighter: red, darker: blue, {MOST_SHOWN:.0%} at most"),
+            ]
+            figures = (f"<figure><img src='{html.escape(name)}/{file}' alt='{html.escape(text)}'><figcaption>"
+                       f"{html.escape(text)}</figcaption></figure>" for file, text in cells)  # fmt: skip
+            rows.append(f"<div>{''.join(figures)}</div>")
+        if not rows and OURS in found.results:
+            rows.append(f"<img src='{html.escape(name)}/{OURS}.png' alt='solari_vk'>")
+        return "".join(rows)
+
+    def markdown(self) -> str:
+        """The page of docs/measured, without pictures."""
+        tables = [self.rows(name, found) for name, found, _ in self._scenes]
+        lines = head("Trial against other renderers", INTRO, self._facts)
+        lines += ["", *markdown_list([f"{KINDS[name].title} is left out: {why}" for name, why in self._absent.items()])]
+        said, columns, summed = self.summary()
+        if summed:
+            lines += ["", "## All scenes", "", *wrapped(f"{said} {SUMMARY}"), "", *markdown_table(columns, summed)]
+        lines += ["", "## Distances", "", *markdown_table(DISTANCES, [row for _, rows in tables for row in rows])]
+        lines += ["", "## Renderers", "", *markdown_table(RENDERERS, [row for rows, _ in tables for row in rows])]
+        lines += ["", "## Differences that are explained", "", *wrapped(EXPLAINED), "", *markdown_list([
+            f"{name}: {'; '.join([*_failures(found), *_named(known)]) or 'none'}" for name, found, known in self._scenes
+        ])]  # fmt: skip
+        return "\n".join(lines) + "\n"
+
+
+def error_map(first: Picture, second: Picture) -> NDArray[np.uint8]:
+    """Codes (height, width, 3): white where both are equal, red where the first is brighter, else blue."""
+    luminances = [picture.mean(axis=2, keepdims=True) for picture in (first, second)]
+    relative = (luminances[0] - luminances[1]) / np.sqrt(squared_scale((luminances[0] + luminances[1]) / 2))
+    share = np.clip(relative / MOST_SHOWN, -1, 1)
+    colors = 1 - np.concatenate([np.maximum(-share, 0), np.abs(share), np.maximum(share, 0)], axis=2)
+    return np.round(255 * colors).astype(np.uint8)
+
+
+def _cells(far: Distance) -> list[str]:
+    flip = "" if math.isnan(far.flip) else f"{far.flip:.3f}"
+    return [
+        f"{far.relative_mse:.2g}",
+        flip,
+        f"{' '.join(f'{value:.3f}' for value in far.ratio)} ± {far.ratio_error:.3f}",
+    ]
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Values as JSON has them: NaN is None."""
+    return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
+
+
+def _failures(found: Comparison) -> list[str]:
+    return [f"{KINDS[name].title}: {why}" for name, why in found.failures.items()]
+
+
+def _explained(known: Sequence[Difference]) -> list[str]:
+    return [f"explained, {KINDS[d.judge].title if d.judge in KINDS else d.judge}: {d.what}: {d.why}" for d in known]
+
+
+def _named(known: Sequence[Difference]) -> list[str]:
+    """The differences that are explained, by renderer."""
+    found: dict[str, list[str]] = {}
+    for difference in known:
+        found.setdefault(difference.judge, []).append(difference.what)
+    return [f"{KINDS[name].title if name in KINDS else name}: {', '.join(what)}" for name, what in found.items()]
+
+
+def _list(items: Sequence[str], kind: str = "") -> str:
+    return f"<ul class='{kind}'>{''.join(f'<li>{html.escape(item)}</li>' for item in items)}</ul>" if items else ""
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [f"<tr>{''.join(f'<{cell}>{html.escape(text)}</{cell}>' for text in row)}</tr>"
+             for cell, row in (("th", columns), *(("td", row) for row in rows))]  # fmt: skip
+    return f"<table>{''.join(lines)}</table>"

@@ -1,0 +1,111 @@
+"""Pictures larger than a device holds: the path tracer renders them in bands of rows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import operator
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.gpu.device.device import Device
+from solari_vk.output import oidn
+from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.scene_frame import checked_device
+from solari_vk.scene.model import Camera, Scene
+
+GUIDES = ("guide_albedo", "guide_normal")
+LARGEST_BAND = 1 << 26  # pixels, for all the buffers of which there is memory on most devices
+
+
+def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> int:
+    """The rows of each band of a picture but the last; all of them where the device holds the picture.
+
+    most: pixels of a band, at most what the device holds and LARGEST_BAND. Raises SolariError for a size that is none,
+    and where not even a row fits.
+    """
+    try:
+        width, height = (operator.index(n) for n in size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if width < 1 or height < 1:
+        raise SolariError(f"render_large: size must be two whole numbers (width, height), not {quoted(size)}")
+    limits = checked_device(device, "render_large").properties.limits
+    held = int(limits.maxStorageBufferRange) // PathTracer.LARGEST_PIXEL_BYTES
+    rows = min(held, LARGEST_BAND, most or held) // width
+    if rows < 1:
+        raise SolariError(f"render_large: a band holds fewer than the {width} pixels of a row")
+    return math.ceil(height / math.ceil(height / rows))
+
+
+def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> Camera:
+    """The camera of some rows of a picture of this size, from the row `top` on. Raises SolariError for a lens."""
+    if camera.has_lens:
+        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, has no distortion "
+                          "and no fisheye: render a smaller one")  # fmt: skip
+    share, (x, y) = rows / size[1], camera.principal_point
+    offset = top + rows / 2 - size[1] * y
+    return dataclasses.replace(
+        camera, vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)), auto_exposure=False,
+        orthographic_height=share * camera.orthographic_height, jitter=camera.jitter + np.array((0, offset)),
+        principal_point=np.array((x, 0.5)),
+    )  # fmt: skip
+
+
+def render_large(
+    device: Device, scene: Scene, size: tuple[int, int], *, camera: Camera | None = None, samples: int = 256,
+    denoise: bool = False, layers: Sequence[str] = (), band_pixels: int | None = None,
+    progress: Callable[[int, int], None] | None = None, **options: Any,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """A picture of any size by the path tracer, in bands of rows that the device holds: arrays (height, width, ...).
+
+    The result has "radiance" (height, width, 3) in cd/m^2, and what `layers` names, as frames have them. samples per
+    pixel, denoise and options (max_bounces, seed, ...) are those of PathTracer; the whole picture is denoised at once.
+    band_pixels: the most of a band, by default what the device holds. progress: is called with the samples per pixel of
+    all bands so far, and how many there will be. A camera with auto_exposure gets the EV100 that suits the picture;
+    `save_image` takes `exposure=camera.exposure`. Raises SolariError as PathTracer does.
+    """
+    rows = rows_of(device, size, band_pixels)
+    width, height = size
+    seed, pictures = options.get("seed", 0), dict[str, NDArray[Any]]()
+    if denoise:
+        oidn.check_installed()
+    if wrong := set(layers) - set(PathTracer.OUTPUTS):
+        raise unknown_name("render_large: there is no result", min(wrong), PathTracer.OUTPUTS)
+    with PathTracer(device, scene, (width, rows), **options) as tracer:
+        shown = scene.camera_for(width / height) if camera is None else camera
+        meters = shown.auto_exposure and scene.environment is not None
+        names = {"radiance", *layers, *(("depth",) if meters else ())}
+        tops = range(0, height, rows)
+        for band, top in enumerate(tops):
+            part = min(rows, height - top)
+            if tracer.size[1] != part:
+                tracer.resize((width, part))
+            tracer.seed = numbered_seed(seed, band)
+            said = None if progress is None else partial(_progress, progress, band * samples, samples * len(tops))
+            tracer.render(band_camera(shown, size, top, part), samples, progress=said)
+            found = {name: tracer[name] for name in names}
+            if denoise:
+                found |= zip(GUIDES, tracer.read_guides(), strict=True)
+            for name, values in found.items():
+                if name not in pictures:
+                    pictures[name] = np.empty((height, *values.shape[1:]), values.dtype)
+                pictures[name][top : top + part] = values
+    if denoise:
+        guides = [pictures.pop(name) for name in GUIDES]
+        pictures["radiance"] = oidn.denoise(pictures["radiance"], *guides)
+    if shown.auto_exposure:
+        surfaces = np.isfinite(pictures["depth"]) if meters else None
+        shown.ev100 = auto_exposure(pictures["radiance"], surfaces)
+    return {name: pictures[name] for name in ("radiance", *layers)}
+
+
+def _progress(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+    progress(before + done, total)

@@ -1,0 +1,175 @@
+"""A device at work: it keeps the scene and the renderers between jobs."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Generator, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, TypeAlias, TypeVar
+
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.gpu.device.compiling import OnCompile
+from solari_vk.gpu.device.device import Device
+from solari_vk.renderers.cluster.identity import Identity
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.picture_renderer import PictureRenderer
+from solari_vk.renderers.ray_tracer import RayTracer
+from solari_vk.renderers.renderer import Renderer
+from solari_vk.scene.model import Scene
+from solari_vk.settings import Settings
+
+
+class Job(Protocol):
+    """A part of the work, which any worker can do: a value that can be pickled."""
+
+    @property
+    def name(self) -> str:
+        """What the job is, for messages."""
+
+    @property
+    def clip(self) -> int | None:
+        """The animation whose poses the job shows, by its number; None: it shows the scene as it was given."""
+
+    def perform(self, session: DeviceSession) -> Any:
+        """Render on a session that has the scene; returns the result, which can be pickled."""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """How workers open their devices: the arguments of Device."""
+
+    device: str | None = None
+    rays: str | None = None
+    validation: bool | None = None
+
+    def open(self, device: str | None = None) -> Device:
+        """Open a device. device: the one to take if these arguments name none."""
+        return Device(self.device or device, validation=self.validation, rays=self.rays)
+
+
+def pack(scene: Scene) -> tuple[str, bytes]:
+    """A scene as bytes, and the first 16 digits of their SHA-256, which equal scenes share."""
+    data = pickle.dumps(scene, protocol=5)
+    return hashlib.sha256(data).hexdigest()[:16], data
+
+
+Kind = TypeVar("Kind", bound=PictureRenderer)
+
+
+class DeviceSession:
+    """A device with the latest jobs' scene and renderers, which later jobs use again."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.identity = Identity.of(device)
+        self._scene_key = ""
+        self._clip: int | None = None  # that of the latest job
+        self._owned = ExitStack()  # what depends on the scene
+        self._tracer: RayTracer | None = None
+        self._made: dict[type[PictureRenderer], tuple[Any, PictureRenderer]] = {}
+
+    def show(self, key: str, data: bytes, clip: int | None) -> None:
+        """Take the scene that `pack` made these from, unless it is here already, for a job of a clip or of none.
+
+        A clip leaves its last pose behind: then a job of none, or of another clip, takes the scene anew.
+        """
+        if key != self._scene_key or self._clip not in (None, clip):
+            self.forget()
+            self.scene: Scene = pickle.loads(data)
+            self._binder = SceneBinder(self.device, self.scene)
+            self._owned.callback(self._binder.destroy)
+            self._scene_key = key
+        self._clip = clip
+
+    def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int, first_sample: int = 0) -> PathTracer:
+        """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
+        tracer = self._renderer(PathTracer, max_bounces, size=size, max_bounces=max_bounces)
+        tracer.seed, tracer.first_sample = seed, first_sample
+        return tracer
+
+    def renderer(self, size: tuple[int, int], settings: Settings, seed: int) -> Renderer:
+        """A realtime renderer without history."""
+        renderer = self._renderer(Renderer, settings, size=size, settings=settings)
+        renderer.seed = seed
+        renderer.reset()
+        return renderer
+
+    def ray_tracer(self) -> RayTracer:
+        """A tracer of rays through the scene."""
+        if self._tracer is None:
+            self._tracer = RayTracer(self.device, self._binder)
+            self._owned.callback(self._tracer.close)
+        return self._tracer
+
+    def _renderer(self, kind: type[Kind], key: Any, size: tuple[int, int], **options: Any) -> Kind:
+        made, renderer = self._made.pop(kind, (None, None))
+        if renderer is not None and made != key:
+            renderer.close()
+            renderer = None
+        if not isinstance(renderer, kind):
+            renderer = kind(self.device, self._binder, size, **options)
+            self._owned.callback(renderer.close)
+        if renderer.size != size:
+            renderer.resize(size)
+        self._made[kind] = key, renderer
+        return renderer
+
+    def forget(self) -> None:
+        """Free the scene and the renderers."""
+        self._scene_key = ""
+        self._tracer = None
+        self._made.clear()
+        self._owned.close()
+
+    def close(self) -> None:
+        """Free the scene and close the device."""
+        self.forget()
+        self.device.close()
+
+
+AnyJob = TypeVar("AnyJob", bound=Job)
+Results: TypeAlias = Generator[tuple[AnyJob, Any] | None, None, None]
+"""Jobs with their results, as they are done; None when nothing was done for a second."""
+
+
+class OneDevice:
+    """Does jobs one after the other on a device in this process. A context manager, as `WorkerPool` is.
+
+    device, rays, validation, on_compile: as Device takes them.
+    """
+
+    worker_count = 1
+    shares_files = True
+
+    def __init__(
+        self, device: str | None = None, rays: str | None = None, validation: bool | None = None,
+        on_compile: OnCompile | None = None,
+    ) -> None:  # fmt: skip
+        self._opening, self._on_compile = Opening(device, rays, validation), on_compile
+
+    def __enter__(self) -> Self:
+        self._session = DeviceSession(self._opening.open())
+        self.device.on_compile = self._on_compile
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._session.close()
+
+    @property
+    def device(self) -> Device:
+        """The device that works."""
+        return self._session.device
+
+    @property
+    def identity(self) -> Identity:
+        """That of the device."""
+        return self._session.identity
+
+    def map(self, scene: Scene, jobs: Iterable[AnyJob]) -> Results[AnyJob]:
+        """Yield each job with its result."""
+        key, data = pack(scene)
+        for job in jobs:
+            self._session.show(key, data, job.clip)
+            yield job, job.perform(self._session)

@@ -1,0 +1,48 @@
+"""Means over the frames of the realtime renderer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.output.error import ErrorEstimate, area_means
+from solari_vk.renderers.renderer import LIGHT, Renderer
+
+
+class FrameMeans:
+    """Radiance and its parts as means of frames, taken in float64; other results are the latest frame's.
+
+    names: results beside the radiance. estimate: that of a picture of many frames, by what the paths gave in them; it
+    looks at the size that is rendered. exposes: frames have a shutter, so that their `radiance` is a mean already, of
+    which the latest counts.
+    """
+
+    def __init__(
+        self, renderer: Renderer, names: Iterable[str] = (), estimate: ErrorEstimate | None = None, *,
+        exposes: bool = False,
+    ) -> None:  # fmt: skip
+        self._renderer, self._estimate = renderer, estimate
+        self._raw = "raw_radiance" if "raw_radiance" in renderer.outputs else "radiance"
+        light = [name for name in names if name in LIGHT] + ["radiance"] * (not exposes) + [self._raw] * bool(estimate)
+        self._sums: dict[str, Any] = dict.fromkeys(light, 0.0)
+        self.count = 0
+        """The number of frames."""
+
+    def add(self) -> None:
+        """Take the renderer's latest frame."""
+        for name in self._sums:
+            self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
+        self.count += 1
+        if self._estimate is not None and self.count >= self._estimate.next_count:
+            size = self._renderer.render_size
+            mean = self._sums[self._raw] / self.count
+            self._estimate.look_at_other(self.count, mean, lambda: area_means(self["radiance"], size))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name in self._sums:
+            return np.asarray(self._sums[name] / self.count, np.float32)
+        values = self._renderer[name]
+        return values / 255.0 if values.dtype == np.uint8 else values

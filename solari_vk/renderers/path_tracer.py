@@ -1,0 +1,317 @@
+"""The reference path tracer: the ground truth of every realtime test."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.projection import CameraUniforms, Projection
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Stage
+from solari_vk.output import oidn
+from solari_vk.passes import pathtracer
+from solari_vk.renderers.motion_blur import ShutterRenderer
+from solari_vk.renderers.rendered_frame import RenderedFrame
+from solari_vk.renderers.sample_control import SampleControl
+from solari_vk.renderers.scene_frame import SceneFrame
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.shutter import Shutter
+
+MAX_SAMPLES = 64  # per pixel in one dispatch
+
+
+class PathTracer(ShutterRenderer):
+    """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
+
+    size: (width, height) in pixels. max_bounces: the number of surfaces at which a path may be scattered; 0 shows
+    emission only. seed: a whole number; the same seed gives the same pictures, another seed gives independent noise.
+    light_strategy: "nee" (light sampling), "brdf" (BRDF sampling) or "mis" (both, weighted by multiple importance
+    sampling); all three have the same expectation. pixel_filter: "box", or the wider "gaussian" or "blackman_harris".
+    layering: how the diffuse lobe is attenuated below the specular lobe, "conserving" or Solari's "fresnel_product",
+    where films dim no diffuse light. lambert: all surfaces are Lambertian, as closed forms need. first_sample: number
+    of the picture's first sample; samples of one seed are points of low-discrepancy sequences, so that pictures of the
+    samples 0 to 63 and 64 to 127 have less noise than two seeds. Source: document on the reference path tracer.
+
+    The scene may be edited between calls of `render`. `close` frees the path tracer's memory on the device; closing the
+    device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.
+    """
+
+    OUTPUTS = ("radiance", "raw_radiance", *pathtracer.AOVS)
+    begun = 0, 0  # samples that `advance` is tracing by bands, and the row that comes next
+    LARGEST_PIXEL_BYTES = pathtracer.LARGEST_PIXEL_BYTES
+    IN_IMAGES = False
+
+    @checked_keywords()
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        size: tuple[int, int],
+        *,
+        max_bounces: int = 16,
+        seed: int = 0,
+        light_strategy: str = "mis",
+        pixel_filter: str = "box",
+        layering: str = "conserving",
+        lambert: bool = False,
+        first_sample: int = 0,
+    ) -> None:
+        options = max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
+        self.settings = pathtracer.Settings(*options)
+        super().__init__(device, scene, size)
+        try:
+            self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
+            self._pixel_ms = 0.0  # milliseconds of a sample of a pixel, 0 until they are measured
+            self._begin_adapting(pathtracer.max_rows(self.size), 0)
+            stages = self._stages(self.size)
+            self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
+            self._control = SampleControl(self._frame, self.size, self.read)
+            self._begin_picture()
+        except BaseException:
+            self.close()
+            raise
+
+    def _stages(self, size: tuple[int, int]) -> list[Stage]:
+        return [pathtracer.trace_stage(size, self._band_rows, self.settings)]
+
+    def _inputs(self) -> dict[str, Any]:
+        """What the stages' shaders are given beside the scene, by name."""
+        return dict(self._tables)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        size = self._checked_size(size)
+        rows = pathtracer.max_rows(size, self._pixel_ms)
+        self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
+        self._size = size
+        self._control = SampleControl(self._frame, size, self.read)
+        self._begin_adapting(rows, self._frame.frame_count)
+        self.reset()
+
+    def _begin_adapting(self, rows: int, frame_count: int) -> None:
+        """Begin with dispatches of `rows` rows and one sample per pixel, and measure them from `frame_count` on."""
+        self._band_rows, self._batch = rows, 1
+        self._next_look = frame_count + 4  # when `_adapt` measures next; in the first frames drivers may compile
+        # The timeline value of each of the latest dispatches, and its rows times samples.
+        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
+
+    @property
+    def seed(self) -> int:
+        """The seed of the noise. Assigning another one discards the picture's samples."""
+        return self.settings.seed
+
+    @seed.setter
+    def seed(self, seed: int) -> None:
+        self.settings = dataclasses.replace(self.settings, seed=seed)
+        self.reset()
+
+    @property
+    def first_sample(self) -> int:
+        """The number of the picture's first sample. Assigning another one discards the picture's samples."""
+        return self.settings.first_sample
+
+    @first_sample.setter
+    def first_sample(self, number: int) -> None:
+        self.settings = dataclasses.replace(self.settings, first_sample=number)
+        self.reset()
+
+    def reload(self) -> None:
+        super().reload()
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard the picture's samples."""
+        self._shown = self._latest = None
+        self._begin_picture()
+
+    def _begin_picture(self) -> None:
+        self._control.begin()
+        self.begun = 0, 0
+        self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
+        self._guides = None
+
+    @property
+    def samples(self) -> int:
+        """The number of samples per pixel in the picture so far, of the pixel that has most."""
+        return self._control.samples
+
+    # ---- rendering ----------------------------------------------------------------------------------
+
+    @checked_keywords()
+    def render(
+        self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
+        progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,
+        shutter: Shutter | None = None, pose: Callable[[float], Any] | None = None,
+    ) -> RenderedFrame:  # fmt: skip
+        """Refine the picture until it has `samples` samples per pixel, and return it.
+
+        camera: by default the scene's. Samples of earlier calls count, unless the camera, the scene or the size has
+        changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
+        the number of samples per pixel after each dispatch. denoise: `frame["radiance"]` is denoised when it is read,
+        by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
+        samples. target_error: the `error` at which rendering stops early; None estimates none. Unless denoised, easy
+        pixels get fewer samples, which biases those in which bright samples are rarer than one in a few thousand.
+
+        shutter: exposes a new picture at its times, for which `pose(seconds)`, by default `scene.animate`, poses the
+        scene, and may return the camera. The scene stays as in the middle of the exposure, which results at pixels'
+        centers show. Raises SolariError for a sample count below 1, a negative target or one with a shutter, a shutter
+        without a pose in a scene without animations, and if OIDN isn't installed.
+        """
+        self._frame.check_open()
+        camera = self._camera_or_default(camera)
+        if not isinstance(samples, int) or samples < 1:
+            raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
+        if target_error is not None and not (isinstance(target_error, (int, float)) and target_error >= 0):
+            raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
+        if denoise:
+            oidn.check_installed()
+        if shutter is not None or pose is not None:
+            if target_error is not None:
+                raise SolariError("PathTracer.render: pictures with a shutter have no target_error: leave it out")
+            self._control.aim(None, denoise)
+            return self._expose(camera, samples, shutter, pose, denoise, time_limit, progress)
+        started = time.perf_counter()
+        self._prepare(camera)
+        if self.begun[0]:
+            self._add_samples(0)  # the rest of what `advance` has begun
+        self._control.aim(target_error, denoise, samples)
+        self._warn_of_darkness()
+        if denoise:
+            self.read_guides()  # now, because the scene may be edited before the picture is read
+        while wanted := self._control.wanted(samples):
+            self.advance(camera, wanted)
+            if progress is not None:
+                progress(self.samples)
+            if time_limit is not None and time.perf_counter() - started > time_limit:
+                break
+        assert self._latest is not None
+        self._latest.camera = camera  # another one, perhaps with another exposure, where no sample was missing
+        return self._finish(self._latest)
+
+    def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
+        """Submit a short dispatch with the next samples, of all pixels or `bands` of rows below those of the latest."""
+        camera = self._camera_or_default(camera)
+        self._prepare(camera)
+        self._control.more()
+        submission = self._add_samples(self._control.limited(min(self._batch, max_samples)), bands)
+        self._latest = RenderedFrame(self, camera, self._projection, submission)
+        self._adapt()
+
+    def _prepare(self, camera: Camera) -> None:
+        """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
+        self._note_camera(camera)
+        self.binder.update()
+        projection = Projection.of(camera, self.size)
+        shown = (self.binder.revision, self.size, *projection.view)
+        if shown != self._shown:
+            self._shown, self._projection = shown, projection
+            self._begin_picture()
+            CameraUniforms(self._frame.uniforms).write(camera, self.size)
+            pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+
+    def _add_samples(self, count: int, bands: int | None = None) -> int:
+        """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
+        first, height = self._control.first, self.size[1]
+        count, top = self.begun if self.begun[0] else (count, 0)
+        below = height if bands is None else min(top + bands * self._band_rows, height)
+        try:
+            submission = self._trace_rows(top, below, first, first + count)
+        except BaseException:
+            self.reset()  # some bands have these samples and others don't
+            raise
+        self.begun = (count, below) if below < height else (0, 0)
+        return submission
+
+    def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
+        uniforms, submission = self._frame.uniforms, 0
+        while first < end:
+            count = min(end - first, self._batch)
+            uniforms["path_sampling.sample_index"] = first
+            uniforms["path_sampling.samples_per_dispatch"] = count
+            for row in range(top, below, self._band_rows):
+                rows = min(self._band_rows, below - row)
+                uniforms["path_sampling.first_row"], uniforms["path_sampling.row_count"] = row, rows
+                submission = self._frame.submit()
+                self._sizes.append((submission, count * rows))
+            first += count
+        if below == self.size[1]:
+            self._control.add(end - self._control.first)
+        return submission
+
+    def _adapt(self) -> None:
+        """Choose the next dispatches' size by the time that the latest finished one took.
+
+        This is done rarely, because on some drivers reading a timestamp waits for work in progress.
+        """
+        frame = self._frame
+        if self.begun[0] or self._control.is_uneven or frame.frame_count < self._next_look:
+            return
+        self._next_look = 2 * frame.frame_count
+        spent = sum(frame.timings.values())
+        size = dict(self._sizes).get(frame.timed_value, 0)
+        if not spent or not size:
+            return
+        wanted = pathtracer.DISPATCH_MS / spent * size
+        self._pixel_ms = spent / (size * self.size[0])
+        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MAX_SAMPLES))
+        if wanted < self._band_rows / 4 and self._band_rows > pathtracer.MIN_ROWS:
+            self._band_rows = max(int(wanted), pathtracer.MIN_ROWS)
+            frame.rebuild(self._stages(self.size))
+
+    # ---- results ------------------------------------------------------------------------------------
+
+    def read(self, name: str) -> NDArray[Any]:
+        if name == "radiance" and self._control.denoises:
+            return self._read_denoised().copy()
+        if name in ("radiance", "raw_radiance"):
+            return pathtracer.read_mean(self._frame, self.size)
+        if name == "variance":
+            return pathtracer.read_variance(self._frame, self.sample_counts)
+        if name not in self._frame:
+            raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
+        return self._frame[name]
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        if (name == "radiance" and self._control.denoises) or name == "variance":
+            raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
+        if name not in ("radiance", "raw_radiance"):
+            raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
+        width, height = self.size
+        return self._frame.tensor("radiance_mean").reshape(height, width, 3)
+
+    def read_guides(self) -> list[NDArray[Any]]:
+        """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""
+        if self._guides is None:
+            self._guides = self.first_hits.read_means(("albedo", "shading_normal"), self._projection, self.size)
+        return self._guides
+
+    def _read_denoised(self) -> NDArray[np.float32]:
+        if self._denoised is None or self._denoised[0] != self.samples:
+            self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self.read_guides())
+        return self._denoised[1]
+
+    @property
+    def error(self) -> float:
+        """The picture's estimated error relative to its luminance, 0.01 for 1 %: the root of relMSE.
+
+        inf before there are enough samples, and without target_error, of which 0 takes all samples. Of a denoised one
+        it is noise and bias of an earlier one with at most half the samples, which the samples since then show."""
+        return self._control.error
+
+    @property
+    def sample_counts(self) -> NDArray[np.int64]:
+        """The number of samples (height, width) of each pixel; they differ where `target_error` chose them."""
+        return self._control.counts
+
+    @property
+    def rays(self) -> int:
+        """The number of rays traced for the picture so far."""
+        return int(self._frame["ray_count"].sum(dtype=np.uint64))

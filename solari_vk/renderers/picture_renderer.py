@@ -1,0 +1,291 @@
+"""The base of the renderers of pictures."""
+
+from __future__ import annotations
+
+import operator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted, unknown_attribute, warn
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.features import LENSES
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Row, Stage
+from solari_vk.output.cutout import backdrop, premultiplied
+from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.passes import brdf_table
+from solari_vk.renderers.first_hits import FirstHits
+from solari_vk.renderers.rendered_frame import RenderedFrame
+from solari_vk.renderers.scene_frame import SceneFrame, SceneUser, checked_device
+from solari_vk.scene.model import Camera, Instance, Scene
+
+METERING_FRAMES = 4  # realtime frames that choose the exposure of a camera with auto_exposure
+
+
+Values = TypeVar("Values", NDArray[Any], NDArray[Any] | CudaTensor)
+
+
+def by_pixel(values: Values, sizes: Iterable[tuple[int, int]]) -> Values:
+    """Values (N, ...) as (height, width, ...), if they are one for each pixel of one of the sizes, (width, height)."""
+    fitting = ((h, w) for w, h in sizes if values.shape[:1] == (w * h,))
+    return values.reshape(*next(fitting, values.shape[:1]), *values.shape[1:])
+
+
+class PictureRenderer(SceneUser, ABC):
+    """Renders pictures of a size with a frame of stages.
+
+    Subclasses make `_frame` in their constructors; `_stages` gives the frame's stages for a size.
+    size: (width, height) in pixels. Raises SolariError for a size that the device can't hold.
+    """
+
+    OUTPUTS: ClassVar[tuple[str, ...]]
+    """The names of all results that frames may have."""
+    LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
+    IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
+    view: str = "picture"
+    tonemap: str = "agx"
+    """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
+    _frame: SceneFrame
+    _latest: RenderedFrame | None = None
+    _closed = False
+    _has_lens = False  # whether the latest camera has one that raster can't draw, or an aperture
+    _looked_for_light = False
+    _metered = 0  # pictures that chose an exposure
+
+    def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
+        self.device = checked_device(device, type(self).__name__)
+        self._size = self._checked_size(size)
+        super().__init__(device, scene)
+        try:
+            self.binder.update()
+            self._has_lens = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
+            table, self._tables = brdf_table.compute(device)
+            self._owned.enter_context(table)
+            self.first_hits = self._owned.enter_context(closing(FirstHits(device, self.binder, self._tables)))
+        except BaseException:
+            self._owned.close()
+            raise
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse names that nothing reads, or a misspelled one would go unnoticed."""
+        made = "_frame" in self.__dict__ and not name.startswith("_")
+        if made and name not in self.__dict__ and not hasattr(type(self), name):
+            raise unknown_attribute(f"{type(self).__name__} has no attribute", name, lambda: dir(self))
+        super().__setattr__(name, value)
+
+    @abstractmethod
+    def _stages(self, size: tuple[int, int]) -> list[Stage]:
+        """The stages of a frame, in order."""
+
+    @property
+    def gbuffer(self) -> str:
+        """How the surface of a pixel is found: "traced", or "raster", which shows meshes that rays don't hit."""
+        return "traced"
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the results that the frame has."""
+        return self.OUTPUTS
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture in pixels. Assigning others is `resize`."""
+        return self._size
+
+    @size.setter
+    def size(self, size: tuple[int, int]) -> None:
+        self.resize(size)
+
+    @abstractmethod
+    def resize(self, size: tuple[int, int]) -> None:
+        """Change the picture's size to (width, height) in pixels. What was accumulated is discarded.
+
+        Raises SolariError for a size that the device can't hold; the size then stays as it was.
+        """
+
+    def reload(self) -> None:
+        """Compile changed shaders. Raises CompilationError if one has an error; the old shaders then stay in use."""
+        self._frame.rebuild()
+        self.first_hits.close()
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Discard what earlier frames accumulated."""
+
+    def resource(self, name: str) -> Any:
+        """The Buffer or Image that had this name in the shaders of the latest frame."""
+        return self._frame.resource(name)
+
+    @property
+    def between(self) -> Callable[[], bool] | None:
+        """Called after each pass of a frame, which then waits for the device; True gives the frame up: see `Frame`."""
+        return self._frame.between
+
+    @between.setter
+    def between(self, between: Callable[[], bool] | None) -> None:
+        self._frame.between = between
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """GPU milliseconds of each pass in the latest finished frame."""
+        return self._frame.timings
+
+    @property
+    def memory(self) -> dict[str, int]:
+        """The bytes of the frame's buffers and images on the device, by name; a history counts twice.
+
+        The scene is not included. `device.memory.bytes_reserved` is what is reserved for everything, without what the
+        driver itself needs.
+        """
+        return self._frame.memory
+
+    @property
+    def stages(self) -> list[Stage]:
+        """The frame's stages, in order."""
+        return self._frame.stages
+
+    def describe(self) -> list[Row]:
+        """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""
+        return self._frame.describe()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A result of the latest frame, as RenderedFrame has it. Raises SolariError if there is no frame."""
+        if self._latest is None:
+            raise SolariError(f"{type(self).__name__}: render before asking for '{name}'")
+        return self._latest[name]
+
+    def pick(self, x: int, y: int) -> Instance | None:
+        """What the latest frame shows at a pixel: see `RenderedFrame.pick`."""
+        if self._latest is None:
+            raise SolariError(f"{type(self).__name__}: render before picking")
+        return self._latest.pick(x, y)
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        state = "closed" if self._closed else f"of {self.binder.scene!r}, on {self.device.name}"
+        return f"<{type(self).__name__} {width}x{height}, {state}>"
+
+    @abstractmethod
+    def read(self, name: str) -> NDArray[Any]:
+        """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
+
+    @abstractmethod
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
+
+    def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float:
+        """The EV100 that suits the latest picture: surfaces count, and an environment behind them doesn't.
+
+        radiance (height, width, 3): another picture of the same view, such as the mean of several frames.
+        """
+        radiance = self["radiance"] if radiance is None else radiance
+        surfaces = None if self.binder.scene.environment is None else np.isfinite(self["depth"])
+        return auto_exposure(radiance, surfaces)
+
+    def cut_out(self, radiance: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The light of the surfaces in the latest picture, without what is behind them, (height, width, 3), and the
+        share of each pixel that they cover, (height, width), from 64 rays each.
+
+        radiance (height, width, 3): the picture, such as the mean of several frames. Raises SolariError for a frame
+        with an aperture or a shutter, whose blur these rays don't have.
+        """
+        frame = self._latest
+        if frame is None:
+            raise SolariError(f"{type(self).__name__}: render before asking for a transparent background")
+        if frame.camera.aperture or frame.exposed:
+            blurs = "an aperture: set that to 0" if frame.camera.aperture else "a shutter: leave it out"
+            raise SolariError(f"a transparent background: blurred edges have no alpha here, and "
+                              f"{frame.camera.describe()} has {blurs}")  # fmt: skip
+        coverage = self.first_hits.read_coverage(frame._projection, self.size)
+        environment = self.binder.scene.environment
+        behind = 0.0 if environment is None else backdrop(environment, frame.camera, self.size)
+        return premultiplied(radiance, coverage, behind), coverage
+
+    def _finish(self, frame: RenderedFrame, metered: int = 1) -> RenderedFrame:
+        """Make a frame the latest and return it. If its camera has auto_exposure, give that the EV100 that suits the
+        frame; the first `metered` frames choose."""
+        self._latest = frame
+        if frame.camera.auto_exposure:
+            self._metered += 1
+            frame.camera.update(ev100=self.auto_exposure(), auto_exposure=self._metered % metered != 0)
+        return frame
+
+    @property
+    def _dark_scenes(self) -> list[Scene]:
+        return self.binder.dark_scenes
+
+    def _warn_of_darkness(self) -> None:
+        """Warn before the first picture of a scene in which nothing emits light. `binder` is up to date."""
+        if self._looked_for_light:
+            return
+        self._looked_for_light = True
+        for scene in self._dark_scenes:
+            shown = [instance.material for instance in scene if instance.visible]
+            if shown and not any(material.unlit for material in shown):
+                warn(f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
+                     "studio_lights(scene), set scene.environment = Sky(), or add a light")  # fmt: skip
+
+    def check_latest(self, frame: RenderedFrame, name: str) -> None:
+        """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
+        if self._latest is frame:
+            return
+        what = "was closed" if self._closed else "has rendered a later frame"
+        raise SolariError(f"'{name}' must be read earlier: this frame's {type(self).__name__} {what}")
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._latest, self._closed = None, True
+        super().close()
+
+    def _camera_or_default(self, camera: Camera | None) -> Camera:
+        if camera is None:
+            return self.binder.scene.camera_for(self.size[0] / self.size[1])
+        if not isinstance(camera, Camera):
+            why = "; the number of samples is given by its name, samples=" if isinstance(camera, int) else ""
+            why = "; the scene was given when the renderer was made" if isinstance(camera, Scene) else why
+            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}{why}")
+        return camera
+
+    def _note_camera(self, camera: Camera, rasters: bool = False) -> None:
+        """Take note of a camera before a picture is made with it: lenses are a feature of the shaders. Raises
+        SolariError for a lens if the picture is rastered."""
+        is_bent = camera.has_lens or camera.aperture > 0
+        if is_bent and rasters:
+            raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
+        self._has_lens = is_bent
+        if camera.has_lens and LENSES not in self.binder.features:
+            self.binder.note(camera)
+
+    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        what = type(self).__name__
+        try:
+            width, height = (operator.index(n) for n in size)
+        except (TypeError, ValueError):
+            raise SolariError(f"{what}: size must be two whole numbers (width, height), not {quoted(size)}") from None
+        limits = self.device.properties.limits
+        max_pixels = limits.maxStorageBufferRange // self.LARGEST_PIXEL_BYTES
+        max_side = limits.maxImageDimension2D if self.IN_IMAGES else max_pixels
+        if not (0 < width <= max_side and 0 < height <= max_side and width * height <= max_pixels):
+            sides = f"{max_side} pixels a side and " if self.IN_IMAGES else ""
+            raise SolariError(
+                f"{what}: {width}x{height} is not between 1 pixel and what this device holds, {sides}{max_pixels:,} "
+                "pixels in all; solari_vk.render_large renders larger pictures, by the path tracer in bands"
+            )
+        return width, height
+
+
+def checked_seed(seed: Any) -> int:
+    """A seed of noise; raises SolariError for anything but whole numbers from 0 to 2^32 - 1."""
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**32:
+        raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {quoted(seed)}")
+    return number

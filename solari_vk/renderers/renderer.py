@@ -1,0 +1,315 @@
+"""The realtime renderer: `_stages` lists what a frame is, from top to bottom."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.features import LOBES
+from solari_vk.bound.lights.index_translation import IndexTranslation
+from solari_vk.bound.lights.recent_changes import RecentChanges
+from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.cuda_tensor import CudaTensor
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Stage
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
+from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
+from solari_vk.passes.many_views import tiled, upload_rows
+from solari_vk.renderers.frame_time import FrameTimeControl, check_frame_ms
+from solari_vk.renderers.motion_blur import Exposed, ExposureRenderer
+from solari_vk.renderers.picture_renderer import by_pixel, checked_seed
+from solari_vk.renderers.scene_frame import SceneFrame
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.settings import Settings, uniform_values
+
+# Fields of the uniform block.
+THIS_FRAME = (
+    "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_jitter",
+    "user_jitter_change", "shutter_state", "exposed_rows",
+)  # fmt: skip
+# Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
+LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
+_GIVE_SETTINGS = ("give settings=Settings.preset('solari'), or settings=Settings(name=value), after the size as one "
+                  "pair, (width, height)")  # fmt: skip
+COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
+
+
+class Renderer(ExposureRenderer):
+    """Realtime lighting: one path a pixel, more where it has little history, ended by a world-space radiance cache; or
+    Solari's separate passes.
+
+    size: (width, height) of the picture in pixels; the setting `upscale` renders fewer. settings: kept, not copied;
+    assigning to one of its fields takes effect with the next frame. seed: a whole number; the same seed gives the same
+    pictures, bit by bit, and another seed gives independent noise. count_rays: passes count their rays in
+    `frame["ray_counts"]`, in the order of `counted_passes`; this costs some time.
+    Sources: the posts on Solari in Bevy 0.17, 0.18 and 0.19.
+
+    The scene may be edited between calls of `render`. Several renderers may share a scene; given one SceneBinder, they
+    share its memory on the device too. `close` frees the renderer's memory on the device; closing the device frees it
+    as well. Raises SolariError for a size that the device can't hold, a wrong seed and an unknown option.
+    """
+
+    OUTPUTS = ("radiance", "error", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES),
+               "display")  # fmt: skip
+    LARGEST_PIXEL_BYTES = 64
+    IN_IMAGES = True
+    _grid, _world_count = (1, 1), 1  # columns and rows of views in the frame's pictures; and of how many worlds
+
+    @checked_keywords(_GIVE_SETTINGS)
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        size: tuple[int, int],
+        settings: Settings | None = None,
+        *,
+        seed: int = 0,
+        count_rays: bool = False,
+    ) -> None:
+        if not isinstance(settings, Settings | None):
+            raise SolariError(f"Renderer: settings must be a Settings, not {quoted(settings)}; {_GIVE_SETTINGS}")
+        self.settings = Settings() if settings is None else settings
+        self.seed = seed
+        self.count_rays = count_rays
+        self.counted_passes: list[str] = []
+        super().__init__(device, scene, size)
+        self._owned.callback(self.binder.keep_previous_tlas, self, False)
+        try:
+            self.view, self.tonemap = PICTURE, "agx"
+            self.frame_count, self.frame_time = 0, FrameTimeControl()
+            self._has_history, self._blended_changes = False, 0
+            self._previous_jitter = (0.0, 0.0)  # the camera's own
+            self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
+            self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
+            self._changed_lights = RecentChanges()
+            frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
+            self._frame = self._owned.enter_context(frame)
+            self._camera_uniforms = CameraUniforms(self._frame.uniforms)
+            self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
+            self._note_build()
+        except BaseException:
+            self.close()
+            raise
+
+    # ---- the frame ----------------------------------------------------------------------------------
+
+    @property
+    def gbuffer(self) -> str:
+        """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
+        the scene and the camera."""
+        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._has_lens)
+
+    def _stages(self, picture: tuple[int, int]) -> list[Stage]:
+        """The stages of a frame, in order. picture: width and height of the picture in pixels."""
+        settings, instances, grid = self.settings, self._world_count * self.binder.instance_capacity, self._grid
+        check_frame_ms(settings, self.device)
+        size, picture = (tiled(one, grid) for one in (taa.render_size(picture, settings), picture))
+        self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
+        stages = [
+            gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
+            guides.stage(size, settings),
+            *lighting.stages(size, settings, grid, self._world_count),
+            taa.stage(picture),
+            display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
+            gbuffer.last_stage(instances),
+        ]
+        if self.count_rays:
+            stages, self.counted_passes = ray_count.counting(stages)
+        return stages
+
+    def _inputs(self) -> dict[str, Any]:
+        """What the stages' shaders are given beside the scene, by name."""
+        return self._tables | self._lights.buffers
+
+    def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
+        self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
+        self._prepare()
+        try:
+            if self.settings.frame_ms > 0:
+                share = self.frame_time.choose_for(self._frame, self.settings, not self._has_history)
+                self._frame.uniforms.update_declared({"path_share.value": share})
+            projection = self._write_uniforms(camera, exposed)
+            submission = self._frame.submit_applied()
+        except BaseException:
+            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
+            raise
+        self.frame_count += 1
+        self.frame_time.note_submission(submission)
+        return projection, submission
+
+    def _prepare(self) -> None:
+        """Have the next frame show the scene and the settings as they are."""
+        self._frame.apply_edits()
+        self._warn_of_darkness()
+        seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
+                self._has_lens, self._frame.uniforms.version)  # fmt: skip
+        if seen != self._settings_seen:
+            if self._built != self._build_key():
+                self._rebuild()
+            self._write_settings()
+            self._settings_seen = seen
+        lights = self.binder.lights
+        if self._lights.update(lights.ids, lights.emitted, lights.positions, self.settings.world_cache_cell_size):
+            self._frame.bind(self._lights.buffers)
+
+    def _build_key(self) -> tuple[Any, ...]:
+        """Everything that `_stages` depends on."""
+        has_lobes = bool(LOBES & self.binder.features)
+        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
+
+    def _note_build(self) -> None:
+        self._built = self._build_key()
+        self._built_render_size = self.render_size
+        self._jitters = jitters(taa.jitter_count(self.settings))
+        self.frame_time = FrameTimeControl()  # of the setting frame_ms
+
+    def _rebuild(self) -> None:
+        """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
+        key = self._build_key()
+        grown = self.frame_count > 0 and key[1] > self._built[1]
+        instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
+        cells = self._frame.memory.get("world_cache_life")
+        rendered = self._built_render_size
+        self._frame.rebuild(self._stages(self.size))
+        self._note_build()
+        if self._built_render_size != rendered:
+            self.reset()  # histories have another size
+        if self.view not in views_of(self.settings.lighting):
+            self.view = PICTURE
+        if self._frame.memory.get("world_cache_life") != cells:
+            self.reset()  # the previous frame's reservoirs name cells of the old map
+        if instances is not None:
+            upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), instances, self._world_count)
+
+    def _write_settings(self) -> None:
+        shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
+        self._frame.uniforms.update_declared(uniform_values(self.settings) | shown)
+
+    def _write_uniforms(self, camera: Camera, exposed: Exposed | None) -> Projection:
+        offset = (0.0, 0.0)
+        if self.settings.jitter:
+            offset = self._jitters[(self.frame_count + 7 * self.seed) % len(self._jitters)]
+        history, lights = self._has_history, self.binder.lights
+        cell_size = self.settings.world_cache_cell_size
+        self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
+        if not history:
+            self._lights.change = 0.0
+            self._changed_lights.clear()
+        on_lens = lens_point(camera, self.frame_count + SEED_STRIDE * self.seed)
+        projection = self._camera_uniforms.write(
+            camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
+        )
+        (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
+        self._this_frame.write(
+            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
+            self.binder.blended_changes != self._blended_changes, *offset, x - previous_x, y - previous_y,
+            *((exposed.state, *exposed.rows) if exposed else (0, 0, 0)),
+        )  # fmt: skip
+        self._frame.uniforms.update_declared(self._changed_lights.uniforms)
+        self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
+        self._has_history = True
+        return projection
+
+    # ---- control ------------------------------------------------------------------------------------
+
+    @property
+    def seed(self) -> int:
+        """The seed of the noise, from the next frame on: a whole number from 0 to 2^32 - 1."""
+        return self._seed
+
+    @seed.setter
+    def seed(self, seed: int) -> None:
+        self._seed = checked_seed(seed)
+
+    @property
+    def view(self) -> str:
+        """What `display` shows from the next frame on: "picture" or a debug view (`solari-vk views` lists them).
+
+        Some views need one of the values of the setting `lighting`. It is "picture" again after a change to another.
+        """
+        return tuple(DEBUG_VIEWS)[self._debug_view]
+
+    @view.setter
+    def view(self, name: str) -> None:
+        try:
+            check_view(name, self.settings.lighting)
+        except SolariError as error:
+            raise SolariError(f"Renderer: {error}") from None
+        self._debug_view = tuple(DEBUG_VIEWS).index(name)
+
+    @property
+    def tonemap(self) -> str:
+        """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
+        return TONEMAPS[self._tonemap]
+
+    @tonemap.setter
+    def tonemap(self, name: str) -> None:
+        if name not in TONEMAPS:
+            raise unknown_name("Renderer: there is no tone mapping", name, TONEMAPS)
+        self._tonemap = TONEMAPS.index(name)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        self._size = self._checked_size(size)
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop the history of earlier frames, as is needed at a cut."""
+        self._has_history = False
+
+    # ---- results ------------------------------------------------------------------------------------
+
+    @property
+    def render_size(self) -> tuple[int, int]:
+        """Width and height in pixels of what is rendered for a picture, which has `size`: see the setting upscale."""
+        return taa.render_size(self.size, self.settings)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names in OUTPUTS that the frame has with its settings."""
+        return tuple(name for name in self.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS or self._has(name))
+
+    def _has(self, resource: str) -> bool:
+        """Whether the latest frame computed a resource."""
+        return resource in self._frame and (resource != "error" or self._frame.uniforms["denoise_settings.denoise"])
+
+    def read(self, name: str) -> NDArray[Any]:
+        """A copy of a result of the latest frame. Waits for the frame.
+
+        Images, and buffers with one element per pixel, have the shape (height, width[, channels]); others keep theirs.
+        "stage/counter" is a counter of a stage in COUNTING, such as "world_cache/active_cells"; elsewhere "/" stands
+        for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0 for background.
+        """
+        stage, _, counter = name.partition("/")
+        block = f"{stage}_counters"
+        if counter and stage in COUNTING and block in self._frame:
+            counters = self._frame[block]
+            if counter in (counters.dtype.names or ()):
+                return np.asarray(counters[counter])
+        elif counter in gbuffer.COUNTERS and stage == "gbuffer":
+            raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
+        resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
+        if not self._has(resource):
+            lit = lighting.lighting_with(resource)
+            if needed := "denoise=on" if resource in self._frame else lit and f"lighting={lit}":
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting {needed}")
+            raise unknown_name("Renderer: there is no result", name, self.outputs)
+        return by_pixel(self._frame[resource], self._result_sizes(resource))
+
+    def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        resource = name.replace("/", "_")
+        if not self._has(resource):
+            self.read(name)  # which says why
+            raise SolariError(f"Renderer: there is no tensor of '{name}': frame['{name}'] reads it")
+        return by_pixel(self._frame.tensor(resource), self._result_sizes(resource))
+
+    def _result_sizes(self, resource: str) -> list[tuple[int, int]]:
+        """The sizes of pictures that a buffer may have one element a pixel of."""
+        is_buffer = isinstance(self._frame.resource(resource), Buffer)
+        return [self._built[0], self._built_render_size] if is_buffer else []

@@ -1,0 +1,136 @@
+"""How many samples the path tracer's pixels take: a number, or what an error needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import warn
+from solari_vk.gpu.frame.frame import Frame
+from solari_vk.output.adaptive import SamplePlan
+from solari_vk.output.error import ErrorEstimate
+from solari_vk.passes import pathtracer
+
+FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
+
+
+class SampleControl:
+    """Counts the samples of a picture, and says how many are wanted up to the next estimate of its error.
+
+    frame: with the path tracer's stage. read: reads its results by name. size: (width, height).
+    """
+
+    def __init__(self, frame: Frame, size: tuple[int, int], read: Callable[[str], NDArray[Any]]) -> None:
+        self._frame, self._size, self._read = frame, size, read
+        self.denoises = False
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a new picture."""
+        self.samples = 0
+        """The samples per pixel so far, of the pixel that has most."""
+        self._target: float | None = None
+        self._plan: SamplePlan | None = None  # where pixels may have different numbers of samples
+        self._begin_evenly()
+
+    def _begin_evenly(self) -> None:
+        self._plan = None
+        self._frame.uniforms["path_sampling.has_sample_ranges"] = 0
+        self._begin_estimating()
+
+    def _begin_estimating(self) -> None:
+        self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if self.denoises else 1, self.samples))
+
+    def aim(self, target: float | None, denoises: bool, limit: int | None = None) -> None:
+        """Say which error is wanted from now on, None for no estimates, and whether it is that of denoised pictures;
+        warn if there are more samples than the limit that will be given to `wanted`.
+
+        Only pictures that aren't denoised, with a target above 0, have pixels with different numbers of samples.
+        """
+        if limit is not None and self.samples > limit:
+            warn(f"the picture has {self.samples} samples of earlier calls, more than {limit}: call reset() before "
+                 "render for a new one")  # fmt: skip
+        if denoises != self.denoises:
+            self.denoises = denoises
+            self._begin_estimating()
+        self._target = target
+        if target and not denoises:
+            self._plan = self._plan or SamplePlan(self._size, pathtracer.SAMPLE_BLOCK, self.samples)
+        elif self._plan is not None:
+            self._plan.even_out()
+            self._write_ranges(self._plan)
+
+    def wanted(self, limit: int) -> int:
+        """The samples per pixel up to the next estimate of the error; 0 when the picture is done, or has `limit`."""
+        adapts = bool(self._target) and not self.denoises
+        if self._plan is not None and not self._plan.remaining and not adapts:
+            self._begin_evenly()
+        if self._plan is not None:
+            if not self._plan.remaining:
+                if self.samples:
+                    self._plan.look(self._read("raw_radiance"), self._frame["ray_count"].reshape(self._size[::-1]))
+                self._plan.go_on(limit, self._target or 0.0)
+                self._write_ranges(self._plan)
+            return self._plan.remaining
+        if self._target is None:
+            return max(limit - self.samples, 0)
+        if self._estimate_error() <= self._target:
+            return 0
+        return max(min(limit, self._estimate.next_count) - self.samples, 0)
+
+    def more(self) -> None:
+        """Have all pixels take more samples, whatever the error is."""
+        if self._plan is not None and not self._plan.remaining:
+            self.aim(None, self.denoises)
+            self.wanted(0)
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether pixels may take different numbers of samples, so that dispatches don't tell what a sample costs."""
+        return self._plan is not None
+
+    def limited(self, count: int) -> int:
+        """`count`, or the samples up to the next estimate where pixels have different numbers."""
+        return count if self._plan is None else min(count, self._plan.remaining)
+
+    @property
+    def first(self) -> int:
+        """The number of the next sample, which the shader counts from."""
+        return self.samples if self._plan is None else self._plan.taken
+
+    def add(self, count: int) -> None:
+        """Note that pixels have taken samples."""
+        if self._plan is None:
+            self.samples += count
+        else:
+            self._plan.taken += count
+            self.samples = self._plan.samples
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """The samples (height, width) of each pixel."""
+        return np.full(self._size[::-1], self.samples) if self._plan is None else self._plan.counts
+
+    @property
+    def error(self) -> float:
+        """The latest estimate; inf before there is one."""
+        if self._target is None:
+            return math.inf
+        return self._estimate.error if self._plan is None else self._plan.error
+
+    def _write_ranges(self, plan: SamplePlan) -> None:
+        self._frame.resource("sample_ranges").upload(np.stack([plan.begins, plan.ends], axis=1).astype(np.uint32))
+        self._frame.uniforms["path_sampling.has_sample_ranges"] = 1
+
+    def _estimate_error(self) -> float:
+        if self.samples >= self._estimate.next_count:
+            mean = self._read("raw_radiance")
+            if self.denoises:
+                self._estimate.look_at_other(self.samples, mean, lambda: self._read("radiance"))
+            else:
+                self._estimate.look_at_mean(self.samples, mean)
+        return self._estimate.error

@@ -1,0 +1,119 @@
+"""Base classes: a SceneUser works on a scene on a device, and a SceneFrame runs passes over such a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any, Self
+
+from solari_vk.base.errors import Hints
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.scenes_binder import ScenesBinder
+from solari_vk.gpu.acceleration.checks import check_kind
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Stage
+from solari_vk.scene.model import Scene
+
+
+class SceneUser(Hints):
+    """Works on a scene that a SceneBinder holds on the device. A context manager.
+
+    scene: a Scene, for which this object makes a binder of its own; or a SceneBinder, which the caller owns. Objects
+    that are given the same binder share the scene's memory on the device. The scene may be edited at any time.
+    Raises SolariError for a device or a scene of the wrong type.
+    """
+
+    def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
+        what = type(self).__name__
+        self.device = checked_device(device, what)
+        check_kind(
+            scene, (Scene, SceneBinder, ScenesBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder"
+        )
+        self._owned = ExitStack()
+        if not isinstance(scene, Scene):
+            self.binder = scene
+        else:
+            self.binder = SceneBinder(device, scene)
+            self._owned.callback(self.binder.destroy)
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._owned.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class SceneFrame(SceneUser, Frame):
+    """A frame of custom passes over a scene.
+
+    Shaders that include "scene/bindings.glsl" have the scene in descriptor set 0, and its features as constants.
+    Each `submit` first applies the scene's edits. `external`, which may replace resources of the scene, and the other
+    options are those of `Frame`; glsl_root is the folder (or the folders) of the custom shaders, which may include the
+    package's by their paths.
+    """
+
+    def __init__(
+        self, device: Device, scene: Scene | SceneBinder, stages: Sequence[Stage], *,
+        external: Mapping[str, Any] | None = None, **options: Any,
+    ) -> None:  # fmt: skip
+        SceneUser.__init__(self, device, scene)
+        try:
+            self.binder.update(self)
+            self._bound_version = self.binder.version
+            self._replaced = frozenset(external or ())
+            Frame.__init__(
+                self, device, stages, external=self._scene_resources | dict(external or {}),
+                features=self.binder.features, **options,
+            )  # fmt: skip
+        except BaseException:
+            self._owned.close()
+            raise
+
+    def rebuild(
+        self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,
+        features: Collection[str] | None = None,
+    ) -> None:  # fmt: skip
+        """As `Frame.rebuild`; external resources are added to the scene's."""
+        if external is not None:
+            self._replaced = frozenset(external)
+            external = self._scene_resources | dict(external)
+        super().rebuild(stages, external, features)
+
+    @property
+    def _scene_resources(self) -> dict[str, Any]:
+        return {name: made for name, made in self.binder.resources.items() if name not in self._replaced}
+
+    def apply_edits(self) -> None:
+        """Apply the scene's edits before the next frame, for callers that need to see the edited scene first."""
+        self.check_open()
+        binder = self.binder
+        binder.update(self)
+        if binder.version != self._bound_version:
+            self._bound_version = binder.version
+            self.bind(self._scene_resources)
+        if self.features != binder.features:
+            self.rebuild(features=binder.features)
+
+    def submit(self, before: Sequence[raw.CData] = ()) -> int:
+        """Apply the scene's edits and run the next frame; returns the device's timeline value."""
+        self.apply_edits()
+        return self.submit_applied(before)
+
+    def submit_applied(self, before: Sequence[raw.CData] = ()) -> int:
+        """As `submit`, but for a scene whose edits `apply_edits` has applied already."""
+        return super().submit(before)
+
+    def close(self) -> None:
+        """Free everything. Safe to call twice."""
+        Frame.close(self)
+        SceneUser.close(self)
+
+
+def checked_device(device: Device, what: str) -> Device:
+    check_kind(device, Device, f"{what}: the device", "give a solari_vk.Device")
+    return device

@@ -1,0 +1,301 @@
+"""From a glTF file to a `Scene`."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from solari_vk.base.budget import load_budget
+from solari_vk.base.errors import SolariError
+from solari_vk.scene import checks
+from solari_vk.scene.files.gltf.accessors import Accessors
+from solari_vk.scene.files.gltf.animations import Animations
+from solari_vk.scene.files.gltf.cameras import DEFAULT, make_camera, read_lens
+from solari_vk.scene.files.gltf.document import Document
+from solari_vk.scene.files.gltf.draco import DracoMeshes
+from solari_vk.scene.files.gltf.extensions import SUPPORTED_EXTENSIONS
+from solari_vk.scene.files.gltf.extras import PORTAL, read_label, read_own
+from solari_vk.scene.files.gltf.image_lights import EXTENSION as ENVIRONMENT
+from solari_vk.scene.files.gltf.image_lights import read_environment
+from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
+from solari_vk.scene.files.gltf.lights import PROFILES, Lights
+from solari_vk.scene.files.gltf.materials import Materials
+from solari_vk.scene.files.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
+from solari_vk.scene.files.gltf.pointers import AnimatedObject
+from solari_vk.scene.files.gltf.poses import Pose
+from solari_vk.scene.files.gltf.primitives import WRONG_PRIMITIVES, Primitives
+from solari_vk.scene.files.gltf.report import Report
+from solari_vk.scene.files.gltf.skies import EXTENSION as SKY
+from solari_vk.scene.files.gltf.skies import read_sky
+from solari_vk.scene.files.gltf.values import Entry, shown
+from solari_vk.scene.files.gltf.variants import Variants
+from solari_vk.scene.files.libraries import warn_of_missing
+from solari_vk.scene.group import distinct
+from solari_vk.scene.lights.portal import Portal
+from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
+
+_NODE_EXTENSIONS = (
+    PROFILES, "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld", LEVELS,
+)  # fmt: skip
+# A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
+SPARE_INSTANCES = 2**17
+_BYTES_PER_INSTANCE = 4096
+
+Part = tuple[str, Mesh, Material, dict[str, Material]]
+
+
+def load_gltf(
+    path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None, strict: bool = False
+) -> Scene:
+    """Load a scene of a .gltf or .glb file, by index or name; by default the file's default scene.
+
+    variant: the name of one of the file's variants of materials; `Scene.use_variant` changes to another.
+    An image that is missing or damaged, or in an unknown format, is left out of its materials and reported, and so is
+    an attribute, a primitive, a channel of an animation, a material, a light or a camera with wrong values; with
+    `strict` these are errors.
+
+    `Scene.animations` has the clips; until one of them is played, the nodes are as the file has them. Suns get the
+    angular size of the real one, because glTF has no field for it. `Scene.warnings` names what the file contains and
+    the renderer can't show. Files outside the glTF's own folder are never read. Raises SolariError when the file is
+    missing, damaged or hostile, needs more than `load` allows, or requires an extension that is not supported.
+    """
+    with load_budget():
+        return _load(Document(path), scene, variant, strict)
+
+
+def _load(document: Document, scene: int | str | None, variant: str | None, strict: bool) -> Scene:
+    try:
+        loaded = _Loader(document, strict).load(scene)
+        if variant is not None:
+            loaded.use_variant(variant)
+        return loaded
+    except (MemoryError, RecursionError):
+        raise document.error("is too large for this machine's memory") from None
+    except SolariError as error:
+        # The classes of the scene refuse what is out of range for all renderers, and don't know the file.
+        raise error if str(error).startswith(f"{document.file}: ") else document.error(str(error)) from None
+
+
+class _Loader:
+    def __init__(self, document: Document, strict: bool) -> None:
+        self._document = document
+        self._report = Report(document.file, strict)
+        self._accessors = Accessors(document)
+        self._primitives = Primitives(self._accessors, DracoMeshes(document, self._accessors), self._report)
+        self._materials = Materials(document, self._report, strict)
+        self._variants = Variants(document, self._report)
+        self._mesh_primitives: dict[int, list[Entry]] = {}
+        self._parts_made: dict[Any, list[Part]] = {}
+        self._objects = dict[str, int]()  # of which instances are parts
+        self._lights = Lights(document, self._report)
+        self._animatable: dict[tuple[str, int], list[tuple[PlacedNode, Camera | Light]]] = {}
+        self._strict = strict
+        self._scene = Scene()
+
+    def load(self, which: int | str | None) -> Scene:
+        self._check_required()
+        if self._document.version.rstrip(".0") != "2":
+            self._report.add("versions of glTF after 2.0 are read as 2.0", shown(self._document.version)[1:-1])
+        with self._report.costs("wrong centers are left out"):
+            if (center := self._document.root.extension("CESIUM_RTC")) is not None:
+                place = ", ".join(f"{value:.10g}" for value in center.numbers("center", (0.0, 0.0, 0.0)))
+                self._report.add("positions are left relative to the center of CESIUM_RTC", place)
+        first, owner = roots(self._document, which)
+        self._scene.name = owner.name or self._document.path.stem
+        if owner is not self._document.root:
+            self._report.add_extensions(owner, (ENVIRONMENT, SKY))
+            with self._report.costs("wrong environments are left out"):
+                self._scene.environment = read_environment(self._document, owner, self._report, self._strict)
+        if self._scene.environment is None:
+            with self._report.costs("wrong skies are left out"):
+                self._scene.environment = read_sky(self._document, owner, self._report, self._strict)
+        placed = walk(self._document, first, owner)
+        self._animations = Animations(self._document, self._accessors, placed, self._report)
+        self._check_instance_count(placed)
+        self._load_materials()
+        for node in placed.values():
+            self._report.add_extensions(node.entry, _NODE_EXTENSIONS)
+            if "mesh" in node.entry:
+                with self._report.costs("nodes with wrong data have no surface"):
+                    self._add_meshes(node, placed)
+            if "camera" in node.entry:
+                with self._report.costs("wrong cameras are left out"):
+                    camera = make_camera(self._document, node, self._report)
+                    self._add(node, self._followed(node, camera))
+                    if camera is not None and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
+                        self._scene.camera = camera
+            if node.entry.extension(LIGHTS):
+                with self._report.costs("wrong lights are left out"):
+                    self._add(node, self._followed(node, self._lights.light(node)))
+            if node.entry.extension(PROFILES):
+                with self._report.costs("wrong lights are left out"):
+                    luminaire = self._lights.luminaire(node)
+                    self._add(node, luminaire)
+                    if luminaire is not None:
+                        self._animatable["nodes", node.number] = [(node, luminaire)]
+            if read_own(node.entry, (PORTAL,)).get(PORTAL) is True:
+                with self._report.costs("portals without an area are left out"):
+                    self._add(node, Portal(**Portal.placed(node.world), name=node.entry.name))
+        if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
+            raise self._report.first_error
+        for animation in self._animations.finish(self._animated):
+            self._scene.animations.add(animation)
+        self._remark_unseen_extensions()
+        self._scene.warnings.extend(self._report.lines())
+        warn_of_missing(self._scene.warnings)
+        return self._scene
+
+    def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:
+        """Raise SolariError if a small file expands to too many instances, before they are created."""
+        count = 0
+        for node in placed.values():
+            if "mesh" in node.entry:
+                with self._report.costs("nodes with wrong data have no surface"):
+                    count += repetitions(node, self._accessors)[0] * len(self._primitives_of(node))
+                # Each instance of EXT_mesh_gpu_instancing has at least twelve bytes in a buffer.
+                allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
+                if count > allowed:
+                    raise node.entry.error(f"brings the scene above {allowed} instances of primitives; split the file")
+        self._document.root.charge(_BYTES_PER_INSTANCE * count, f"{count:,} instances")
+
+    def _check_required(self) -> None:
+        for name in self._document.root.texts("extensionsRequired"):
+            if name not in SUPPORTED_EXTENSIONS:
+                raise self._document.error(
+                    f"the file requires the extension {shown(name)[1:-1]}, which is not supported: export it without"
+                )
+
+    def _remark_unseen_extensions(self) -> None:
+        """Report unsupported extensions that the file uses, except those of materials, which are reported there."""
+        named = " ".join(self._report.lines())
+        for name in self._document.root.texts("extensionsUsed"):
+            known = name in SUPPORTED_EXTENSIONS or name.startswith("KHR_materials_")
+            if not known and name not in named:
+                self._report.add(f"the extension {shown(name)[1:-1]} is not supported and was ignored", "the file")
+
+    def _add(
+        self, node: PlacedNode, item: Instance | Camera | Light | None, transform: Any = None, *, moves: bool = True
+    ) -> None:
+        """Add what hangs on a node. transform: from the item's space to the node's, by default the identity. moves: the
+        item follows the node, not only its visibility."""
+        row = self._animations.row(node.number)
+        if item is None or (row is None and not node.visible and not isinstance(item, Instance)):
+            return
+        if row is not None:
+            self._animations.rig.attach(item, row, transform, moves=moves, shown=node.visible)
+        if node.visible or isinstance(item, Instance):
+            self._scene.add(item)
+
+    def _followed(self, node: PlacedNode, item: Camera | Light | None) -> Camera | Light | None:
+        """A node's camera or light, which animations of its properties can find."""
+        if item is not None:
+            is_camera = isinstance(item, Camera)
+            user = node.entry if is_camera else node.entry.extension(LIGHTS)
+            number = user.integer("camera" if is_camera else "light") if user else 0
+            self._animatable.setdefault(("cameras" if is_camera else "lights", number), []).append((node, item))
+        return item
+
+    def _animated(self, kind: str, number: int, moves_uvs: bool) -> AnimatedObject | None:
+        """An object for animations of its properties; None for one that isn't in the scene."""
+        if kind == "materials":
+            return self._materials.animated(number, moves_uvs=moves_uvs)
+        found = self._animatable.get((kind, number), [])
+        items = [item for _, item in found]
+        if not found:
+            return None
+        node = found[0][0]
+        if kind == "cameras":
+            entry = self._document.item("camera", number, node.entry)
+            return AnimatedObject(items, entry, lambda said: [(items, read_lens(said) or {})])
+        if kind == "nodes":
+            return AnimatedObject(items, node.entry, lambda said: [(items, self._lights.luminaire_fields(said))])
+        entry = self._lights.entry(node)
+        return AnimatedObject(items, entry, lambda said: [(items, self._lights.fields(said))])
+
+    # ---- meshes -------------------------------------------------------------------------------------
+
+    def _primitives_of(self, node: PlacedNode) -> list[Entry]:
+        number = node.entry.integer("mesh")
+        if number not in self._mesh_primitives:
+            mesh = self._document.item("mesh", number, node.entry)
+            self._report.add_extensions(mesh, ("KHR_xmp_json_ld",))
+            self._mesh_primitives[number] = mesh.entries("primitives", "primitive")
+        return self._mesh_primitives[number]
+
+    def _load_materials(self) -> None:
+        """Load the materials of the meshes that `_check_instance_count` has found."""
+        users: dict[int, Entry] = {}
+        for primitives in self._mesh_primitives.values():
+            for primitive in primitives:
+                with self._report.costs(WRONG_PRIMITIVES):
+                    for material in (primitive.index("material"), *self._variants.materials(primitive).values()):
+                        if material is not None:
+                            users.setdefault(material, primitive)
+        self._materials.load(users)
+
+    def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
+        mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
+        skin = None
+        with self._report.costs("wrong skins are left out"):
+            skin = skin_of(self._document, self._accessors, node, placed, self._report)
+        name, label = node.entry.name or mesh.name or mesh.place, read_label(node.entry, self._report)
+        part_of = read_label(node.entry, self._report, "part_of")
+        pose = Pose(self._animations, node, mesh, skin, placed)
+        # Of a skin's node only the winding order counts, which a negative determinant turns around.
+        with np.errstate(over="ignore", invalid="ignore"):
+            mirrored = skin is not None and bool(np.linalg.det(node.world[:3, :3]) < 0)
+        rig, row = self._animations.rig, self._animations.row(node.number)
+        parts = self._parts(node, mesh, skin is not None)
+        # The position of a skinned mesh follows from its joints alone.
+        for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
+            visible = node.visible
+            with np.errstate(over="ignore", invalid="ignore"):
+                world = node.world @ local if skin is None else local
+            try:
+                world = checks.affine_transform(world)
+            except ValueError:
+                if row is None:
+                    place = node.entry.place
+                    self._report.add("nodes whose transform is singular or not affine have no surface", place)
+                    continue
+                world, visible = np.eye(4), False  # until an animation gives it a size
+            plain = "" if part_of or len(parts) == 1 else "".join(filter(str.isprintable, name))
+            whole = part_of or (plain and distinct(plain, self._objects))
+            for suffix, shape, material, others in parts:
+                shape = rig.inside_out(shape) if mirrored else shape
+                instance = Instance(shape, material, world, visible=visible, name=name + suffix, label=label)
+                instance.part_of = whole
+                try:
+                    pose.give(instance)
+                except SolariError as error:
+                    self._report.lost("meshes whose pose can't be shown are left out", error)
+                    continue
+                for variant in self._variants.names if others else ():
+                    self._scene.variants.setdefault(variant, {})[instance] = others.get(variant, material)
+                if skin is not None and row is not None:
+                    rig.attach_side(instance, row, mirrored)
+                self._add(node, instance, local, moves=skin is None)
+                if read_own(node.entry, ("backdrop",)).get("backdrop") is True:
+                    self._scene.backdrop = instance
+
+    def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
+        """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
+        key = node.entry.integer("mesh"), skinned
+        if key not in self._parts_made:
+            primitives = self._primitives_of(node)
+            parts = self._parts_made[key] = []
+            for number, primitive in enumerate(primitives):
+                suffix = f"/{number}" if len(primitives) > 1 else ""
+                with self._report.costs(WRONG_PRIMITIVES):
+                    material = self._materials[primitive.index("material")]
+                    numbers = self._variants.materials(primitive)
+                    others = {name: self._materials[number] for name, number in numbers.items()}
+                    # One mesh serves all variants, so it has tangents if any of them has a normal map.
+                    wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
+                    made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
+                    if made is not None:
+                        materials = {name: other.material for name, other in others.items()}
+                        parts.append((suffix, made, material.material, materials))
+        return self._parts_made[key]

@@ -1,0 +1,181 @@
+"""Materials of a glTF file, with their extensions for emission and reflection.
+
+Occlusion textures are ignored without a warning, because a ray tracer computes the light that they approximate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from solari_vk.scene import checks
+from solari_vk.scene.files.gltf import specular_glossiness
+from solari_vk.scene.files.gltf.document import Document
+from solari_vk.scene.files.gltf.extensions import OF_MATERIALS, Extension
+from solari_vk.scene.files.gltf.nodes import LEVELS
+from solari_vk.scene.files.gltf.pointers import AnimatedObject, Readings
+from solari_vk.scene.files.gltf.report import Report
+from solari_vk.scene.files.gltf.textures import Slot, Textures
+from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.material import TEXTURES
+from solari_vk.scene.model import Material
+
+_UNLIT = "KHR_materials_unlit"
+_WRONG = "wrong materials are replaced by the default one"
+
+
+@dataclass
+class LoadedMaterial:
+    """A material, and what its meshes must have."""
+
+    material: Material
+    uv_sets: tuple[int, ...] = ()
+    """The sets of uvs that its textures use: the mesh's uvs and second_uvs."""
+    normal_map: Slot | None = None
+
+
+class Materials:
+    """Creates the materials of the scene, and keeps them."""
+
+    def __init__(self, document: Document, report: Report, strict: bool) -> None:
+        self._document = document
+        self._report = report
+        self._textures = Textures(document, report, strict)
+        self._baker = specular_glossiness.Baker(report)
+        self._loaded: dict[int | None, LoadedMaterial] = {}
+
+    def load(self, users: dict[int, Entry]) -> None:
+        """Load these materials (index: the object that refers to it) and all their images."""
+        parsed = {}
+        for index, user in users.items():
+            with self._report.costs(_WRONG):
+                parsed[index] = self._parse(self._document.item("material", index, user))
+        every = [item for _, slots in parsed.values() for item in slots.items()]
+        self._textures.decode([(slot, TEXTURES[name]) for name, slot in every])
+        for index, (entry, slots) in parsed.items():
+            readable = {name: slot for name, slot in slots.items() if slot in self._textures}
+            with self._report.costs(_WRONG):
+                self._loaded[index] = self._make(entry, readable)
+
+    def __getitem__(self, index: int | None) -> LoadedMaterial:
+        if index not in self._loaded:
+            if index is not None:
+                return self[None]
+            # The default material of glTF is metallic and rough.
+            self._loaded[None] = LoadedMaterial(
+                Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=1.0, name="default")
+            )
+        return self._loaded[index]
+
+    def _parse(self, entry: Entry) -> tuple[Entry, dict[str, Slot]]:
+        """The entry, and its slots by the fields of Material."""
+        pbr = _pbr(entry)
+        found = {"base_color_texture": self._textures.slot(pbr, "baseColorTexture")}
+        if not _is_unlit(entry):
+            found |= {
+                "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
+                "normal_texture": self._textures.slot(entry, "normalTexture"),
+                "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
+            }
+            for extension, said in _read_extensions(entry):
+                found |= {field: self._textures.slot(said, key) for field, key in extension.textures.items()}
+        slots = {name: slot for name, slot in found.items() if slot is not None}
+        for name, slot in list(slots.items()):
+            if slot.uv_set not in _uv_sets(slots):
+                self._report.add("textures on a third set of uvs are not supported and are left out", slot.entry.place)
+                del slots[name]
+        return entry, slots
+
+    def _make(self, entry: Entry, slots: dict[str, Slot]) -> LoadedMaterial:
+        self._remark_extensions(entry)
+        uv_sets = _uv_sets(slots)
+        textures = {name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()}
+        material = Material(name=entry.name, **self._fields(entry, slots, textures))
+        return LoadedMaterial(material, uv_sets, slots.get("normal_texture"))
+
+    def _fields(self, entry: Entry, slots: dict[str, Slot], textures: dict[str, Any]) -> dict[str, Any]:
+        """The fields of a material but its name."""
+        pbr = _pbr(entry)
+        base_color = pbr.numbers("baseColorFactor", (1.0, 1.0, 1.0, 1.0), low=0, high=1)
+        strength = entry.extension("KHR_materials_emissive_strength")
+        emissive = np.array(entry.numbers("emissiveFactor", (0.0, 0.0, 0.0), low=0))
+        if strength is not None:
+            emissive = emissive * strength.number("emissiveStrength", 1.0, low=0)
+        if emissive.max() > checks.LARGEST_RADIANCE:
+            raise entry.error(f"emits more than {checks.LARGEST_RADIANCE:g} cd/m^2; lower factor or strength")
+        normal = slots.get("normal_texture")
+        fields: dict[str, Any] = {
+            "base_color": np.array(base_color[:3], np.float32),
+            "metallic": pbr.number("metallicFactor", 1.0, low=0, high=1),
+            "perceptual_roughness": pbr.number("roughnessFactor", 1.0, low=0, high=1),
+            "alpha": base_color[3],
+            "unlit": _is_unlit(entry),
+        } | textures
+        extensions = _read_extensions(entry)
+        for extension, said in extensions:
+            fields |= extension.read(said, entry, self._report)
+        if any(extension.name == specular_glossiness.EXTENSION for extension, _ in extensions):
+            fields |= self._baker.bake(fields, entry)
+        return fields | {
+            "emissive": emissive.astype(np.float32),
+            "normal_scale": normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+            "alpha_mode": entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
+            "alpha_cutoff": min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
+            "double_sided": entry.flag("doubleSided", False),
+        }
+
+    def animated(self, number: int, *, moves_uvs: bool) -> AnimatedObject | None:
+        """A material for animations; None for one that isn't in the scene, and (reported) one whose textures are baked.
+
+        moves_uvs: its textures are its own then.
+        """
+        loaded, entry = self._loaded.get(number), self._document.item("material", number, self._document.root)
+        if entry.extension(specular_glossiness.EXTENSION) is not None:
+            remark = f"animations of materials of {specular_glossiness.EXTENSION} are not played"
+            self._report.add(remark, entry.place)
+            return None
+        if loaded is None:
+            return None
+        material = loaded.material
+        if moves_uvs:
+            material.update(**{name: replace(texture) for name in TEXTURES if (texture := getattr(material, name))})
+
+        moving = {name: getattr(material, name) for name in TEXTURES if moves_uvs}
+
+        def read(said: Entry) -> Readings:
+            _, slots = self._parse(said)
+            found: Readings = [
+                ([moving[name]], {"uv_transform": np.reshape(slot.uv_transform, (2, 3))})
+                for name, slot in slots.items() if moving.get(name) is not None
+            ]  # fmt: skip
+            return [*found, ([material], self._fields(said, slots, {}))]
+
+        return AnimatedObject([material], entry, read)
+
+    def _remark_extensions(self, entry: Entry) -> None:
+        for name in entry.extensions():
+            if name not in OF_MATERIALS and name != LEVELS and entry.extension(name) is not None:
+                self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
+
+
+def _read_extensions(entry: Entry) -> list[tuple[Extension, Entry]]:
+    """The extensions of a material that are read, each with what it says."""
+    found = [(extension, entry.extension(name)) for name, extension in OF_MATERIALS.items()]
+    return [] if _is_unlit(entry) else [(extension, said) for extension, said in found if said is not None]
+
+
+def _uv_sets(slots: dict[str, Slot]) -> tuple[int, ...]:
+    """The sets of uvs that a mesh has for these textures: those of the first two, in ascending order."""
+    return tuple(sorted(tuple(dict.fromkeys(slot.uv_set for slot in slots.values()))[:2]))
+
+
+def _is_unlit(entry: Entry) -> bool:
+    """Whether a material shows its base color alone."""
+    return entry.extension(_UNLIT) is not None
+
+
+def _pbr(entry: Entry) -> Entry:
+    """The metallic-roughness part of a material, empty when it has none."""
+    return entry.entry("pbrMetallicRoughness") or Entry(entry.file, entry.place, {})

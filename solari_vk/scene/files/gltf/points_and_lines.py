@@ -1,0 +1,104 @@
+"""Points and lines as surfaces: small spheres and thin tubes, since glTF gives them no size."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.files.gltf.deform import Vertices
+from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.matrices import orthogonal, unit
+
+POINT_RADIUS, LINE_RADIUS = 1 / 400, 1 / 1000  # of the diagonal of the primitive's bounds
+_RADIUS_OF_ONE = 0.01  # in meters, of points that are all at one place
+_MOST_POINTS, _MOST_LINES = 2**18, 2**17  # further ones are thinned out
+_FEW = 2**15  # that are rounder
+_SIDES = 6
+_BYTES_PER_VERTEX = 256
+_BYTES_PER_CORNER = 24  # two ends of a line, and what sorts them
+
+
+class _Solid(NamedTuple):
+    corners: NDArray[np.float64]  # (N, 3), on the unit sphere
+    triangles: NDArray[np.int64]  # (T, 3), counter-clockwise from outside
+
+
+def _solid(corners: Any) -> _Solid:
+    """A regular solid of triangles: those of corners with the smallest distance from each other."""
+    found = unit(corners)
+    distances = np.linalg.norm(found[:, None] - found, axis=-1)
+    edge = 1.01 * distances[distances > 0].min()
+    faces = [face for face in combinations(range(len(found)), 3) if distances[np.ix_(face, face)].max() < edge]
+    return _Solid(found, np.array([face if np.linalg.det(found[list(face)]) > 0 else face[::-1] for face in faces]))
+
+
+_GOLDEN = (1 + 5**0.5) / 2
+_OCTAHEDRON = _solid([np.roll((0, 0, sign), axis) for sign in (1, -1) for axis in range(3)])
+_ICOSAHEDRON = _solid([
+    np.roll((0, a, b * _GOLDEN), axis) for a in (1, -1) for b in (1, -1) for axis in range(3)
+])  # fmt: skip
+
+
+def with_surface(
+    vertices: Vertices, corners: NDArray[np.uint32], mode: int, primitive: Entry
+) -> tuple[Vertices, NDArray[np.uint32], int]:
+    """Vertices and triangles of the spheres and tubes of a primitive, and of how many points or lines one is shown.
+
+    All that a vertex has but its normal and tangent is that of the point it belongs to. mode: glTF's, 0 to 3.
+    """
+    primitive.charge(0, f"{len(corners):,} points or lines", working=_BYTES_PER_CORNER * len(corners))
+    lines = np.stack([corners[:-1], corners[1:]], axis=1)
+    if mode == 1:
+        lines = lines[::2]
+    elif mode == 2 and len(corners) > 1:
+        lines = np.concatenate([lines, corners[[-1, 0]][None]])
+    count, most = (len(lines), _MOST_LINES) if mode else (len(corners), _MOST_POINTS)
+    step = max(-(-count // most), 1)
+    lines = lines[::step] if mode else lines[:0]
+    centers = np.unique(lines) if mode else corners[::step]
+    solid = _ICOSAHEDRON if len(centers) <= _FEW else _OCTAHEDRON
+    size = len(centers) * len(solid.corners) + 2 * _SIDES * len(lines)
+    primitive.charge(0, f"spheres and tubes of {count:,} points or lines", working=_BYTES_PER_VERTEX * size)
+
+    positions = vertices["POSITION"].astype(np.float64)
+    lines = lines[(positions[lines[:, 0]] != positions[lines[:, 1]]).any(axis=1)]
+    ball = np.arange(len(centers))[:, None, None] * len(solid.corners) + solid.triangles
+    triangles, normals = [ball.reshape(-1, 3)], [np.tile(solid.corners, (len(centers), 1))]
+    sources = [np.repeat(centers, len(solid.corners))]
+    if len(lines):
+        normals.append(_around(unit(positions[lines[:, 1]] - positions[lines[:, 0]])))
+        triangles.append(len(sources[0]) + _tubes(len(lines)))
+        sources.append(np.repeat(lines, _SIDES))
+    source, normal = np.concatenate(sources), np.concatenate(normals)
+
+    used = positions[corners] if len(corners) else np.zeros((1, 3))
+    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
+    share = LINE_RADIUS if mode else min(POINT_RADIUS, 0.5 / max(len(centers), 1) ** 0.5)
+    radius = share * diagonal or _RADIUS_OF_ONE
+    found = {name: values[source] for name, values in vertices.items() if "TANGENT" not in name.upper()}
+    found.pop("target_normals", None)
+    found["POSITION"] = (positions[source] + radius * normal).astype(np.float32)
+    found["NORMAL"] = normal.astype(np.float32)
+    return found, np.concatenate(triangles).astype(np.uint32), step
+
+
+def _around(along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The normals (2 N sides, 3) of tubes along unit vectors (N, 3): a ring at the start and one at the end."""
+    across = orthogonal(along)
+    turn = 2 * np.pi / _SIDES * np.arange(_SIDES)[:, None]
+    ring = np.cos(turn) * across[:, None] + np.sin(turn) * np.cross(along, across)[:, None]
+    return np.repeat(ring[:, None], 2, axis=1).reshape(-1, 3)
+
+
+def _tubes(count: int) -> NDArray[np.int64]:
+    """The triangles of so many tubes, each of two rings of vertices."""
+    start = np.arange(_SIDES)
+    after = np.roll(start, -1)
+    tube = np.concatenate([
+        np.stack([start, after, after + _SIDES], axis=1), np.stack([start, after + _SIDES, start + _SIDES], axis=1)
+    ])  # fmt: skip
+    tubes: NDArray[np.int64] = np.arange(count)[:, None, None] * 2 * _SIDES + tube
+    return tubes.reshape(-1, 3)

@@ -1,0 +1,62 @@
+"""The pose of a node's mesh: its joints and the weights of its morph targets, and what animates them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.gltf.animations import Animations
+from solari_vk.scene.files.gltf.nodes import PlacedNode
+from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.model import Instance
+
+
+class Pose:
+    """The pose of the instances of a node's mesh. skin: the joints, and the matrices from the mesh to them."""
+
+    def __init__(
+        self, animations: Animations, node: PlacedNode, mesh: Entry, skin: tuple[list[int], NDArray[np.float64]] | None,
+        placed: dict[int, PlacedNode],
+    ) -> None:  # fmt: skip
+        self._animations = animations
+        self._node = node
+        self._mesh = mesh
+        owner = node.entry if "weights" in node.entry else mesh
+        count = len(owner.values("weights", "numbers"))
+        self._weights = owner.numbers("weights", (0.0,) * count, low=-1e6, high=1e6)
+        self._skin = None
+        if skin is not None:
+            joints, joints_from_mesh = skin
+            rest = np.array([placed[joint].world for joint in joints])
+            rows = [-1 if (row := animations.row(joint)) is None else row for joint in joints]
+            self._skin = rows, rest, joints_from_mesh
+
+    def give(self, instance: Instance) -> None:
+        """Put an instance in the pose, and have it follow the animations."""
+        deformation = instance.mesh.deformation
+        if deformation is None:
+            return
+        fields = {}
+        if self._skin is not None and deformation.joints is not None:
+            rows, rest, joints_from_mesh = self._skin
+            if deformation.joint_count > len(rows):
+                joint = deformation.joint_count - 1
+                raise self._mesh.error(f"refers to joint {joint}, but the skin has {len(rows)} joints")
+            with np.errstate(over="ignore", invalid="ignore"):
+                fields["joint_matrices"] = (rest @ joints_from_mesh)[:, :3]
+        animated = self._animations.weights_of(self._node, deformation.target_count)
+        if deformation.targets is not None and (any(self._weights) or animated):
+            self._node.entry.charge(64 * deformation.target_count, "its weights")
+            fields["morph_weights"] = np.zeros(deformation.target_count)
+            given = self._weights[: deformation.target_count]
+            fields["morph_weights"][: len(given)] = given
+        try:
+            instance.update(**fields)
+        except SolariError as error:
+            raise self._node.entry.error(f"has a pose that can't be shown: {error}") from None
+        rig, row = self._animations.rig, self._animations.row(self._node.number)
+        if "joint_matrices" in fields and self._skin is not None and max(rows) >= 0:
+            rig.attach_skin(instance, *self._skin)
+        if animated and "morph_weights" in fields and row is not None:
+            rig.attach_weights(instance, row)

@@ -1,0 +1,245 @@
+"""Mesh primitives of a glTF file: triangles, checked vertices, and tangents where a normal map needs them."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene import checks
+from solari_vk.scene.files.gltf.accessors import Accessors
+from solari_vk.scene.files.gltf.deform import Vertices, deformation_of, read_joints, read_targets
+from solari_vk.scene.files.gltf.draco import DracoMeshes
+from solari_vk.scene.files.gltf.materials import LoadedMaterial
+from solari_vk.scene.files.gltf.points_and_lines import LINE_RADIUS, POINT_RADIUS, with_surface
+from solari_vk.scene.files.gltf.report import Report
+from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.matrices import unit
+from solari_vk.scene.meshes.smoothing import area_vectors, fitted_normals
+from solari_vk.scene.meshes.tangents import fitted_tangents, generate_tangents
+from solari_vk.scene.model import Mesh
+
+_DRAWN = (
+    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size",
+    f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size",
+)
+WRONG_PRIMITIVES = "primitives with wrong data are left out"
+_WORKING_BYTES = 300  # a triangle, for its area and tangents
+_HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
+
+
+class Primitives:
+    """Creates the meshes of the scene; primitives with the same data share a mesh."""
+
+    def __init__(self, accessors: Accessors, draco: DracoMeshes, report: Report) -> None:
+        self._accessors = accessors
+        self._draco = draco
+        self._report = report
+        self._meshes: dict[Any, Mesh | None] = {}
+
+    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
+        """The primitive as a mesh fit for a material, or None (reported) if it has no surface.
+
+        skinned: with joints. Raises SolariError for wrong data.
+        """
+        attributes = primitive.entry("attributes")
+        if attributes is None:
+            raise primitive.error("has no 'attributes'; export the file again")
+        turned = None if material.normal_map is None else material.normal_map.uv_transform
+        mode = primitive.integer("mode", 4, high=6)
+        packed = self._draco.unpack(primitive, attributes)
+        if packed is not None:
+            mode = 4
+        targets = primitive.entries("targets", "target")
+        joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
+        key = (
+            *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
+            primitive.index("indices"), packed, mode, turned, material.uv_sets,
+            *map(attributes.index, joints),
+            tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
+        )  # fmt: skip
+        if key not in self._meshes:
+            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, targets)
+        self._remark(primitive, attributes, material)
+        return self._meshes[key]
+
+    def _remark(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> None:
+        self._report.add_extensions(primitive, _HARMLESS)
+        names = _uv_names(material)[: len(material.uv_sets)]
+        for uvs in names:
+            if uvs not in attributes:
+                replaced = uvs != names[0] and names[0] in attributes
+                effect = f"use {names[0]} in its place" if replaced else "see their textures at a single point"
+                self._report.add(f"meshes without {uvs} {effect}", primitive.place)
+
+    def _make(
+        self, primitive: Entry, attributes: Entry, mode: int, name: str,
+        material: LoadedMaterial, skinned: bool, targets: list[Entry],
+    ) -> Mesh | None:  # fmt: skip
+        vertices = self._vertices(primitive, attributes, material)
+        if vertices is None:
+            return None
+        corners = self._corners(primitive, len(vertices["POSITION"]))
+        moved = read_targets(vertices, targets, self._accessors, self._report)
+        positions = vertices["POSITION"]
+        if skinned:
+            with self._report.costs("primitives with wrong joints or weights rest in the pose of their vertices"):
+                moved |= read_joints(len(positions), attributes, self._accessors)
+        vertices |= moved
+        if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
+            raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
+        if mode < 4:
+            vertices, triangles = self._thin(primitive, mode, vertices, corners)
+            positions = vertices["POSITION"]
+            _charge(primitive, vertices, len(triangles))
+        else:
+            _charge(primitive, vertices, len(corners) // 3 if mode == 4 else max(len(corners) - 2, 0))
+            triangles = self._triangles(primitive, mode, corners)
+
+        distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+        triangles = triangles[distinct]
+        used, triangles = _compact(triangles, len(positions))
+        if len(used) < len(positions):
+            vertices = {attribute: values[used] for attribute, values in vertices.items()}
+        cross = area_vectors(vertices["POSITION"], triangles)
+        if not (cross.any() or (moved and len(triangles))):
+            self._report.add("primitives without any triangle of some area are left out", primitive.place)
+            return None
+        if "NORMAL" in vertices:
+            vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
+        if mode >= 4:
+            vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
+        return Mesh(
+            positions=vertices["POSITION"],
+            triangles=triangles,
+            normals=vertices.get("NORMAL"),
+            uvs=vertices.get("TEXCOORD"),
+            second_uvs=vertices.get("SECOND_TEXCOORD"),
+            tangents=vertices.get("TANGENT"),
+            colors=vertices.get("COLOR"),
+            deformation=deformation_of(vertices),
+            name=name,
+        )
+
+    def _vertices(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> Vertices | None:
+        position = attributes.index("POSITION")
+        if position is None:
+            self._report.add("primitives without POSITION are left out", primitive.place)
+            return None
+        wanted = {
+            "POSITION": (position, ("VEC3",)),
+            "NORMAL": (attributes.index("NORMAL"), ("VEC3",)),
+            "TANGENT": (attributes.index("TANGENT"), ("VEC4",)),
+            "COLOR": (attributes.index("COLOR_0"), ("VEC3", "VEC4")),
+        }
+        for name, uvs in zip(("TEXCOORD", "SECOND_TEXCOORD"), _uv_names(material), strict=False):
+            wanted[name] = attributes.index(uvs), ("VEC2",)
+        count = self._accessors.count(position, attributes)
+        vertices = {}
+        for name, (index, kinds) in wanted.items():
+            if index is not None:
+                with self._report.costs("wrong attributes are left out") if name != "POSITION" else nullcontext():
+                    if (rows := self._accessors.count(index, attributes)) != count:
+                        raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
+                    vertices[name] = self._accessors.floats(index, attributes, kinds)
+        if "NORMAL" not in vertices:
+            vertices.pop("TANGENT", None)  # as glTF demands: tangents need the normals that they were made for
+        return self._with_colors(vertices, primitive)
+
+    def _with_colors(self, vertices: Vertices, primitive: Entry) -> Vertices:
+        """With colors from 0 to 1, and without those that change nothing."""
+        if "COLOR" in vertices:
+            given = vertices.pop("COLOR")
+            colors = given.clip(0, 1)
+            if (colors != given).any():
+                self._report.add("vertex colors below 0 or above 1 are clamped", primitive.place)
+            if (colors != 1).any():
+                vertices["COLOR"] = colors
+        return vertices
+
+    def _corners(self, primitive: Entry, count: int) -> NDArray[np.uint32]:
+        index = primitive.index("indices")
+        number = count if index is None else self._accessors.count(index, primitive)
+        primitive.charge(0, f"{number:,} corners", working=4 * number)
+        if index is None:
+            return np.arange(count, dtype=np.uint32)
+        corners = self._accessors.integers(index, primitive, ("SCALAR",))[:, 0].astype(np.uint32)
+        if len(corners) and int(corners.max()) >= count:
+            raise primitive.error(
+                f"refers to vertex {corners.max()} (accessor {index}), but has only {count}; export the file again"
+            )
+        return corners
+
+    def _thin(
+        self, primitive: Entry, mode: int, vertices: Vertices, corners: NDArray[np.uint32]
+    ) -> tuple[Vertices, NDArray[np.uint32]]:
+        """Vertices and triangles of points and lines."""
+        self._report.add(_DRAWN[mode > 0], primitive.place)
+        vertices, triangles, step = with_surface(vertices, corners, mode, primitive)
+        if step > 1:
+            self._report.add(f"only one of {step} points or lines is drawn", primitive.place)
+        return vertices, triangles
+
+    def _triangles(self, primitive: Entry, mode: int, corners: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        if mode == 4:
+            whole = len(corners) // 3 * 3
+            if whole != len(corners):
+                self._report.add("the last corners make no whole triangle and are left out", primitive.place)
+            return corners[:whole].reshape(-1, 3)
+        if len(corners) < 3:
+            return np.zeros((0, 3), np.uint32)
+        if mode == 6:
+            return np.stack([corners[1:-1], corners[2:], np.broadcast_to(corners[0], len(corners) - 2)], axis=1)
+        strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+        strip[1::2] = strip[1::2, [0, 2, 1]]
+        return strip
+
+    def _unit_normals(
+        self, normals: NDArray[np.float32], triangles: NDArray[np.uint32], cross: NDArray[np.float64], place: Entry
+    ) -> NDArray[np.float32]:
+        fitted, missing = fitted_normals(normals, triangles, cross)
+        if missing:
+            self._report.add("normals of zero length are replaced by those of the triangles around", place.place)
+        return fitted
+
+    def _with_tangents(
+        self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], material: LoadedMaterial
+    ) -> tuple[Vertices, NDArray[np.uint32]]:
+        """Vertices with the tangents that a normal map needs, and the triangles over them."""
+        normals, normal_map = vertices.get("NORMAL"), material.normal_map
+        second = normal_map is not None and material.uv_sets.index(normal_map.uv_set) == 1
+        uvs = "SECOND_TEXCOORD" if second and "SECOND_TEXCOORD" in vertices else "TEXCOORD"
+        if "TANGENT" in vertices and normals is not None:
+            vertices["TANGENT"] = fitted_tangents(vertices["TANGENT"], normals)
+        if normal_map is not None and "TANGENT" not in vertices and uvs in vertices:
+            if normals is None:  # flat shading: every corner has the normal of its triangle
+                vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
+                normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
+                triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
+            linear = np.reshape(normal_map.uv_transform, (2, 3))[:, :2]
+            split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
+            vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
+            vertices["TANGENT"], triangles = split.tangents, split.indices
+        return vertices, triangles
+
+
+def _charge(primitive: Entry, vertices: Vertices, triangle_count: int) -> None:
+    size = sum(values.nbytes for values in vertices.values()) + 12 * triangle_count
+    primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * triangle_count)
+
+
+def _uv_names(material: LoadedMaterial) -> list[str]:
+    """The attributes of the mesh's sets of uvs; without textures the first, which other materials may use."""
+    return [f"TEXCOORD_{number}" for number in material.uv_sets or (0,)]
+
+
+def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """The vertices that triangles use, ascending, and the triangles over only these."""
+    if count > 4 * triangles.size:  # the primitive uses a small part of a large shared buffer
+        used, compact = np.unique(triangles, return_inverse=True)
+        return used, compact.reshape(-1, 3).astype(np.uint32)
+    flags = np.zeros(count, bool)
+    flags[triangles] = True
+    return np.flatnonzero(flags), (np.cumsum(flags, dtype=np.uint32) - np.uint32(1))[triangles]

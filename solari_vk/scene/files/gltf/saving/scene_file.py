@@ -1,0 +1,100 @@
+"""A scene into a glTF 2.0 file: `save_gltf`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.files import check_writable
+from solari_vk.scene.animation.clip import Animation
+from solari_vk.scene.files.gltf.saving.clips import RigNodes
+from solari_vk.scene.files.gltf.saving.content import Content
+from solari_vk.scene.files.gltf.saving.nodes import Nodes, node_extras
+from solari_vk.scene.files.gltf.saving.shapes import Shapes, Variants
+from solari_vk.scene.files.gltf.saving.skies import add_sky
+from solari_vk.scene.files.gltf.saving.surfaces import Surfaces
+from solari_vk.scene.files.gltf.variants import EXTENSION as VARIANTS
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.objects import Instance
+
+if TYPE_CHECKING:
+    from solari_vk.scene.model import Scene
+
+SUFFIXES = (".glb", ".gltf")
+
+
+def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """`Scene.save`."""
+    if not isinstance(path, str | os.PathLike):
+        raise SolariError(f"Scene.save: the path of a file is needed, not {quoted(path)}")
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
+        raise SolariError(f"{target}: scenes are saved as .glb or .gltf: give a name with one of these endings")
+    for file in (target, target.with_suffix(".bin"))[: 1 + (target.suffix.lower() == ".gltf")]:
+        check_writable(file)
+    content = Content()
+    _Writer(content).add(scene)
+    content.write(target)
+
+
+class _Writer:
+    def __init__(self, content: Content) -> None:
+        self._content = content
+        self._shapes = Shapes(content, Surfaces(content))
+        self._nodes = Nodes(content, self._shapes)
+
+    def add(self, scene: Scene) -> None:
+        """Write a scene. Its default camera comes first, or is marked where it follows a clip."""
+        variants = self._variants(scene)
+        clips = list(scene.animations)
+        rigs = dict.fromkeys(clip.rig for clip in clips)
+        default = scene._camera
+        cameras = [*dict.fromkeys(([default] if default is not None else []) + list(scene.cameras))]
+        follows = {item for rig in rigs for item, *_ in rig.placed} & set(scene.cameras)
+        first = cameras[0] if cameras else None
+        if first is not None and first not in follows:
+            self._nodes.camera(None, first, first.transform)
+        done: set[Any] = {first} - follows
+        rows: list[tuple[RigNodes, list[Animation]]] = []
+        for rig in rigs:
+            of_rig = [clip for clip in clips if clip.rig is rig]
+            written = RigNodes(self._content, self._nodes, rig, of_rig, scene, variants, done)
+            rows.append((written, of_rig))
+        for instance in scene.instances:
+            if instance not in done:
+                self._nodes.instance(
+                    None, instance, instance.transform, variants=variants.get(instance, ()), visible=instance.visible,
+                    extras=node_extras(scene, instance),
+                )  # fmt: skip
+        for camera in cameras:
+            if camera not in done:
+                self._nodes.camera(None, camera, camera.transform)
+        for light in scene.lights:
+            if light not in done and not isinstance(light, EnvironmentLight):
+                self._nodes.light(None, light)
+        for written, of_rig in rows:
+            written.settle()
+            for clip in of_rig:
+                written.animation(clip)
+        self._finish(scene)
+
+    def _finish(self, scene: Scene) -> None:
+        entry: dict[str, Any] = {}
+        skies = [light for light in scene.lights if isinstance(light, EnvironmentLight)]
+        if skies:
+            add_sky(self._content, skies[0], entry)
+        for other in skies[1:]:
+            self._content.lose("environments after the first aren't written", other.describe())
+        self._content.json["scene"] = self._content.add("scenes", name=scene.name, nodes=self._nodes.finish(), **entry)
+
+    def _variants(self, scene: Scene) -> dict[Instance, Variants]:
+        """The numbers of the variants, with the materials that each gives instances."""
+        found: dict[Instance, list[Any]] = {}
+        for number, materials in enumerate(scene.variants.values()):
+            for instance, material in materials.items():
+                found.setdefault(instance, []).append((number, material))
+        if scene.variants:
+            self._content.use(VARIANTS, {"variants": [{"name": name} for name in scene.variants]})
+        return {instance: tuple(rows) for instance, rows in found.items()}

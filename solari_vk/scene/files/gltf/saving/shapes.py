@@ -1,0 +1,147 @@
+"""Meshes of a scene as glTF has them: each with one primitive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.files.gltf.deform import TARGETS
+from solari_vk.scene.files.gltf.saving.content import Content
+from solari_vk.scene.files.gltf.saving.surfaces import Surfaces
+from solari_vk.scene.files.gltf.variants import EXTENSION as VARIANTS
+from solari_vk.scene.material import TEXTURES, Material
+from solari_vk.scene.meshes.smoothing import area_vectors, fitted_normals
+from solari_vk.scene.meshes.splitting import with_tangents
+from solari_vk.scene.meshes.tangents import fitted_tangents
+from solari_vk.scene.objects import Mesh
+
+_MOST_OF_TWO_BYTES = 2**16 - 1  # vertices; the largest number restarts a primitive
+Variants = tuple[tuple[int, Material], ...]
+
+
+class Shapes:
+    """Writes each mesh once for each of its materials; their arrays are shared."""
+
+    def __init__(self, content: Content, surfaces: Surfaces) -> None:
+        self._content = content
+        self._surfaces = surfaces
+        self._meshes: dict[Any, int] = {}
+        self._attributes: dict[tuple[Mesh, str], int] = {}
+        self._resting: dict[Mesh, bool] = {}
+        self._tangential: dict[tuple[Mesh, int], Mesh] = {}
+
+    def mesh(self, mesh: Mesh, material: Material, variants: Variants = ()) -> int:
+        """The number of a mesh with a material. variants: numbers of variants, and the materials there."""
+        key = mesh, material, variants
+        if key not in self._meshes:
+            users = (material, *(other for _, other in variants))
+            mesh = self._with_tangents(mesh, users)
+            textures = [texture for one in users for name in TEXTURES if (texture := getattr(one, name)) is not None]
+            primitive: dict[str, Any] = {
+                "attributes": self._all(mesh, {texture.uv_set for texture in textures}),
+                "indices": self._once(mesh, "indices", mesh.triangles.reshape(-1), *self._corner_kind(mesh)),
+                "material": self._surfaces.material(material),
+            }
+            if variants:
+                mappings = [{"material": self._surfaces.material(other), "variants": [v]} for v, other in variants]
+                self._content.use(VARIANTS, {"mappings": mappings}, primitive)
+            if targets := self._targets(mesh):
+                primitive["targets"] = targets
+            self._meshes[key] = self._content.add("meshes", name=mesh.name, primitives=[primitive])
+        return self._meshes[key]
+
+    def _with_tangents(self, mesh: Mesh, materials: Sequence[Material]) -> Mesh:
+        """The mesh, with tangents if textures need them and the file would have nothing to make them of: glTF demands
+        them of coats' normal maps and anisotropy without a normal map."""
+        needing = (m.clearcoat_normal_texture or m.anisotropy_texture
+                   for m in materials if not m.unlit and m.normal_texture is None)  # fmt: skip
+        texture = next((texture for texture in needing if texture is not None), None)
+        if texture is None:
+            return mesh
+        key = mesh, texture.uv_set
+        if key not in self._tangential:
+            self._tangential[key] = with_tangents(mesh, texture.uv_set)
+        return self._tangential[key]
+
+    def has_resting(self, mesh: Mesh) -> bool:
+        """Whether some vertices have no joint, of a mesh with joints: they stay, by one more joint."""
+        if mesh not in self._resting:
+            weights = None if mesh.deformation is None else mesh.deformation.joint_weights
+            self._resting[mesh] = weights is not None and not (weights > 0).any(axis=1).all()
+        return self._resting[mesh]
+
+    @staticmethod
+    def _corner_kind(mesh: Mesh) -> tuple[str, str]:
+        return "u2" if len(mesh.positions) <= _MOST_OF_TWO_BYTES else "u4", "corners"
+
+    def _once(self, mesh: Mesh, name: str, values: NDArray[Any], dtype: str = "f4", use: str = "vertices") -> int:
+        """The accessor of an attribute."""
+        if (mesh, name) not in self._attributes:
+            self._attributes[mesh, name] = self._content.accessor(values, dtype, use)
+        return self._attributes[mesh, name]
+
+    def _all(self, mesh: Mesh, uv_sets: set[int]) -> dict[str, int]:
+        found = {"POSITION": self._once(mesh, "POSITION", mesh.positions, use="positions")}
+        if mesh.normals is not None:
+            normals, _ = fitted_normals(mesh.normals, mesh.triangles, area_vectors(mesh.positions, mesh.triangles))
+            found["NORMAL"] = self._once(mesh, "NORMAL", normals)
+            if mesh.tangents is not None:
+                found["TANGENT"] = self._once(mesh, "TANGENT", fitted_tangents(mesh.tangents, normals))
+        elif mesh.tangents is not None:
+            self._content.lose("tangents of meshes without normals aren't written", mesh.describe())
+        if mesh.colors is not None:
+            found["COLOR_0"] = self._once(mesh, "COLOR_0", mesh.colors)
+        uvs = mesh.uvs
+        if uvs is None and (uv_sets or mesh.second_uvs is not None):
+            uvs = np.zeros((len(mesh.positions), 2), np.float32)  # where shaders see textures of meshes without uvs
+        if uvs is not None:
+            found["TEXCOORD_0"] = self._once(mesh, "TEXCOORD_0", uvs)
+        if mesh.second_uvs is not None:
+            found["TEXCOORD_1"] = self._once(mesh, "TEXCOORD_1", mesh.second_uvs)
+        elif 1 in uv_sets:
+            found["TEXCOORD_1"] = found["TEXCOORD_0"]
+        return found | self._joints(mesh)
+
+    def _joints(self, mesh: Mesh) -> dict[str, int]:
+        """Joints and weights as the format wants them: four a set, each joint once, none with the weight 0, and for
+        each vertex one at least."""
+        deformation = mesh.deformation
+        if deformation is None or deformation.joints is None or deformation.joint_weights is None:
+            return {}
+        joints, weights = deformation.joints.astype(np.int64), deformation.joint_weights.astype(np.float64)
+        for column in range(1, joints.shape[1]):
+            for earlier in range(column):
+                same = joints[:, column] == joints[:, earlier]
+                weights[same, earlier] += weights[same, column]
+                weights[same, column] = 0
+        padding = ((0, 0), (0, -joints.shape[1] % 4))
+        joints, weights = np.pad(joints, padding), np.pad(weights, padding)
+        resting = ~(weights > 0).any(axis=1)
+        joints[weights == 0] = 0
+        joints[resting, 0], weights[resting, 0] = deformation.joint_count, 1
+        dtype, found = "u1" if joints.max() < 256 else "u2", {}
+        for number in range(joints.shape[1] // 4):
+            part = np.s_[:, 4 * number : 4 * number + 4]
+            found[f"JOINTS_{number}"] = self._once(mesh, f"JOINTS_{number}", joints[part], dtype)
+            found[f"WEIGHTS_{number}"] = self._once(mesh, f"WEIGHTS_{number}", weights[part])
+        return found
+
+    def _targets(self, mesh: Mesh) -> list[dict[str, int]]:
+        deformation = mesh.deformation
+        if deformation is None or deformation.targets is None:
+            return []
+        bases = {"POSITION": mesh.positions, "NORMAL": mesh.normals, "TANGENT": mesh.tangents}
+        fields = {name: getattr(deformation, field) for name, field in TARGETS.items() if bases[name] is not None}
+        if mesh.normals is None:
+            fields.pop("TANGENT", None)
+        return [
+            {
+                name: self._once(mesh, f"{name} of {number}", values[number], use="positions")
+                for name, values in fields.items()
+                if values is not None
+            }
+            for number in range(deformation.target_count)
+        ]

@@ -1,0 +1,100 @@
+"""The sky of a glTF file: OMI_environment_sky, of the Open Metaverse Interoperability Group."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.checks import LARGEST_RADIANCE
+from solari_vk.scene.files.gltf.document import Document
+from solari_vk.scene.files.gltf.extras import read_own
+from solari_vk.scene.files.gltf.image_lights import unroll_cube
+from solari_vk.scene.files.gltf.images import Images
+from solari_vk.scene.files.gltf.report import Report
+from solari_vk.scene.files.gltf.textures import images_of
+from solari_vk.scene.files.gltf.values import Entry, shown, whole
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
+from solari_vk.scene.lights.environment import Environment
+
+EXTENSION = "OMI_environment_sky"
+GRADIENT_ROWS = 512
+_FACES, _BYTES_PER_VALUE = 6, 16
+_TYPES = ("gradient", "panorama", "physical", "plain")
+
+
+def read_sky(document: Document, scene: Entry, report: Report, strict: bool) -> Environment | None:
+    """The sky of a scene of a file; a color of 1 is 1 cd/m^2. None without one, and (reported) for one that isn't read.
+
+    Suns are the file's directional lights; the glow of gradient skies around them is left out.
+    """
+    root, user = document.root.extension(EXTENSION), scene.extension(EXTENSION)
+    skies = root.entries("skies", "sky") if root else []
+    chosen = next((entry for entry in (user, root) if entry is not None and "sky" in entry), None)
+    number = 0 if chosen is None else chosen.integer("sky")
+    if number >= len(skies) and (chosen is not None or user is not None):
+        raise scene.error(f"refers to sky {shown(number)}, but the file has only {len(skies)}")
+    if number >= len(skies):
+        return None
+    sky = skies[number]
+    kind = sky.text("type", choices=_TYPES)
+    fields = sky.entry(kind) or Entry(sky.file, sky.place, {})
+    if sky.number("ambientSkyContribution", 1.0, low=0, high=1) < 1:
+        report.add("ambient light apart from that of the sky is left out", sky.place)
+    if kind == "plain":
+        return Environment(_color(fields, "color", (0.0, 0.0, 0.0)), name=sky.name)
+    if kind == "gradient":
+        if document.root.extension("KHR_lights_punctual"):
+            report.add("the glow of gradient skies around their suns is left out", sky.place)
+        return Environment(_gradient(fields), name=sky.name)
+    if kind == "panorama":
+        return _panorama(document, fields, sky, report, strict)
+    report.add("physical skies are left out: give another light, such as scene.environment = Sky() or --environment "
+               "sky", sky.place)  # fmt: skip
+    return None
+
+
+def _color(entry: Entry, key: str, default: tuple[float, float, float] | None = None) -> NDArray[np.float64]:
+    if default is None and key not in entry:
+        raise entry.wrong(key, "three numbers")
+    return np.array(entry.numbers(key, default or (0.0, 0.0, 0.0), low=0, high=LARGEST_RADIANCE))
+
+
+def _gradient(fields: Entry) -> NDArray[np.float64]:
+    """The column (GRADIENT_ROWS, 1, 3) from the zenith to the nadir. The curves are those of Godot's procedural sky."""
+    horizon = _color(fields, "horizonColor")
+    height = 1 - 2 * (np.arange(GRADIENT_ROWS) + 0.5) / GRADIENT_ROWS  # 1 at the zenith, 0 at the horizon
+    column = np.zeros((GRADIENT_ROWS, 1, 3))
+    for side, key, curve in ((height > 0, "top", 0.15), (height < 0, "bottom", 0.02)):
+        power = 1 / fields.number(f"{key}Curve", curve, low=1e-6, high=1e6)
+        share = 1 - (1 - np.abs(height[side])) ** power
+        column[side, 0] = horizon + share[:, None] * (_color(fields, f"{key}Color") - horizon)
+    return column
+
+
+def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, strict: bool) -> Environment | None:
+    """The map of a texture by longitude and latitude, whose middle is +z, else the cube of six textures."""
+    is_cube = "equirectangular" not in fields
+    if is_cube:
+        textures = fields.values("cubemap", "a list of six textures")
+        numbers = [face for value in textures if (face := whole(value)) is not None and face >= 0]
+        if len(numbers) != _FACES or len(textures) != _FACES:
+            raise fields.wrong("cubemap", "a list of six textures")
+    else:
+        numbers = [fields.integer("equirectangular")]
+    choices = [images_of(document.item("texture", number, fields)) for number in numbers]
+    images = Images(document, report, strict)
+    turn = read_own(sky, ("rotation",)).get("rotation", -math.pi / 2)
+    if not is_cube and choices[0] and (light := images.light(choices[0][0], fields)) is not None:
+        return Environment(light, rotation=turn, name=sky.name)
+    images.read({choice: fields for choice in choices if choice})
+    found = [image.pixels[..., :3] for choice in choices if (image := images[choice]) is not None]
+    side = len(found[0]) if found else 0
+    if len(found) < len(choices) or (is_cube and any(pixels.shape != (side, side, 3) for pixels in found)):
+        report.add("skies whose images can't be read or aren't equal squares are left out", sky.place)
+        return None
+    document.root.charge(_BYTES_PER_VALUE * sum(pixels.size for pixels in found), "the map of its sky")
+    if is_cube:
+        return Environment(unroll_cube(np.stack([LINEAR_OF_SRGB[pixels] for pixels in found])), name=sky.name)
+    return Environment(LINEAR_OF_SRGB[found[0]], rotation=turn, name=sky.name)

@@ -1,0 +1,175 @@
+"""Meshes from OBJ, PLY and STL files, by the library trimesh."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.budget import charge
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.files import read_regular
+from solari_vk.scene import checks
+from solari_vk.scene.files.libraries import library, warn_of_missing
+from solari_vk.scene.files.meshes.mtl import MtlFiles
+from solari_vk.scene.files.meshes.ply_header import check_ply
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
+from solari_vk.scene.matrices import rotation, unit
+from solari_vk.scene.meshes.smoothing import smooth_normals
+from solari_vk.scene.model import Instance, Material, Mesh, Scene
+
+UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
+"""The formats, and the axis that points up in most of their files. No format says so."""
+
+
+_BYTES_PER_BYTE = 12  # of a file, while it is read
+_BYTES_PER_PART = 2**15
+_PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid")}
+_BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
+
+
+def load_mesh_file(
+    path: str | os.PathLike[str], *, up: str | None = None, unit_length: float = 1.0, strict: bool = False
+) -> Scene:
+    """Load an .obj file with its materials, or a .ply or .stl file.
+
+    up: the file's axis that points up, "x", "y" or "z"; by default "y", and "z" for .stl. unit_length: the file's unit
+    in meters. Meshes without normals get smooth ones, with edges sharper than 40 degrees. Raises SolariError for a
+    damaged file, and with `strict` for a missing material or image.
+    """
+    path = Path(path)
+    if not 1e-12 <= unit_length <= 1e12:
+        raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit_length}")
+    if up is not None and up not in UP_AXES.values() and up != "x":
+        raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
+    turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit_length
+    scene = Scene(name=path.stem)
+    files = MtlFiles(path.parent)
+    kind = path.suffix[1:].lower()
+    reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
+    log = library("trimesh.util", str(path)).log
+    data = read_regular(path, str(path))
+    charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
+    if kind == "ply":
+        check_ply(data, str(path))
+    else:
+        parts = sum(1 for _ in _PARTS[path.suffix.lower()].finditer(data))
+        charge(_BYTES_PER_PART * parts, str(path), f"its {parts:,} parts")
+
+    def silence(_: object) -> bool:
+        return False
+
+    log.addFilter(silence)  # it would print the tracebacks of what it recovers from
+    try:
+        # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
+        with warnings.catch_warnings(action="ignore"):  # of numpy, about numbers that are refused below
+            read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
+    except MemoryError:
+        raise SolariError(f"{path}: too large for this machine's memory") from None
+    except Exception as error:  # trimesh raises many types of exceptions for damaged files
+        reason = (str(error) or type(error).__name__).splitlines()[0][:100]
+        raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
+    finally:
+        log.removeFilter(silence)
+    for name, part in read.get("geometry", {path.stem: read}).items():
+        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
+        _add(scene, path, str(name), part, files.material(str(material)), turn)
+    if strict and files.failures:
+        raise SolariError(f"{path}: {files.failures[0]}")
+    scene.warnings.extend(files.failures)
+    warn_of_missing(files.failures)
+    used = re.findall(rb"(?m)^usemtl[ \t]+([^\r\n]+)", data) if kind == "obj" else ()
+    unknown = {" ".join(name.decode("utf-8", "replace").split()) for name in used} - files.fields.keys()
+    if unknown:
+        names = ", ".join(sorted(unknown))
+        scene.warnings.append(f"materials that no .mtl file has are replaced by a gray one: {names}")
+    if files.ignored:
+        scene.warnings.append(f"fields and options of the .mtl file that are ignored: {', '.join(files.ignored)}")
+    if not scene.instances:
+        reason = scene.warnings[-1] if scene.warnings else "has no triangles"
+        raise SolariError(f"{path}: {reason}: give a file with a surface")
+    return scene
+
+
+def _add(
+    scene: Scene, path: Path, name: str, part: dict[str, Any], material: Material | None, turn: NDArray[np.float64]
+) -> None:
+    """Add a part of the file to the scene."""
+    positions = _rows(part.get("vertices"), 3)
+    triangles = library("trimesh.geometry", str(path)).triangulate_quads(part.get("faces", ()))
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.size(part.get("vertices", ())):
+        scene.warnings.append(f"parts without triangles are left out: '{name}'")
+        return
+    if positions is None:
+        scene.warnings.append(f"parts with vertices that aren't finite are left out: '{name}'")
+        return
+    if triangles.min() < 0 or triangles.max() >= len(positions):
+        raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")
+    working = _WORKING_BYTES * len(triangles)
+    charge(_BYTES_PER_TRIANGLE * len(triangles), f"{path}: '{name}'", f"{len(triangles):,} triangles", working=working)
+    positions = positions @ turn.T
+    if not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
+        raise SolariError(
+            f"{path}: '{name}' has coordinates that aren't finite, or above {checks.LARGEST_COORDINATE:g} meters: "
+            "export the file again, or give its unit"
+        )
+    a, b, c = (positions[triangles[:, corner]] for corner in range(3))
+    triangles = triangles[np.cross(b - a, c - a).any(axis=1)]
+    if not len(triangles):
+        scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")
+        return
+    colors = _colors(part.get("vertex_colors"), len(positions))
+    if part.get("face_colors") is not None:
+        scene.warnings.append(f"colors of faces are ignored: '{name}'")
+    uvs = _rows(getattr(part.get("visual"), "uv", None), 2, len(positions))
+    normals: Any = _rows(part.get("vertex_normals"), 3, len(positions))
+    if normals is None:
+        source, normals, triangles = smooth_normals(positions, triangles)
+        positions, colors = positions[source], None if colors is None else colors[source]
+        uvs = None if uvs is None else uvs[source]
+    else:
+        normals = unit(normals @ turn.T)
+        normals[~normals.any(axis=1)] = (0, 1, 0)
+    flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * uvs
+    mesh = Mesh(positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=flipped,
+                colors=colors, name=name)  # fmt: skip
+    scene.add(Instance(mesh, material if material is not None else _plain(colors is not None), name=name))
+
+
+def _plain(colored: bool) -> Material:
+    """The material of files without one: gray, or as the vertices' colors are."""
+    return Material(base_color=np.full(3, 1.0 if colored else 0.6, np.float32), double_sided=True, name="default")
+
+
+def _rows(given: Any, width: int, count: int | None = None) -> NDArray[np.float64] | None:
+    """Finite numbers (count, width) from those that a file has for its vertices; None for what doesn't fit."""
+    try:
+        with np.errstate(invalid="ignore"):  # signaling NaN
+            rows = np.asarray(given, np.float64)[:, :width]
+    except (IndexError, TypeError, ValueError):
+        return None
+    fits = rows.shape == (len(rows) if count is None else count, width) and bool(np.isfinite(rows).all())
+    return rows if fits else None
+
+
+def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
+    """Linear colors (N, 3) of vertices from those of a file, which are sRGB."""
+    colors = _rows(given, 3, count)
+    if colors is None:
+        return None
+    codes = colors if np.asarray(given).dtype.kind in "iu" else 255 * colors
+    linear: NDArray[np.float32] = LINEAR_OF_SRGB[np.rint(np.clip(codes, 0, 255)).astype(np.int64)]
+    return linear
+
+
+def _upright(up: str) -> NDArray[np.float64]:
+    """The rotation (3, 3) that turns a file's axis upwards."""
+    turns = {"y": np.eye(3), "z": rotation((1, 0, 0), -math.pi / 2), "x": rotation((0, 0, 1), math.pi / 2)}
+    return turns[up]

@@ -1,0 +1,146 @@
+"""Materials of Wavefront .mtl files, with the physically based fields that newer programs write.
+
+Bourke, "MTL material format" (1995); Pr, Pm, Ke and norm are those of "Extending the MTL format for physically based
+rendering". Colors are taken as linear, and those of textures as sRGB.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solari_vk.base.budget import BudgetError, charge
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.files import read_regular
+from solari_vk.scene.images import image_files
+from solari_vk.scene.model import Material, TextureImage
+
+LARGEST_FILE = 2**26
+_BYTES_PER_MATERIAL = 2**14
+_KNOWN = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr"}
+_HARMLESS = {"ka", "illum", "sharpness"}  # for rasterizers without shadows
+_OPTION = re.compile(r"-([a-z]+)((?:\s+(?:on|off|[-+.\d][-+.\de]*|[rgbmlz]))*)\s+", re.IGNORECASE)  # and its values
+_HARMLESS_OPTIONS = {"blendu", "blendv", "texres"}
+_TEXTURES = {"map_kd": "base_color_texture", "map_ke": "emissive_texture", "norm": "normal_texture"}
+
+
+class MtlFiles:
+    """Reads the .mtl files of an .obj file, and the images that they name. Nothing outside its folder is read."""
+
+    def __init__(self, folder: Path) -> None:
+        self.failures: list[str] = []
+        """What could not be read, a line each."""
+        self.ignored: dict[str, None] = {}
+        """The fields and options of used materials that have no effect."""
+        self.fields: dict[str, dict[str, str]] = {}
+        """The fields of each material by its name, as they stand in the files."""
+        self._materials: dict[str, Material] = {}
+        self._folder = folder
+        self._images: dict[str, TextureImage | None] = {}
+
+    def get(self, name: str) -> bytes:
+        """Read a file's materials. The result is the file without all but their names, for the reader of the .obj."""
+        try:
+            text = self._read(name).decode("utf-8", "replace")
+        except BudgetError:
+            raise
+        except SolariError as error:
+            self.failures.append(f"materials are replaced by a gray one: {error}")
+            return b""
+        fields: dict[str, dict[str, str]] = {}
+        for line in text.splitlines():
+            key, value = (*line.split(None, 1), "", "")[:2]
+            if key == "newmtl":
+                current = fields.setdefault(" ".join(value.split()), {})
+            elif fields:
+                current[key] = value.strip()
+        self.fields |= fields
+        return "".join(f"newmtl {name}\n" for name in fields).encode()
+
+    __getitem__ = get
+
+    def material(self, name: str) -> Material | None:
+        """The material of a name, whose images are read now; None for an unknown one."""
+        if name not in self._materials and name in self.fields:
+            charge(_BYTES_PER_MATERIAL, str(self._folder), "the materials")
+            self._materials[name] = self._make(name, self.fields[name])
+        return self._materials.get(name)
+
+    def _make(self, name: str, fields: dict[str, str]) -> Material:
+        given = {key.lower(): value for key, value in fields.items()}
+        known = {*_KNOWN, *_HARMLESS, *_TEXTURES}
+        self.ignored |= dict.fromkeys(key for key in fields if key and key[0] != "#" and key.lower() not in known)
+        found: dict[str, Any] = {"name": name, "double_sided": True, "base_color": _numbers(given.get("kd"), 0.8, 1.0)}
+        for key, field in _TEXTURES.items():
+            if key in given and (image := self._image(self._without_options(given[key]))) is not None:
+                found[field] = image
+        if "base_color_texture" in found and not found["base_color"].any():
+            found["base_color"] = np.ones(3)  # some programs write black beside a texture
+        emissive = _numbers(given.get("ke"), 0.0, 1e9)
+        found["emissive"] = np.ones(3) if "emissive_texture" in found and not emissive.any() else emissive
+        # The width of Blinn's highlight with the exponent Ns: Walter et al., "Microfacet models for refraction".
+        alpha = math.sqrt(2 / (_number(given.get("ns"), 30.0, 1e9) + 2))
+        found["perceptual_roughness"] = _number(given.get("pr"), min(math.sqrt(alpha), 1.0), 1.0)
+        found["metallic"] = _number(given.get("pm"), 0.0, 1.0)
+        index = max(_number(given.get("ni"), 1.5, 10.0), 1.0)
+        found["reflectance"] = (index - 1) / (index + 1) / 0.4 if index > 1 else 0.5
+        found["alpha"] = _number(given.get("d"), 1.0 - _number(given.get("tr"), 0.0, 1.0), 1.0)
+        found["alpha_mode"] = "blend" if found["alpha"] < 1 else "opaque"
+        return Material(**found)
+
+    def _without_options(self, value: str) -> str:
+        """The name of a texture's file, which stands behind options and may have spaces."""
+        while found := _OPTION.match(value):
+            if found[1].lower() not in _HARMLESS_OPTIONS:
+                self.ignored[f"-{found[1]}"] = None
+            value = value[found.end() :]
+        return value
+
+    def _image(self, name: str) -> TextureImage | None:
+        if name not in self._images:
+            self._images[name] = None
+            try:
+                who = f"the image '{name}'"
+                image = image_files.open_image(self._read(name), who)
+                pixels = image_files.decode(image, who)
+                self._images[name] = TextureImage(pixels, os.path.basename(name))
+            except BudgetError:
+                raise
+            except SolariError as error:
+                self.failures.append(f"textures are left out: {error}")
+        return self._images[name]
+
+    def _read(self, name: str) -> bytes:
+        name = name.replace("\\", "/")
+        folder = Path(os.path.realpath(self._folder))
+        try:
+            path = Path(os.path.realpath(folder / name))
+        except (OSError, ValueError):
+            raise SolariError(f"no file can have the name {quoted(name)}") from None
+        if not path.is_relative_to(folder):
+            raise SolariError(f"the file '{name}' is outside the model's folder, where nothing is read: copy it there")
+        data = read_regular(path, f"'{name}'", LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise SolariError(f"the file '{name}' has more than {LARGEST_FILE >> 20} MiB: make it smaller")
+        return data
+
+
+def _number(text: str | None, default: float, highest: float) -> float:
+    """The number at the start of a field, from 0; the default for a field that is missing or has none."""
+    try:
+        value = float((text or "").split()[0])
+    except (IndexError, ValueError):
+        return default
+    return min(max(value, 0.0), highest) if math.isfinite(value) else default
+
+
+def _numbers(text: str | None, default: float, highest: float) -> Any:
+    """Three numbers of a field; a single one stands for all three."""
+    words = (text or "").split()
+    three = words[:3] if len(words) > 2 else (words or [""])[:1] * 3
+    return np.array([_number(word, default, highest) for word in three])

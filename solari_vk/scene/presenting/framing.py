@@ -1,0 +1,132 @@
+"""The camera of a scene without one: objects are seen from above at an angle, rooms from inside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from solari_vk.scene.camera import Camera
+from solari_vk.scene.matrices import rotation
+from solari_vk.scene.presenting.enclosures import Floats, extent, find_dome, find_room, largest_triangles, trace
+
+if TYPE_CHECKING:
+    from solari_vk.scene.animation.clip import Animation
+    from solari_vk.scene.objects import Instance
+
+VIEW = (-0.55, -0.4, -1.0)  # the direction in which objects are seen: a three-quarter view from above
+OBJECT_FOV, ROOM_FOV = math.radians(35), math.radians(65)
+MARGIN = 1.08
+CLIP_POSES = 17  # of a clip, that a camera for it must show
+DIRECTIONS = 400
+WIDEST_FOV = math.radians(100)  # in a dome that leaves no room to step back
+
+
+def poses(scene: Any, subject: Callable[[], list[Instance]], clip: Animation | None) -> Iterator[list[Instance]]:
+    """What a camera for a scene shows, its `subject`, in poses of a clip of which the last is its start."""
+    for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
+        if clip is not None:
+            clip.apply(scene, seconds, loop=False)
+        yield subject()
+
+
+def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterable[float] = (0.0,)) -> Camera | None:
+    """A camera that shows instances in several poses, of which the last one stays; None if there are no instances.
+
+    aspect: width / height of the picture. turns: angles, in radians about the vertical axis through their middle, by
+    which the camera will be turned, from where objects that stand alone are seen whole too. A room is seen from inside,
+    and what is in a dome from within the dome.
+    """
+    visible: list[Instance] = []
+    points, dome = [], None
+    for shown in filter(None, poses):
+        dome = dome if visible else find_dome(shown)
+        visible = shown
+        points.append(extent([instance for instance in shown if dome is None or instance in dome.inside] or shown))
+    if not visible:
+        return None
+    every = np.concatenate(points)
+    if dome is not None:
+        return _in_dome(fit(every, VIEW, aspect), every, largest_triangles(dome.shells), aspect)
+    room = find_room(visible, every)
+    if room is not None:
+        return _inside(room.center, room.triangles)
+    center, turns = (every.min(axis=0) + every.max(axis=0)) / 2, list(turns)
+    outer = every if len(turns) == 1 else _outermost(every)
+    seen = np.concatenate([(outer - center) @ rotation((0, 1, 0), turn) for turn in turns])  # turned the other way
+    if len(turns) > 1:  # the axis is in the middle of the picture, or what turns would wander from side to side
+        right = np.cross(VIEW, (0, 1, 0))
+        seen = np.concatenate([seen, seen - 2 / (right @ right) * np.outer(seen @ right, right)])  # mirrored
+    return fit(seen + center, VIEW, aspect)
+
+
+def _outermost(points: Floats) -> Floats:
+    """Of points (N, 3) those that are the farthest in any of many directions."""
+    number = np.arange(DIRECTIONS)
+    height, turn = 1 - (2 * number + 1) / DIRECTIONS, math.pi * (1 + math.sqrt(5)) * number  # Fibonacci's lattice
+    level = np.sqrt(1 - height**2)
+    directions = np.stack([level * np.cos(turn), height, level * np.sin(turn)], axis=1)
+    found: Floats = points[np.unique([int(np.argmax(points @ direction)) for direction in directions])]
+    return found
+
+
+def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:
+    """The nearest camera with a view direction that has all points (N, 3) in its picture, which they touch."""
+    camera = Camera.look_at(-np.array(direction), (0, 0, 0), vertical_fov=OBJECT_FOV)
+    axes = camera.transform[:3, :3]
+    x, y, z = (points @ axes).T
+    slope = math.tan(OBJECT_FOV / 2) / MARGIN
+    extent = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+    height = z.max() + 1e-2 * extent
+    for across, tangent in ((x, slope * aspect), (y, slope)):
+        # A point is inside the picture's edges if |across - eye| <= tangent * (height - z).
+        height = max(height, ((across + tangent * z).max() + (tangent * z - across).max()) / (2 * tangent))
+    transform = camera.transform.copy()
+    transform[:3, 3] = axes @ (_middle(x, height - z), _middle(y, height - z), height)
+    camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
+    return camera
+
+
+def _middle(across: Floats, depth: Floats) -> float:
+    """The position from which the points are seen as far on one side of the picture's center as on the other."""
+    low, high = float(across.min()), float(across.max())
+    for _ in range(40):
+        middle = (low + high) / 2
+        seen = (across - middle) / depth
+        low, high = (middle, high) if seen.max() > -seen.min() else (low, middle)
+    return (low + high) / 2
+
+
+def _in_dome(camera: Camera, points: Floats, triangles: Floats, aspect: float) -> Camera:
+    """The camera, moved towards the points (N, 3) and with a wider view if triangles (M, 3, 3) would stand between."""
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    eye = camera.transform[:3, 3].astype(np.float64)
+    free = 0.9 * float(trace(center, (eye - center)[None], triangles).distance[0])
+    if free >= 1:
+        return camera
+    transform = camera.transform.copy()
+    transform[:3, 3] = center + free * (eye - center)
+    x, y, z = ((points - transform[:3, 3]) @ transform[:3, :3]).T
+    slopes = np.maximum(np.abs(y), np.abs(x) / aspect) / np.maximum(-z, 1e-9)
+    fov = min(2 * math.atan(float(slopes.max()) * MARGIN), WIDEST_FOV)
+    camera.update(transform=transform, vertical_fov=fov, near=camera.near * free)
+    return camera
+
+
+def _inside(center: Floats, triangles: Floats) -> Camera:
+    """A camera in a room: at one end of the longest way through the center, towards the other end."""
+    turns = 2 * math.pi * np.arange(48) / 48
+    level = np.stack([np.sin(turns), 0 * turns, np.cos(turns)], axis=1)
+    free = trace(center, level, triangles).distance
+    longest = 4 * np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0))
+    free = np.minimum(free, longest)
+    ahead = int(np.argmax(free + np.roll(free, -24)))  # the opposite direction is half a turn away
+    if free[ahead] < free[(ahead + 24) % 48]:
+        ahead = (ahead + 24) % 48
+    behind = free[(ahead + 24) % 48]
+    eye = center - 0.8 * behind * level[ahead]
+    target = center + 0.8 * free[ahead] * level[ahead]
+    target[1] -= 0.1 * (free[ahead] + behind)
+    return Camera.look_at(eye, target, vertical_fov=ROOM_FOV, near=max(1e-3 * float(behind + free[ahead]), 1e-9))

@@ -1,0 +1,34 @@
+"""Files as the command line shows them: `open`."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.load import load
+from solari_vk.scene.model import Scene
+from solari_vk.scene.presenting.surroundings import surround
+
+
+def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: Any) -> Scene:
+    """Load a file and make it ready for pictures, as `solari-vk render` does: framed, lit and exposed.
+
+    `load` gives the file as it is, which without lights is black; its options are taken here too. environment: "auto"
+    keeps the file's own light, and gives a file without any a studio with a floor, or a lamp if it is a closed room;
+    "studio", "sky", "none", or the path of a picture of all directions (.hdr, .exr, .png, .jpg). A file without a
+    camera gets one that shows all of it. In a studio pictures have EV100 0; in other light the first picture chooses
+    the exposure (`Camera.auto_exposure`), but for cameras that `Scene.save` has written, which keep theirs.
+    "builtin:NAME" is a built-in scene. Raises SolariError as `load`, `Environment` and `builtin` do.
+    """
+    name = str(path)
+    is_builtin = name.startswith("builtin:")
+    scene = builtin(name.removeprefix("builtin:"), **options) if is_builtin else load(path, **options)
+    _, in_studio = surround(scene, scene.camera, environment)
+    scene._camera = None  # renderers frame a scene without a camera for their own pictures
+    if not is_builtin:
+        scene._meters = not in_studio
+        for camera in scene.cameras:
+            meters = not in_studio and (camera.auto_exposure or not camera.has_exposure)
+            camera.update(ev100=float(camera.ev100), auto_exposure=meters)  # ev100 counts as set now
+    return scene

@@ -1,0 +1,260 @@
+"""Cameras and the pages that look through them: asyncio on one side, the thread that owns the device on the other."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import DeviceError, SolariError
+from solari_vk.studio.browser.screen import Screen, Shown, Tell
+from solari_vk.studio.browser.stream import Frame, Message, Page
+
+GRACE = 20.0  # seconds for which a camera without pages keeps its memory on the device, for a page that is loaded again
+MAX_PAGES = 32
+MAX_VIEWS = 16  # cameras
+MAX_ORDERS = 10_000  # of a camera, while the device is at something else, such as compiling
+Result = TypeVar("Result")
+
+
+class Maker(Protocol):
+    """What a hub needs of `Screens`."""
+
+    @property
+    def lost(self) -> bool: ...
+    def open(self, tell: Tell, state: Message | None = None) -> Screen: ...
+    def describe(self) -> dict[str, Any]: ...
+    def close(self) -> None: ...
+
+
+class View:
+    """A camera, the pages that look through it, and the task that renders for them while they want frames."""
+
+    def __init__(self, hub: Hub, state: Message | None) -> None:
+        self._hub, self._state = hub, state
+        self.pages: set[Page] = set()
+        self.screen: Screen | None = None
+        self.frame: Frame | None = None
+        self._number = 0
+        self._orders: list[tuple[Page, Message]] = []
+        self._rests = False  # whether there is nothing to render before the next order
+        self._wake = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self.task = asyncio.create_task(self._run())
+        self.leaving: asyncio.TimerHandle | None = None
+
+    def order(self, page: Page, message: Message) -> bool:
+        """Do what a page asks, before the next frame. Returns False if too much is asked already."""
+        if len(self._orders) >= MAX_ORDERS:
+            return False
+        self._orders.append((page, message))
+        self._wake.set()
+        return True
+
+    def wake(self) -> None:
+        """Look again whether there is something to do."""
+        self._wake.set()
+
+    def join(self, page: Page) -> None:
+        """Show this view in a page."""
+        self.pages.add(page)
+        if self.frame is not None:
+            page.offer(self.frame)
+        self._wake.set()
+
+    def tell(self, pages: Iterable[Page], message: Message) -> None:
+        """Send pages a message, without waiting for slow ones."""
+        for page in pages:
+            self._hub.keep(asyncio.ensure_future(page.tell(message)))
+
+    async def picture(self) -> NDArray[np.uint8]:
+        """The latest picture. Raises SolariError if there is none."""
+        if self.screen is None:
+            raise SolariError("there is no picture yet")
+        return await self._hub.call(self.screen.picture)
+
+    async def _run(self) -> None:
+        try:
+            try:
+                await self._hub.call(self._open, self._state)
+            except Exception as error:
+                if self._state is None or isinstance(error, DeviceError):
+                    raise
+                await self._hub.call(self._open, None)  # the page's state is of another scene
+            while True:
+                while not (self._orders or (not self._rests and any(page.waits for page in self.pages))):
+                    self._wake.clear()
+                    await self._wake.wait()
+                orders, self._orders = self._orders, []
+                renders = any(page.waits for page in self.pages)
+                answers, shown = await self._hub.call(self._step, orders, renders)
+                for page, answer in answers:
+                    self.tell([page] if "error" in answer or "picked" in answer else self.pages, answer)
+                if isinstance(shown, Shown):
+                    self._show(shown.codes, shown.about, shown.settled)
+                elif shown is not None:
+                    self.tell(self.pages, {"error": shown})
+        except Exception as error:
+            if self.screen is None and isinstance(error, SolariError) and not self._hub.maker.lost:
+                self.tell(self.pages, {"error": str(error), "final": True})  # such as too little memory
+                self._hub.forget(self)
+            else:
+                self._hub.fail(error)
+
+    def _open(self, state: Message | None) -> None:
+        """On the device's thread, so that `Hub` finds the screen there even if this view is dropped meanwhile."""
+        self.screen = self._hub.maker.open(self._tell_soon, state)
+
+    def free(self) -> None:
+        """On the device's thread: free the screen."""
+        if self.screen is not None:
+            self.screen.close()
+
+    def _step(self, orders: list[tuple[Page, Message]], renders: bool) -> tuple[list[Any], Shown | str | None]:
+        """On the device's thread: do what pages ask, then render a frame; returns the answers and the frame, or what
+        is wrong with it."""
+        assert self.screen is not None
+        answers = []
+        for page, message in orders:
+            try:
+                answer = self.screen.do(message)
+            except Exception as error:
+                if self._hub.maker.lost:
+                    raise
+                answer = {"error": _words(error)}
+            if answer:
+                answers.append((page, answer))
+            if isinstance(number := message.get("input"), int):
+                page.input = number
+        if orders:
+            self._rests = False
+        if not renders or self.screen.settled:
+            self._rests = self.screen.settled
+            return answers, None
+        try:
+            return answers, self.screen.render()
+        except Exception as error:
+            if self._hub.maker.lost:
+                raise
+            self._rests = True  # until somebody changes something
+            return answers, _words(error)
+
+    def _show(self, codes: NDArray[np.uint8], about: dict[str, Any], settled: bool) -> None:
+        self._number += 1
+        inputs = {page: page.input for page in self.pages}
+        self.frame = Frame(self._number, codes, about, settled, inputs)
+        for page in self.pages:
+            page.offer(self.frame)
+
+    def _tell_soon(self, message: dict[str, Any], codes: NDArray[np.uint8] | None) -> None:
+        """From the device's thread: send pages a message and a picture."""
+
+        def tell() -> None:
+            self.tell(self.pages, message)
+            if codes is not None:
+                self._show(codes, {"preview": True}, False)
+
+        self._loop.call_soon_threadsafe(tell)
+
+
+class Hub:
+    """All views. make: makes the screens, on the thread that owns the device from then on. shared: all pages see one
+    camera."""
+
+    def __init__(self, make: Callable[[], Maker], shared: bool = False) -> None:
+        self._make, self.shared = make, shared
+        self.views: dict[str, View] = {}
+        self.grace = GRACE
+        self._closed = False
+        self._thread = ThreadPoolExecutor(1, "device")
+        self._tasks: set[asyncio.Future[Any]] = set()
+
+    async def open(self) -> None:
+        """Make the screens. Raises what that raises."""
+        self.failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        await self.call(self._open)
+
+    def _open(self) -> None:
+        """On the device's thread, so that `close` finds the screens there even if `open` is cancelled meanwhile."""
+        self.maker = self._make()
+        self.about = self.maker.describe()
+
+    def _free(self) -> None:
+        """On the device's thread: close the screens, if there are any."""
+        if hasattr(self, "maker"):
+            self.maker.close()
+
+    async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call a function on the device's thread."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
+
+    def keep(self, task: asyncio.Future[Any]) -> None:
+        """Keep a task until it is done."""
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def fail(self, error: Exception) -> None:
+        """Note what ends the server."""
+        if not self.failed.done():
+            self.failed.set_exception(error)
+
+    def join(self, page: Page, session: str, state: Message | None) -> View:
+        """The view of a page's session, as it is or else as `state` says. Raises SolariError if there are too many."""
+        key = "" if self.shared else session
+        if sum(len(view.pages) for view in self.views.values()) >= MAX_PAGES:
+            raise SolariError(f"{MAX_PAGES} pages are open, which is as many as are served: close one")
+        if key not in self.views:
+            idle = [name for name, view in self.views.items() if not view.pages]
+            if len(self.views) >= MAX_VIEWS:
+                if not idle:
+                    raise SolariError(f"{MAX_VIEWS} cameras are in use: close a page, or serve with --shared")
+                self._drop(idle[0])
+            self.views[key] = View(self, state)
+        view = self.views[key]
+        if view.leaving is not None:
+            view.leaving.cancel()
+            view.leaving = None
+        view.join(page)
+        return view
+
+    def leave(self, page: Page, view: View) -> None:
+        """A page is gone. A view without pages renders nothing, and is dropped after a while."""
+        view.pages.discard(page)
+        if not view.pages:
+            name = self._name(view)
+            if name is not None:
+                view.leaving = asyncio.get_running_loop().call_later(self.grace, self._drop, name)
+
+    def forget(self, view: View) -> None:
+        """Drop a view that failed, so that the next page of its session makes another."""
+        if (name := self._name(view)) is not None:
+            self._drop(name)
+
+    def _name(self, view: View) -> str | None:
+        return next((name for name, other in self.views.items() if other is view), None)
+
+    def _drop(self, name: str) -> None:
+        view = self.views.pop(name)
+        if view.leaving is not None:
+            view.leaving.cancel()
+        view.task.cancel()
+        self.keep(asyncio.ensure_future(self.call(view.free)))
+
+    async def close(self) -> None:
+        """Close everything, after what the device is at. Safe to call twice."""
+        if self._closed:
+            return
+        self._closed = True
+        for name in list(self.views):
+            self._drop(name)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.call(self._free)
+        self._thread.shutdown()
+
+
+def _words(error: Exception) -> str:
+    return str(error) if isinstance(error, SolariError) else f"{type(error).__name__}: {error}"

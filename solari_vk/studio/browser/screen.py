@@ -1,0 +1,293 @@
+"""What one camera shows in browsers: its movements, options and pictures. Runs on the thread that owns the device."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.gpu.device.device import Device
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, check_view, views_of
+from solari_vk.renderers.path_tracer import MAX_SAMPLES, PathTracer
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, Settings
+from solari_vk.studio.browser.picture import move
+from solari_vk.studio.viewer.camera_control import CameraControl, extent_of
+from solari_vk.studio.viewer.picking import pick_at, seen_distance
+from solari_vk.studio.viewer.pictures import MODES, Pictures
+from solari_vk.studio.viewer.scaling import ScaleControl
+from solari_vk.studio.viewer.waiting import Waiting
+
+CPU_FPS, GPU_FPS = 7.0, 30.0  # frames a second that the scale "auto" aims at
+METERING_SIZE = 96, 54  # of the picture that chooses the exposure
+REST = 8  # frames after the last change from which the whole size is rendered, and the path tracer's turn has come
+SETTLED = 64  # frames of the whole size after which the realtime picture is finished
+HIDDEN = 4  # frames of the whole size, and samples of the path tracer, that look worse than what was shown before
+WHOLE_AT_ONCE = 1.0  # seconds that a frame of the whole size may take for a picture at rest that grows in one step
+SCALE_OF_ITS_OWN = {"upscale"}  # settings that follow the scale
+LONGEST = 0.4  # seconds that a frame of the path tracer may take if it has several samples: movements wait for it
+EXPOSURES = 100.0  # EV100 from minus to plus this
+
+Tell = Callable[[dict[str, Any], NDArray[np.uint8] | None], object]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture (height, width, 3), sRGB, and what the page says about it."""
+
+    codes: NDArray[np.uint8]
+    about: dict[str, Any]
+    settled: bool
+
+
+class Screens:
+    """A scene on a device, and how new screens show it. `close` frees the scene on the device, then what is `owned`.
+
+    mode, view, tonemap, seed, scale: as in `Viewer` and `Pictures`. size: the largest picture, which the page scales.
+    samples: of each pixel, after which the path tracer's picture is finished.
+    """
+
+    def __init__(
+        self, device: Device, scene: Scene, camera: Camera, *, size: tuple[int, int], name: str = "",
+        mode: str = "realtime", view: str = "picture", tonemap: str = "agx", settings: Settings | None = None,
+        seed: int = 0, scale: str | float = "auto", fps: float | None = None, samples: int = 256,
+    ) -> None:  # fmt: skip
+        self.device, self.scene, self.camera, self.size = device, scene, camera, size
+        self.name, self.mode, self.view, self.tonemap, self.seed = name or scene.name, mode, view, tonemap, seed
+        self.settings = Settings() if settings is None else settings
+        self.samples, self._scale = samples, scale
+        self._fps = fps or (CPU_FPS if device.properties.kind == "cpu" else GPU_FPS)
+        self.owned = ExitStack()
+        self.scale_control()  # raises an error in the scale at once
+        self.binder = SceneBinder(device, scene)
+        if camera.auto_exposure or not camera.has_exposure:  # by a small picture
+            with PathTracer(device, self.binder, METERING_SIZE) as tracer:
+                tracer.render(camera, samples=16).settle_exposure()
+
+    @property
+    def lost(self) -> bool:
+        """Whether the device is lost."""
+        return self.device.lost
+
+    def scale_control(self) -> ScaleControl:
+        """A control of the share of the size that is rendered while the camera moves."""
+        return ScaleControl(self._scale, 1 / self._fps)
+
+    def open(self, tell: Tell, state: Mapping[str, Any] | None = None) -> Screen:
+        """A new screen. tell: called with what the pages should say while the first picture takes long, and with the
+        picture so far. state: `Shown.about["state"]` of a screen to go on from."""
+        return Screen(self, tell, state)
+
+    def describe(self) -> dict[str, Any]:
+        """What pages know from the start: names, choices, and the settings with their meaning."""
+        shown = [name for name in FIELDS if name not in SCALE_OF_ITS_OWN]
+        return {
+            "name": self.name, "device": self.device.name, "size": self.size, "modes": MODES, "tonemaps": TONEMAPS,
+            "views": {name: DEBUG_VIEWS[name] for name in views_of(self.settings.lighting)},
+            "qualities": list(QUALITIES), "samples": self.samples,
+            "settings": [{
+                "name": name, "section": FIELDS[name].section, "meaning": FIELDS[name].meaning,
+                "choices": FIELDS[name].choices, "default": DEFAULTS[name], "low": FIELDS[name].low,
+                "high": None if math.isinf(FIELDS[name].high) else FIELDS[name].high,
+            } for name in shown],
+        }  # fmt: skip
+
+    def close(self) -> None:
+        """Free the scene, after the screens."""
+        self.binder.destroy()
+        self.owned.close()
+
+
+class Screen:
+    """One camera and its pictures. Messages of pages move it; `render` makes the next picture.
+
+    In the mode "reference" the realtime renderer shows the camera while it moves, and the path tracer once it rests.
+    """
+
+    def __init__(self, screens: Screens, tell: Tell, state: Mapping[str, Any] | None) -> None:
+        self._screens, self._tell = screens, tell
+        self.mode, self.settled = screens.mode, False
+        self.control = CameraControl(screens.camera, extent_of(screens.scene))
+        self._scale = screens.scale_control()
+        self._center: NDArray[np.float64] | None = None  # of the drag that goes on
+        self._sees = False  # whether the control knows how far away things are
+        self._still = 0  # frames since the last change
+        self._resting = 1.0, 0  # the scale of the picture at rest, and its frames
+        self._seconds = 0.0  # that the latest frame took
+        with ExitStack() as undo:
+            self.pictures = Pictures(screens.device, screens.binder, copy.copy(screens.settings), screens.seed)
+            undo.callback(self.pictures.close)
+            self.pictures.view, self.pictures.tonemap = screens.view, screens.tonemap
+            self.pictures.most_samples = 1
+            if state:
+                self._restore(state)
+            undo.pop_all()
+
+    # ---- messages -----------------------------------------------------------------------------------
+
+    def do(self, message: Mapping[str, Any]) -> dict[str, Any]:
+        """Do what a page asks, and return the answer to it, {} for none.
+
+        message: one of {"move": movement}, {"grab": [x, y]}, {"pick": [x, y]}, {"set": {name: value}}. Raises
+        SolariError, TypeError or ValueError for what can't be done.
+        """
+        if "move" in message:
+            if bool(message["move"].get("home")):
+                self._sees, self._center = False, None
+                self.pictures.cut()
+            if move(self.control, message["move"], self._center):
+                self._change()
+        elif "grab" in message:
+            pick = self._pick(message["grab"])
+            self._center = None if pick is None else pick.point
+            if pick is not None:
+                self.control.see(float(np.linalg.norm(pick.point - self.control.camera.transform[:3, 3])))
+        elif "pick" in message:
+            pick = self._pick(message["pick"])
+            if pick is None:
+                return {"picked": None}
+            instance, material = pick.instance, pick.instance.material
+            return {"picked": {"name": instance.name or instance.describe(), "material": material.name,
+                               "point": [round(float(x), 4) for x in pick.point]}}  # fmt: skip
+        elif "set" in message:
+            for name, value in message["set"].items():
+                self._set(name, value)
+            return {"options": self.options()}
+        else:
+            raise SolariError(f"a page asked for something unknown: {quoted(dict(message))}")
+        return {}
+
+    def _pick(self, place: Any) -> Any:
+        x, y = (float(share) for share in place)
+        return pick_at(self.pictures, x, y)
+
+    def _set(self, name: str, value: Any) -> None:
+        pictures, settings = self.pictures, self.pictures.settings
+        if name == "mode":
+            self.mode = _one_of("mode", value, MODES)
+        elif name == "view":
+            check_view(value, settings.lighting)
+            pictures.view = value
+        elif name == "tonemap":
+            pictures.tonemap = _one_of("tone mapping", value, TONEMAPS)
+        elif name == "divider":
+            pictures.divider = min(max(float(value), 0.0), 1.0)
+        elif name == "ev100":
+            self.control.camera.ev100 = min(max(float(value), -EXPOSURES), EXPOSURES)
+        elif name == "quality":
+            for field, preset in QUALITIES[_one_of("quality", value, QUALITIES)].items():
+                setattr(settings, field, preset)
+        else:
+            if name not in FIELDS or name in SCALE_OF_ITS_OWN:
+                raise unknown_name("there is no option", name, FIELDS)
+            setattr(settings, name, value)
+        if name not in ("divider", "tonemap"):
+            self._change()
+        self.settled = False
+
+    def options(self) -> dict[str, Any]:
+        """What `set` changes, as it is now; of the settings those that differ from their defaults."""
+        pictures = self.pictures
+        settings = {name: getattr(pictures.settings, name) for name in FIELDS if name not in SCALE_OF_ITS_OWN}
+        return {"mode": self.mode, "view": pictures.view, "tonemap": pictures.tonemap, "divider": pictures.divider,
+                "ev100": self.control.camera.ev100,
+                "settings": {name: value for name, value in settings.items() if value != DEFAULTS[name]}}  # fmt: skip
+
+    def state(self) -> dict[str, Any]:
+        """What `_restore` takes, as JSON values."""
+        return {"pose": self.control.camera.pose(), "distance": self.control.distance, "options": self.options()}
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        options = dict(state["options"])
+        for name in FIELDS:
+            if name not in SCALE_OF_ITS_OWN:
+                setattr(self.pictures.settings, name, DEFAULTS[name])
+        for name, value in {**options.pop("settings"), **options}.items():
+            self._set(name, value)
+        self.control.take(Camera.from_pose(state["pose"]))
+        self.control.distance = float(state["distance"])
+        self._sees = True
+
+    def _change(self) -> None:
+        if self._still > REST:
+            self._scale.unsettle()  # the latest times are those of whole pictures
+        self._still, self.settled = 0, False
+
+    # ---- pictures -----------------------------------------------------------------------------------
+
+    def render(self) -> Shown | None:
+        """The next picture, None if it looks worse than the one before. Sets `settled` when it is finished."""
+        pictures, began = self.pictures, time.perf_counter()
+        rests = self._still >= REST
+        pictures.mode = self.mode if self.mode != "reference" or rests else "realtime"
+        self._resting = self._grown() if rests else (self._scale.scale, 0)
+        scale, frames = self._resting
+        if pictures.ready:
+            pictures.render(self.control.camera, self._screens.size, scale)
+        else:
+            with Waiting(pictures, self._show_wait, lambda: self._preview(scale)):
+                pictures.render(self.control.camera, self._screens.size, scale)
+        codes = pictures.pixels()
+        seconds = self._seconds = time.perf_counter() - began
+        self._still, frames = self._still + 1, frames + 1
+        self._resting = scale, frames
+        if not self._sees:
+            self._sees = True
+            self.control.see(seen_distance(pictures))
+        if not rests:
+            self._scale.note(seconds)
+        elif pictures.mode == "reference":
+            most = pictures.most_samples
+            pictures.most_samples = max(most // 2, 1) if seconds > LONGEST else min(2 * most, MAX_SAMPLES)
+        samples = 0 if pictures.mode == "realtime" or not pictures.reference else pictures.reference.tracer.samples
+        whole = frames if rests and scale == 1 else 0
+        done = samples / self._screens.samples if pictures.mode == "reference" else whole / SETTLED
+        self.settled = done >= 1
+        hides = scale > self._scale.scale or pictures.mode == "reference"
+        if rests and hides and not self.settled and (samples or frames) < HIDDEN:
+            return None
+        about = {"rendered": pictures.rendered_size, "seconds": seconds, "samples": samples,
+                 "done": min(max(done, 0.0), 1.0), "settled": self.settled, "columns": pictures.columns(),
+                 "state": self.state()}  # fmt: skip
+        return Shown(codes, about, self.settled)
+
+    def _grown(self) -> tuple[float, int]:
+        """The scale of the next frame at rest, and how many frames there are of it: the whole size, which is doubled
+        up to where a frame of it would take long, so that the picture doesn't stay small until the last step."""
+        scale, frames = self._resting
+        if scale == 1 or (scale > self._scale.scale and frames <= HIDDEN):
+            return scale, frames
+        at_once = self.pictures.mode == "reference" or self._seconds < WHOLE_AT_ONCE * scale**2
+        return (1.0 if at_once else min(2 * scale, 1.0)), 0
+
+    def _preview(self, scale: float) -> None:
+        self.pictures.preview(self.control.camera, self._screens.size, scale)
+
+    def _show_wait(self, text: str) -> None:
+        """Tell the pages why the first picture takes long, and show the path tracer's until then."""
+        has_preview = self.pictures.previews and self.pictures.reference is not None
+        self._tell({"note": text}, self.pictures.pixels() if has_preview else None)
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The latest picture, (height, width, 3), sRGB. Raises SolariError if there is none yet."""
+        return self.pictures.pixels()
+
+    def close(self) -> None:
+        """Free everything of this screen on the device."""
+        self.pictures.close()
+
+
+def _one_of(what: str, value: Any, known: Iterable[str]) -> Any:
+    if value not in tuple(known):
+        raise unknown_name(f"there is no {what}", value, known)
+    return value

@@ -1,0 +1,100 @@
+"""A page's end of the line: the frames that it is sent, as large and as often as it takes them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.studio.browser.pace import LEVELS, LOSSLESS_RATE, Pace
+from solari_vk.studio.browser.picture import encoded
+
+Message = Mapping[str, Any]
+
+
+@dataclass(eq=False)
+class Frame:
+    """A picture on its way to pages; `inputs` are the last movements of each page that it has."""
+
+    number: int
+    codes: NDArray[np.uint8]
+    about: dict[str, Any]
+    settled: bool
+    inputs: dict[Page, int]
+    _encodings: dict[tuple[str, int, tuple[int, int]], asyncio.Future[bytes]] = field(default_factory=dict)
+
+    async def encode(self, kind: str, quality: int, size: tuple[int, int]) -> bytes:
+        """The bytes of the picture, made once for all pages that ask for the same."""
+        key = kind, quality, size
+        if key not in self._encodings:
+            making = asyncio.to_thread(encoded, self.codes, kind, quality, size)
+            self._encodings[key] = asyncio.ensure_future(making)
+        return await asyncio.shield(self._encodings[key])  # others wait for it too
+
+
+class Page:
+    """A browser's page: what it is sent, and how fast it takes it.
+
+    send_text, send_bytes: those of its socket.
+    """
+
+    def __init__(self, send_text: Callable[[str], Awaitable[None]], send_bytes: Callable[[bytes], Awaitable[None]]):
+        self._send_text, self._send_bytes = send_text, send_bytes
+        self.pace = Pace()
+        self.width = 1 << 16
+        """Pixels of the page, which needs no larger pictures."""
+        self.input = 0
+        self._sent = -1
+        self._frame: Frame | None = None
+        self._news = asyncio.Event()
+
+    @property
+    def waits(self) -> bool:
+        """Whether the page could show a new frame."""
+        return self.pace.ready and (self._frame is None or self._frame.number <= self._sent)
+
+    def offer(self, frame: Frame) -> None:
+        """Make this the next frame that is sent, in place of one that isn't sent yet."""
+        self._frame = frame
+        self._news.set()
+
+    def shown(self, number: int) -> None:
+        """Note that the page has shown a frame."""
+        self.pace.shown(number, time.monotonic())
+        self._news.set()
+
+    async def tell(self, message: Message) -> None:
+        """Send a message. A page that is gone hears nothing."""
+        with suppress(ConnectionError, RuntimeError):
+            await self._send_text(json.dumps(message))
+
+    async def send_frames(self) -> None:
+        """Send frames as fast as the page takes them, until it is gone."""
+        with suppress(ConnectionError, RuntimeError):
+            while True:
+                await self._news.wait()
+                self._news.clear()
+                if self._frame is not None and self._frame.number > self._sent and self.pace.ready:
+                    await self._send(self._frame)
+
+    async def _send(self, frame: Frame) -> None:
+        height, width = frame.codes.shape[:2]
+        share, quality = LEVELS[self.pace.level]
+        wanted = min(round(width * share), self.width)
+        lossless = frame.settled and width <= self.width and self.pace.rate > LOSSLESS_RATE
+        kind, wanted = ("png", width) if lossless else ("jpeg", max(wanted, 1))
+        self._sent = frame.number
+        content = await frame.encode(kind, quality, (wanted, max(round(height * wanted / width), 1)))
+        about = {**frame.about, "frame": frame.number, "type": f"image/{kind}", "input": frame.inputs.get(self, 0)}
+        header = json.dumps(about).encode()
+        data = struct.pack("<I", len(header)) + header + content
+        self.pace.sent(frame.number, len(data), time.monotonic())
+        await self._send_bytes(data)

@@ -1,0 +1,268 @@
+"""The interactive viewer: a window, a camera that the user moves, and the pictures of the renderers."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError, ValidationError, checked_keywords, quoted
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.settings import Settings
+from solari_vk.studio.viewer.actions import act
+from solari_vk.studio.viewer.beside import Beside
+from solari_vk.studio.viewer.camera_control import CameraControl, extent_of
+from solari_vk.studio.viewer.controls import Controls
+from solari_vk.studio.viewer.layout import Layout
+from solari_vk.studio.viewer.opening import meter, note_recent
+from solari_vk.studio.viewer.picking import seen_distance
+from solari_vk.studio.viewer.pictures import Pictures
+from solari_vk.studio.viewer.presenter import Presenter
+from solari_vk.studio.viewer.reload import Sources
+from solari_vk.studio.viewer.rendering import Rendering
+from solari_vk.studio.viewer.scaling import ScaleControl
+from solari_vk.studio.viewer.session import Session
+from solari_vk.studio.viewer.status import state_in_words
+from solari_vk.studio.viewer.swapchain import Swapchain
+from solari_vk.studio.viewer.waiting import Waiting
+from solari_vk.studio.viewer.window import Window
+
+CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
+MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
+SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
+HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
+IDLE_WAIT = 0.05  # seconds that a frame waits for events once the picture is finished
+
+
+class Viewer(Session):
+    """A window that shows a scene until the user closes it. A context manager.
+
+    size: width and height of the window. camera: the first view, by default the scene's default camera; the user moves
+    a copy of it. mode: "realtime", "reference" or "split". scale: the share of the window's width and height that is
+    rendered, or "auto" to aim at `fps` frames per second (default: 60, on a CPU 7). overlay: show panels over the
+    picture if imgui-bundle is installed. source, source_options: the arguments that name the scene on a command line;
+    screenshots note them. load: a function that loads the scene, called when its file changes. folder: the folder of
+    screenshots. beside: a second scene, called beside_name, that is shown right of a line which the user drags, seen by
+    the same camera.
+
+    `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame. It may edit the scene,
+    `settings` and everything else. Raises SolariError where no window can be opened, and DeviceError when the device
+    can't draw in it. Later errors, such as one in a shader, are shown in the window.
+    """
+
+    @checked_keywords()
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene,
+        *,
+        size: tuple[int, int] = (1280, 720),
+        camera: Camera | None = None,
+        mode: str = "realtime",
+        scale: str | float = "auto",
+        fps: float | None = None,
+        settings: Settings | None = None,
+        seed: int = 0,
+        overlay: bool = True,
+        source: str | None = None,
+        source_options: Sequence[str] = (),
+        load: Callable[[], Scene] | None = None,
+        folder: str | Path = ".",
+        beside: Scene | None = None,
+        beside_name: str = "",
+    ) -> None:
+        if fps is None:
+            fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
+        if not fps > 0:
+            raise SolariError(f"the viewer's fps must be more than 0, not {quoted(fps)}")
+        scale_control = ScaleControl(scale, 1 / fps)
+        sources = Sources(scene, Path(source) if source else None, load)
+        with ExitStack() as undo:
+            window = Window(size, "solari_vk")
+            undo.callback(window.close)
+            self._swapchain = Swapchain(device, window.create_surface, lambda: window.pixels)
+            undo.callback(self._swapchain.close)
+            self._presenter = Presenter(device, self._swapchain)
+            undo.callback(self._presenter.close)
+            pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
+            undo.callback(pictures.close)
+            area = Layout.of(window.size, panels=overlay, scale=window.text_scale).picture
+            camera = camera or scene.camera_for(area.width / max(area.height, 1))
+            meter(pictures, camera)
+            camera_control = CameraControl(camera, extent_of(scene))
+            super().__init__(window, pictures, camera_control, scale_control, sources,
+                             source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
+            self.refining.enabled = scale_control.auto
+            if beside is not None:
+                self.beside = Beside(device, beside, pictures, beside_name or beside.name or "second")
+                undo.callback(self.beside.close)
+            self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
+            self._rendering = Rendering(self)
+            undo.callback(self._rendering.close)
+            self.overlay = self._open_overlay() if overlay else None
+            if self.overlay is not None:
+                undo.callback(self.overlay.close)
+            self._closers = undo.pop_all()
+        if source and not source.startswith("builtin:"):
+            note_recent(Path(source).absolute())
+        self.frame_count, self._wants_screenshot = 0, False
+        self._last, self._seen_at = time.perf_counter(), -math.inf
+        self._timed_mode = mode
+
+    def _open_overlay(self) -> Any:
+        try:
+            from solari_vk.studio.viewer.overlay import Overlay
+        except ImportError:
+            self.say("there are no panels, because imgui-bundle is not installed: ? lists the keys")
+            return None
+        overlay = Overlay(self)
+        self.has_panels = self.shows_panels = True
+        self.shader_users["panels"] = overlay.reload
+        return overlay
+
+    def act(self, name: str, argument: Any = None) -> Any:
+        """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window.
+
+        A screenshot waits for a picture of the scene as it is now."""
+        if name == "screenshot" and self.pictures.ready and not self._is_current():
+            self._wants_screenshot = True
+            return None
+        return act(self, name, argument)
+
+    def _is_current(self) -> bool:
+        return self._rendering.is_current((self.picture_area.width, self.picture_area.height))
+
+    # ---- running ------------------------------------------------------------------------------------
+
+    def run(self, on_frame: Callable[[Viewer, float], None] | None = None, frames: int | None = None) -> None:
+        """Call `step` until the window is closed, or `frames` times."""
+        for _ in itertools.count() if frames is None else range(frames):
+            if self.window.wants_to_close:
+                break
+            self.step(on_frame)
+
+    def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
+        """Handle input, render a frame and show it. Returns False if nothing was shown, as in a minimized window."""
+        wait = HIDDEN_WAIT if 0 in self.window.pixels else IDLE_WAIT if self.refining.finished else 0.0
+        events = self.window.take_events(wait)
+        keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
+        self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
+        self.cursor = self.controls.cursor
+        now = time.perf_counter()
+        seconds, self._last = now - self._last, now
+        self._fly(seconds, now)
+        with self.showing_mistakes():
+            self.player.advance(min(seconds, MAX_STEP))
+        self.reload_changed()
+        if on_frame is not None:
+            on_frame(self, seconds)
+        if 0 in self.window.pixels or self.window.wants_to_close:
+            return False
+        if self.overlay is not None:
+            self.overlay.lay_out(seconds)
+        else:
+            self.history.end_gesture()  # without panels nothing is dragged
+        self._presenter.area = self.picture_area
+        pixels = self._presenter.area.width, self._presenter.area.height
+        if self.pictures.ready or self.refining.rests or "picture" in self.faults:
+            self._render(pixels)
+        else:
+            self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
+            with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
+                self._render(pixels)
+        if self._wants_screenshot and ("picture" in self.faults or self._is_current()):
+            self._wants_screenshot = False
+            act(self, "screenshot")
+        shown = self._presenter.show(self._rendering.parts(), self._draw)
+        self.frame_count += 1
+        self._note_time(seconds, time.perf_counter() - now)
+        self._show_title()
+        return shown
+
+    def _fly(self, seconds: float, now: float) -> None:
+        """Move the camera, at a speed that follows the distance to what the latest picture shows."""
+        control = self.camera_control
+        if self.pictures.ready and (self._seen_at == -math.inf or (control.flies and now - self._seen_at > SEEING)):
+            self._seen_at = now
+            with self.showing_mistakes():
+                control.see(seen_distance(self.pictures))
+        control.advance(min(seconds, MAX_STEP))
+
+    def capture(self) -> NDArray[np.uint8]:
+        """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""
+        if self.window.closed:
+            raise SolariError("the window is closed")
+        pixels = self._presenter.capture(self._rendering.parts(), self._draw)
+        if pixels is None:
+            raise SolariError("the window shows no frame that can be read")
+        return pixels
+
+    def _render(self, pixels: tuple[int, int]) -> None:
+        """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
+        try:
+            self._rendering.render(pixels)
+            if not self.pictures.refuses:
+                self.clear_fault("picture")
+        except ValidationError:
+            raise
+        except SolariError as error:
+            if self.device.lost:
+                raise
+            self.report("picture", error)
+
+    def _draw(self, commands: raw.CData, index: int) -> None:
+        """Record the drawing of the panels over an image of the swapchain."""
+        if self.overlay is not None:
+            with self.showing_mistakes("panels"):
+                self.overlay.draw(commands, self._swapchain, index)
+
+    def _preview(self, pixels: tuple[int, int]) -> None:
+        self.pictures.preview(self.camera, pixels, self.scale.scale)
+
+    def _show_wait(self, text: str) -> None:
+        """Tell the user why the first picture takes long."""
+        self._set_title(text)
+        if self.overlay is not None:
+            shown, self.message = self.message, self.message or text
+            self.overlay.lay_out(0.0)
+            self.message = shown
+        self._presenter.area = self.picture_area
+        self._presenter.show(self.pictures.parts(), self._draw)
+
+    def _note_time(self, since_last: float, seconds: float) -> None:
+        if self.frame_count > 1:
+            self.spans.append(since_last)
+        self.timings = self.pictures.timings
+        if self._timed_mode != self.pictures.mode:
+            self._timed_mode = self.pictures.mode
+            self.scale.unsettle()
+        if self.pictures.is_short and not self.refining.rests:
+            self.scale.note(sum(self.timings.values()) / 1000 or seconds)
+
+    def _show_title(self) -> None:
+        self.end_message()
+        self._set_title(self.message.partition("\n")[0] or state_in_words(self))
+
+    def _set_title(self, text: str) -> None:
+        self.window.set_title(" - ".join(part for part in (self.name, "solari_vk", text) if part))
+
+    # ---- lifetime -----------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Close the window and free everything. Safe to call twice."""
+        self._closers.close()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,210 @@
+"""Maps keys and mouse to actions and camera movements. Needs no window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import glfw
+
+from solari_vk.studio.viewer.camera_control import CameraControl
+from solari_vk.studio.viewer.layout import Area
+from solari_vk.studio.viewer.window import Event
+
+CLICK = 3.0  # a button that is released before the cursor moves this far is a click, not a drag
+SHIFT, CONTROL, ALT = glfw.MOD_SHIFT, glfw.MOD_CONTROL, glfw.MOD_ALT
+
+FLY_KEYS = {
+    glfw.KEY_W: "forward",
+    glfw.KEY_S: "back",
+    glfw.KEY_A: "left",
+    glfw.KEY_D: "right",
+    glfw.KEY_E: "up",
+    glfw.KEY_Q: "down",
+}
+# (key, modifiers) -> the name of the action. Shift counts only for keys that are listed with it.
+ACTIONS = {
+    (glfw.KEY_F, 0): "focus",
+    (glfw.KEY_HOME, 0): "focus_all",
+    (glfw.KEY_R, 0): "reset",
+    (glfw.KEY_C, CONTROL): "copy_pose",
+    (glfw.KEY_V, CONTROL): "paste_pose",
+    (glfw.KEY_Z, CONTROL): "undo",
+    (glfw.KEY_Z, CONTROL | SHIFT): "redo",
+    (glfw.KEY_Y, CONTROL): "redo",
+    (glfw.KEY_S, CONTROL): "save",
+    (glfw.KEY_G, 0): "next_gizmo",
+    (glfw.KEY_L, 0): "turn_gizmo",
+    (glfw.KEY_LEFT, 0): "nudge_left",
+    (glfw.KEY_RIGHT, 0): "nudge_right",
+    (glfw.KEY_UP, 0): "nudge_away",
+    (glfw.KEY_DOWN, 0): "nudge_nearer",
+    (glfw.KEY_PAGE_UP, 0): "nudge_up",
+    (glfw.KEY_PAGE_DOWN, 0): "nudge_down",
+    (glfw.KEY_H, 0): "hide",
+    (glfw.KEY_H, ALT): "show_all",
+    (glfw.KEY_DELETE, 0): "remove",
+    (glfw.KEY_M, 0): "next_mode",
+    (glfw.KEY_V, 0): "next_view",
+    (glfw.KEY_V, SHIFT): "previous_view",
+    (glfw.KEY_COMMA, 0): "move_divider_left",
+    (glfw.KEY_PERIOD, 0): "move_divider_right",
+    (glfw.KEY_T, 0): "next_tonemap",
+    (glfw.KEY_EQUAL, 0): "brighter",
+    (glfw.KEY_KP_ADD, 0): "brighter",
+    (glfw.KEY_MINUS, 0): "darker",
+    (glfw.KEY_KP_SUBTRACT, 0): "darker",
+    (glfw.KEY_SPACE, 0): "play",
+    (glfw.KEY_N, 0): "next_clip",
+    (glfw.KEY_F1, 0): "help",
+    (glfw.KEY_TAB, 0): "panels",
+    (glfw.KEY_F2, 0): "screenshot",
+    (glfw.KEY_F5, 0): "reload",
+    (glfw.KEY_F11, 0): "fullscreen",
+    (glfw.KEY_ESCAPE, 0): "close",
+}
+TEXT_ACTIONS = {"?": "help"}  # by the character, which is on another key on each keyboard
+REPEATING = {
+    "move_divider_left", "move_divider_right", "brighter", "darker", "next_view", "previous_view", "undo", "redo",
+    *(name for name in ACTIONS.values() if name.startswith("nudge")),
+}  # fmt: skip
+KEYS_HELP = (
+    ("wheel", "zoom to what is under the cursor"),
+    ("left button", "drag: orbit around what is under the cursor; click: pick, with Shift several"),
+    ("middle button", "drag: pan"),
+    ("right button", "drag: look around; wheel meanwhile: speed"),
+    ("Shift", "fly: the wheel flies past what is seen, dragging with the left button looks around"),
+    ("W A S D, Q E", "fly, the slower the nearer something is; down and up. Shift: four times as fast; wheel: speed"),
+    ("F, Home", "frame what is picked, or all; all"),
+    ("R, 1 to 9", "back to the first camera; the scene's cameras"),
+    ("Ctrl+Z, Ctrl+Shift+Z", "undo and redo"),
+    ("G, L", "move, turn or scale what is picked; along the world's axes or its own"),
+    ("arrows, Page Up and Down", "nudge what is picked"),
+    ("H, Alt+H", "hide what is picked; show all"),
+    ("Delete", "remove what is picked"),
+    ("Ctrl+S", "save as glTF, with a script that renders the picture"),
+    ("Ctrl+C, Ctrl+V", "copy and paste the pose, as JSON that `render --camera` takes"),
+    ("M", "mode: realtime, reference, split"),
+    (", and .", "move the divider"),
+    ("V, Shift+V", "next and previous debug view of the realtime picture"),
+    ("T", "next tone mapping"),
+    ("Space, N", "play or pause the file's animation; its next clip"),
+    ("+ and -", "brighter and darker by a third of a stop"),
+    ("Tab, ?", "panels, this help"),
+    ("F2", "screenshot: PNG, EXR and the command line that renders it again"),
+    ("F5", "read shaders and the file again now"),
+    ("F11, Esc", "fullscreen, close"),
+)
+
+
+class Controls:
+    """Turns events into movements of `camera` and into calls of `act(name, argument)`.
+
+    Names and arguments: those of ACTIONS with None; "camera" with the camera's index; "pick" or, with
+    Shift, "pick_also" with the cursor's (x, y) at a click; "grab" with (x, y) when a drag or a zoom begins; "drop" with
+    the event. "grab" returns the point in world space that is there, or None for the background. area: returns where
+    the picture is in the window.
+    """
+
+    def __init__(self, camera: CameraControl, act: Callable[[str, Any], Any], area: Callable[[], Area]) -> None:
+        self.camera = camera
+        self.act = act
+        self.area = area
+        self.cursor = (0.0, 0.0)
+        self._button: int | None = None
+        self._pressed_at = (0.0, 0.0)
+        self._dragging = False
+        self._center: Any = None
+        self._zoomed_at: tuple[float, float] | None = None
+
+    def handle(self, events: Iterable[Event], *, takes_keys: bool = True, takes_mouse: bool = True) -> None:
+        """Handle events. takes_keys, takes_mouse: False ignores key presses, and button presses and the wheel, which
+        count over the picture only."""
+        for event in events:
+            if event.kind == "key" and (takes_keys or not event.pressed):
+                self._key(event)
+            elif event.kind == "text" and takes_keys and chr(event.code) in TEXT_ACTIONS:
+                self.act(TEXT_ACTIONS[chr(event.code)], None)
+            elif event.kind == "button" and (not event.pressed or (takes_mouse and self.area().holds(self.cursor))):
+                self._press(event)
+            elif event.kind == "cursor":
+                self._move((event.x, event.y))
+            elif event.kind == "scroll" and takes_mouse and self.area().holds(self.cursor):
+                self._scroll(event.y)
+            elif event.kind == "focus" and not event.pressed:
+                self.release()
+            elif event.kind == "drop":
+                self.act("drop", event)
+            elif event.kind == "close":
+                self.act("close_window", None)
+
+    def release(self) -> None:
+        """Release all keys and buttons, because a window without the focus gets no events of their release."""
+        self.camera.held.clear()
+        self.camera.fast = False
+        self._button = None
+
+    def _key(self, event: Event) -> None:
+        modifiers = event.modifiers & (CONTROL | SHIFT | ALT)
+        if event.code in (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT):
+            self.camera.fast = event.pressed
+        elif event.code in FLY_KEYS and not (modifiers & (CONTROL | ALT) and event.pressed):
+            (self.camera.held.add if event.pressed else self.camera.held.discard)(FLY_KEYS[event.code])
+        elif not event.pressed:
+            return
+        elif glfw.KEY_1 <= event.code <= glfw.KEY_9 and not modifiers & CONTROL and not event.repeats:
+            self.act("camera", event.code - glfw.KEY_1)
+        else:
+            action = ACTIONS.get((event.code, modifiers)) or ACTIONS.get((event.code, modifiers & ~SHIFT))
+            if action is not None and (not event.repeats or action in REPEATING):
+                self.act(action, None)
+
+    def _scroll(self, notches: float) -> None:
+        if self.camera.held or self._button == glfw.MOUSE_BUTTON_RIGHT:
+            self.camera.change_speed(notches)
+        elif self.camera.fast:
+            self.camera.dolly(notches)
+        else:
+            if self._zoomed_at != self.cursor:
+                self._zoomed_at = self.cursor
+                self._see(self.cursor)
+            area = self.area()
+            x, y = area.share(self.cursor)
+            self.camera.zoom(notches, ((x - 0.5) * area.width / max(area.height, 1), y - 0.5))
+
+    def _see(self, cursor: tuple[float, float]) -> Any:
+        """What is at the cursor, which from now on is as far away as what zooms and pans are about."""
+        point = self.act("grab", cursor)
+        if point is not None:
+            self.camera.see_point(point)
+        return point
+
+    def _press(self, event: Event) -> None:
+        if event.pressed and self._button is None:
+            self._button, self._pressed_at, self._dragging, self._center = event.code, self.cursor, False, None
+        elif not event.pressed and event.code == self._button:
+            self._button = None
+            if not self._dragging and event.code == glfw.MOUSE_BUTTON_LEFT:
+                self.act("pick_also" if self.camera.fast else "pick", self.cursor)
+
+    def _move(self, to: tuple[float, float]) -> None:
+        right, down = to[0] - self.cursor[0], to[1] - self.cursor[1]
+        self.cursor = to
+        if self._button not in (glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_MIDDLE, glfw.MOUSE_BUTTON_RIGHT):
+            return
+        if not self._dragging:
+            right, down = to[0] - self._pressed_at[0], to[1] - self._pressed_at[1]
+            if max(abs(right), abs(down)) < CLICK:
+                return
+            self._dragging = True
+            if self._button == glfw.MOUSE_BUTTON_MIDDLE:
+                self._see(self._pressed_at)
+            elif self._button == glfw.MOUSE_BUTTON_LEFT and not self.camera.fast:
+                self._center = self.act("grab", self._pressed_at)
+        if self._button == glfw.MOUSE_BUTTON_MIDDLE:
+            height = max(self.area().height, 1)
+            self.camera.pan(right / height, down / height)
+        elif self._center is None:
+            self.camera.look(right, down)
+        else:
+            self.camera.orbit(right, down, self._center)

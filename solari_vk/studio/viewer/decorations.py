@@ -1,0 +1,147 @@
+"""What is drawn over the picture: names and dividers, marks of lights and cameras, the outline of what is picked."""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from imgui_bundle import imgui
+from numpy.typing import NDArray
+
+from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Camera, Instance
+from solari_vk.studio.viewer import marks
+from solari_vk.studio.viewer.outline import COLOR, Outline
+from solari_vk.studio.viewer.overlay_renderer import OverlayRenderer
+from solari_vk.studio.viewer.session import Session
+
+DIVIDER_WIDTH, BAND_WIDTH = 9, 3
+BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
+# Colors as 0xAABBGGRR.
+WHITE, SHADOW = 0xFFFFFFFF, 0xC0000000
+PICKED = int.from_bytes(COLOR, "little")
+LIGHT, CAMERA = 0xFF66E0FF, 0xFFE0C090
+OUTLINE = "outline"
+
+
+class Decorations:
+    """Draws over the picture of a session."""
+
+    def __init__(self, session: Session, renderer: OverlayRenderer) -> None:
+        self._session, self._renderer = session, renderer
+        self._outline, self._changed = Outline(), False
+
+    def lay_out(self) -> None:
+        """Draw everything, between ImGui's new_frame and end_frame."""
+        session, area = self._session, self._session.layout.picture
+        lines = imgui.get_background_draw_list()
+        lines.push_clip_rect(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + area.width, area.y + area.height))
+        if session.shows_panels:
+            self._draw_outline(lines)
+            self._draw_marks(lines)
+        else:
+            self._renderer.forget(OUTLINE)
+            self._changed = True
+            self._draw_band(lines)
+        if len(session.columns()) > 1:
+            self._draw_columns(lines)
+        lines.pop_clip_rect()
+
+    # ---- what is picked -----------------------------------------------------------------------------
+
+    def _draw_outline(self, lines: Any) -> None:
+        """The outline in the picture once it rests; until then the box around the object."""
+        session = self._session
+        instances = [item for item in session.picked if isinstance(item, Instance) and item.visible]
+        if instances and session.refining.moves:
+            for instance in instances:
+                self._draw_box(lines, instance)
+            return
+        with session.showing_mistakes():
+            self._changed |= self._outline.update(session.pictures, instances)
+            image = self._outline.image
+            if image is None:
+                self._renderer.forget(OUTLINE)
+                return
+            texture = self._renderer.show(OUTLINE, image if self._changed else None)
+            if texture is not None:
+                self._changed = False
+                area = session.layout.picture
+                low, high = imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + area.width, area.y + area.height)
+                lines.add_image(texture, low, high)
+
+    def _draw_box(self, lines: Any, instance: Instance) -> None:
+        session, positions = self._session, instance.mesh.positions
+        corners = np.array(list(product(*zip(positions.min(axis=0), positions.max(axis=0), strict=True))), np.float64)
+        places = marks.project(session.camera, transform_points(instance.transform, corners), session.layout.picture)
+        for a, b in combinations(range(8), 2):
+            if bin(a ^ b).count("1") == 1:
+                _line(lines, places[a], places[b], PICKED)
+
+    def _draw_band(self, lines: Any) -> None:
+        """A line beside the rows that have the samples which are being traced."""
+        session, area = self._session, self._session.layout.picture
+        if session.pictures.most_bands and session.pictures.reference is not None and not session.refining.finished:
+            tracer = session.pictures.reference.tracer
+            end = area.y + tracer.begun[1] / tracer.size[1] * area.height
+            lines.add_rect_filled(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + BAND_WIDTH, end), PICKED)
+
+    def _draw_marks(self, lines: Any) -> None:
+        """Rings at lights and squares at cameras; a line along the direction of those that are picked."""
+        session = self._session
+        radius = marks.RADIUS * session.window.text_scale
+        item: Any
+        for item, (x, y) in marks.marked(session):
+            center = imgui.ImVec2(x, y)
+            picked = any(item is other for other in session.picked)
+            color = PICKED if picked else CAMERA if isinstance(item, Camera) else LIGHT
+            if isinstance(item, Camera):
+                half = 0.8 * radius
+                lines.add_rect(imgui.ImVec2(x - half, y - half), imgui.ImVec2(x + half, y + half), color, 0, 2.0)
+            else:
+                lines.add_circle(center, radius, SHADOW, 0, 4.0)
+                lines.add_circle(center, radius, color, 0, 2.0)
+                lines.add_circle_filled(center, 0.35 * radius, color)
+            axis: Any = -item.transform[:3, 2] if isinstance(item, Camera) else getattr(item, "direction", None)
+            if picked and axis is not None:
+                end = item.position + 0.15 * session.camera_control.seen_height * np.asarray(axis, np.float64)
+                [place] = marks.project(session.camera, end[None], session.layout.picture)
+                _line(lines, np.array((x, y)), place, color)
+
+    # ---- pictures side by side ----------------------------------------------------------------------
+
+    def _draw_columns(self, lines: Any) -> None:
+        """The lines between pictures side by side, which the user can drag, and the pictures' names."""
+        area = self._session.layout.picture
+        height = imgui.get_text_line_height()
+        for index, (name, (begin, end)) in enumerate(self._session.columns().items()):
+            width = imgui.calc_text_size(name).x
+            at = area.x + (begin * area.width + 8 if index else end * area.width - 8 - width)
+            top = area.y + area.height - height - 8
+            lines.add_text(imgui.ImVec2(at + 1, top + 1), 0xFF000000, name)
+            lines.add_text(imgui.ImVec2(at, top), WHITE, name)
+            if index:
+                self._divider(lines, f"divider {index}", begin)
+
+    def _divider(self, lines: Any, name: str, at: float) -> None:
+        area, pictures = self._session.layout.picture, self._session.pictures
+        x = area.x + at * area.width
+        lines.add_line(imgui.ImVec2(x, area.y), imgui.ImVec2(x, area.y + area.height), 0xC0FFFFFF)
+        imgui.set_next_window_pos(imgui.ImVec2(x - DIVIDER_WIDTH // 2, area.y))
+        imgui.set_next_window_size(imgui.ImVec2(DIVIDER_WIDTH, area.height))
+        imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
+        imgui.push_style_var(imgui.StyleVar_.window_min_size, imgui.ImVec2(1, 1))
+        flags = BARE | imgui.WindowFlags_.no_background | imgui.WindowFlags_.no_bring_to_front_on_focus
+        imgui.begin(name, None, flags)
+        imgui.invisible_button("drag", imgui.ImVec2(DIVIDER_WIDTH, max(area.height, 1)))
+        if imgui.is_item_active():
+            dragged = area.share((imgui.get_io().mouse_pos.x, 0))[0] - at
+            pictures.divider = min(max(pictures.divider + dragged, 0.0), 1.0)
+        imgui.end()
+        imgui.pop_style_var(2)
+
+
+def _line(lines: Any, start: NDArray[np.float64], end: NDArray[np.float64], color: int) -> None:
+    if np.isfinite(start).all() and np.isfinite(end).all():
+        lines.add_line(imgui.ImVec2(*start), imgui.ImVec2(*end), color, 1.5)

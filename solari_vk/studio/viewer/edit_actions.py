@@ -1,0 +1,298 @@
+"""Actions that change the scene, each of which can be undone; and saving and opening it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.light import Light
+from solari_vk.scene.material import Texture, TextureImage
+from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.observed import Checked
+from solari_vk.scene.placement import Placed
+from solari_vk.studio.viewer.light_making import LIGHTS, new_light
+from solari_vk.studio.viewer.opening import add_file, is_map, open_file, surround
+from solari_vk.studio.viewer.saving import files_of, free_path, save_scene
+from solari_vk.studio.viewer.session import GIZMOS, Question, Session
+from solari_vk.studio.viewer.window import Event
+
+TEXTURE_FILES = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".dds")
+NUDGE = 0.02  # share of the picture's height
+AXES = {"right": 0, "left": 0, "up": 1, "down": 1, "nearer": 2, "away": 2}
+
+
+class EditActions:
+    """The edits of a session, for its keys (controls.ACTIONS) and buttons."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    # ---- history ------------------------------------------------------------------------------------
+
+    def undo(self) -> None:
+        text = self._session.history.undo()
+        self._session.say(f"undone: {text}" if text else "there is nothing to undo")
+
+    def redo(self) -> None:
+        text = self._session.history.redo()
+        self._session.say(f"done again: {text}" if text else "there is nothing to do again")
+
+    # ---- what is picked -----------------------------------------------------------------------------
+
+    def _picked(self) -> list[Any]:
+        """What is picked and may be edited; if that is nothing, the user is told."""
+        picked = self._session.picked
+        free = [item for item in picked if item not in self._session.locked]
+        if not picked:
+            self._session.say("pick something first: click on it, or on its name in the panels")
+        elif not free:
+            self._session.say(f"{picked[-1].describe()} is locked")
+        return free
+
+    def next_gizmo(self) -> None:
+        session = self._session
+        session.gizmo = GIZMOS[(GIZMOS.index(session.gizmo) + 1) % len(GIZMOS)]
+        session.say(f"dragging what is picked: {session.gizmo}" if session.has_panels else
+                    "handles need the panels (pip install solari-vk[viewer]): arrows nudge what is picked")  # fmt: skip
+
+    def turn_gizmo(self) -> None:
+        session = self._session
+        session.gizmo_is_local = not session.gizmo_is_local
+        session.say(f"handles along {'its own' if session.gizmo_is_local else 'the world'} axes")
+
+    def _nudge(self, way: str) -> None:
+        """Move what is picked by a small step, along the world's axis that looks most like `way` on the screen."""
+        picked, control = self._picked(), self._session.camera_control
+        placed = [item for item in picked if hasattr(item, "position")]
+        if not placed:
+            if picked:
+                self._session.say(f"{picked[-1].describe()} has no place")
+            return
+        turn = control.camera.transform[:3, :3]
+        if AXES[way] == 1:
+            axis = np.array((0.0, 1.0, 0.0))
+        else:
+            level = turn[:, AXES[way]] * (1, 0, 1)
+            axis = np.zeros(3)
+            axis[np.argmax(np.abs(level))] = np.sign(level[np.argmax(np.abs(level))]) or 1.0
+        sign = -1 if way in ("left", "down", "away") else 1
+        step = sign * NUDGE * control.seen_height * axis
+        self._edit_all("position", [(item, {"position": item.position + step}) for item in placed])
+
+    def _edit_all(self, what: str, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
+        if len(values) == 1:
+            self._session.edit(values[0][0], **values[0][1])
+        else:
+            self._session.edit_all(f"{what} of {len(values)} objects", values)
+
+    def nudge_left(self) -> None:
+        self._nudge("left")
+
+    def nudge_right(self) -> None:
+        self._nudge("right")
+
+    def nudge_up(self) -> None:
+        self._nudge("up")
+
+    def nudge_down(self) -> None:
+        self._nudge("down")
+
+    def nudge_away(self) -> None:
+        self._nudge("away")
+
+    def nudge_nearer(self) -> None:
+        self._nudge("nearer")
+
+    def hide(self) -> None:
+        picked = self._picked()
+        instances = [item for item in picked if isinstance(item, Instance)]
+        if instances:
+            visible = not instances[-1].visible
+            self._edit_all("visible", [(item, {"visible": visible}) for item in instances])
+        elif picked:
+            self._session.say(f"{picked[-1].describe()} can't be hidden, but removed")
+
+    def show_all(self) -> None:
+        hidden = [instance for instance in self._session.scene.instances if not instance.visible]
+        self._session.history.assign_all(
+            f"showing {len(hidden)} objects", [(item, {"visible": True}) for item in hidden]
+        )
+        self._session.history.end_gesture()
+
+    def remove(self) -> None:
+        picked, scene, history = self._picked(), self._session.scene, self._session.history
+        surrounding = scene.environment.lights if scene.environment else ()
+        lights = [item for item in picked if isinstance(item, Light)]
+        if any(isinstance(item, EnvironmentLight) or item in surrounding for item in lights):
+            lights += [light for light in surrounding if light not in lights]
+        history.remove(
+            (scene.instances, [item for item in picked if isinstance(item, Instance)]),
+            (scene.lights, lights),
+            (scene.cameras, [item for item in picked if isinstance(item, Camera)]),
+        )
+        if picked:
+            what = picked[0].describe() if len(picked) == 1 else f"{len(picked)} objects"
+            self._session.say(f"removed {what}; Ctrl+Z brings back what was removed")
+
+    # ---- textures -----------------------------------------------------------------------------------
+
+    def put_texture(self, path: Path | str) -> None:
+        """Put the picture of a file on the field `session.texture_field` of the materials of what is picked."""
+        field, file = self._session.texture_field, Path(path)
+        pixels: Any = file  # which becomes those of the file
+        image = TextureImage(pixels=pixels, name=file.stem)
+        materials = {id(item.material): item.material for item in self._picked() if isinstance(item, Instance)}
+        if materials:
+            what = f"{field.replace('_', ' ')} of what is picked"
+            self._session.history.assign_all(what, [(item, {field: Texture(image)}) for item in materials.values()])
+            self._session.say(f"{file.name} is the {what}")
+        elif self._session.picked:
+            self._session.say("textures belong on instances: pick one")
+
+    # ---- lights -------------------------------------------------------------------------------------
+
+    def add_light(self, kind: str) -> None:
+        """Add a light of one of light_making.LIGHTS where the camera looks, and pick it."""
+        session = self._session
+        made = new_light(kind, session.camera_control)
+        made.name = _free_name(LIGHTS[kind][0], session.scene.lights.names)
+        session.history.add(session.scene.lights, made)
+        session.selected = made
+
+    def add_camera(self) -> None:
+        """Add the view as a camera of the scene."""
+        session = self._session
+        made = Camera(**{name: getattr(session.camera, name) for name in Camera._names})
+        made.name = _free_name("view", session.scene.cameras.names)
+        session.history.add(session.scene.cameras, made)
+        session.say(f"the view is camera {len(session.scene.cameras)}")
+
+    def surround(self, kind: str) -> None:
+        """Surround the scene by "none", "studio", "sky" or a picture of all directions in a file."""
+        surround(self._session, kind)
+
+    # ---- files --------------------------------------------------------------------------------------
+
+    def save(self, path: Path | str | None = None) -> None:
+        """Write the scene as glTF and the script that renders the picture. path: by default a new name.
+
+        Asks before it replaces files that the session didn't write; without panels, the same action again does.
+        """
+        session = self._session
+        target = Path(path) if path is not None else session.save_path or free_path(session)
+        known = session.save_path is not None and target.resolve() == session.save_path.resolve()
+        taken = [] if known else [str(file) for file in files_of(target) if file.exists()]
+        text = f"There is {' and '.join(taken)} already."
+        if not taken or (session.question is not None and session.question.text == text):
+            session.question = None
+            self._write(target)
+            return
+        session.question = Question(text, {"replace": lambda: self._write(target)})
+        if not session.has_panels:
+            session.warn(f"{text} Save once more to replace it, or give another name.")
+
+    def _write(self, target: Path) -> None:
+        session = self._session
+        script, lost = save_scene(session, target)
+        session.save_path = target
+        session.sources.note_written(target)
+        session.history.mark_saved()
+        session.say(f"wrote {target} and {script.name}" + "".join(f"\nnot in the file: {what}" for what in lost))
+
+    def drop(self, event: Event) -> None:
+        """Open a model that was dropped into the window, with Shift add it; surround the scene by a picture; or put an
+        8-bit picture on the material of an instance that is picked."""
+        for path in map(Path, event.paths):
+            on_material = path.suffix.lower() in TEXTURE_FILES and isinstance(self._session.selected, Instance)
+            if on_material or (path.suffix.lower() in TEXTURE_FILES and not is_map(path)):
+                self.put_texture(path)
+            elif is_map(path):
+                self.surround(str(path))
+            elif event.code:
+                add_file(self._session, path)
+            else:
+                self.open(path)
+
+    def open(self, path: Path | str) -> None:
+        """Show another file, after asking what to do with edits that aren't saved."""
+        self._ask_about_edits(f"open {Path(path).name}", lambda: open_file(self._session, Path(path)))
+
+    def close(self) -> None:
+        session = self._session
+        if session.question is not None and session.has_panels:
+            session.question = None
+        elif session.shows_help:
+            session.shows_help = False
+        else:
+            self.close_window()
+
+    def close_window(self) -> None:
+        def close() -> None:
+            self._session.window.wants_to_close = True
+
+        self._ask_about_edits("close", close)
+
+    def _ask_about_edits(self, what: str, go_on: Any) -> None:
+        """Go on at once without unsaved edits. Otherwise ask; without panels, the same action again goes on."""
+        session = self._session
+        text = f"There are edits that aren't saved. Before you {what}:"
+        if not session.history.unsaved or (session.question is not None and session.question.text == text):
+            session.question = None
+            go_on()
+            return
+
+        def save_and_go_on() -> None:
+            self.save()
+            go_on()
+
+        session.question = Question(text, {"save and " + what: save_and_go_on, what + " without saving": go_on})
+        if not session.has_panels:
+            session.warn(f"there are edits that aren't saved: Ctrl+S saves them; once more: {what} without")
+
+    def answer(self, words: str) -> None:
+        """Answer the question that is asked; other words than its answers do nothing."""
+        question, self._session.question = self._session.question, None
+        if question is not None and words in question.answers:
+            question.answers[words]()
+
+
+def _free_name(name: str, taken: Iterable[str]) -> str:
+    names, number = set(taken), 1
+    while (found := name if number == 1 else f"{name} {number}") in names:
+        number += 1
+    return found
+
+
+def move_to(item: Checked, transform: NDArray[np.float64]) -> dict[str, Any]:
+    """The fields of an instance, a camera or a light, if it had a transform (4, 4), along whose -z axis a light
+    shines."""
+    if isinstance(item, Placed):
+        return {"transform": transform}
+    fields: dict[str, Any] = {}
+    if hasattr(item, "position"):
+        fields["position"] = transform[:3, 3]
+    if hasattr(item, "direction"):
+        fields["direction"] = -transform[:3, 2] / np.linalg.norm(transform[:3, 2])
+    return fields
+
+
+def transform_of(item: Checked, fallback: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The transform (4, 4) that `move_to` takes, None for what has no place. fallback: the position (3,) of what only
+    has a direction, such as a sun."""
+    if isinstance(item, Placed):
+        return item.transform
+    if not hasattr(item, "position") and not hasattr(item, "direction"):
+        return None
+    back = -np.asarray(getattr(item, "direction", (0, 0, -1)), np.float64)
+    up = np.array((0.0, 1.0, 0.0)) if abs(back[1]) < math.cos(0.05) * np.linalg.norm(back) else np.array((0, 0, 1.0))
+    right = np.cross(up, back)
+    made = np.eye(4)
+    made[:3, :3] = np.stack([axis / np.linalg.norm(axis) for axis in (right, np.cross(back, right), back)], axis=1)
+    made[:3, 3] = getattr(item, "position", fallback)
+    return made

@@ -1,0 +1,218 @@
+"""The panels beside the picture: Dear ImGui's context, its input and the windows of a frame."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
+import glfw
+from imgui_bundle import imgui
+
+from solari_vk.gpu.device import raw
+from solari_vk.studio.viewer.actions import act
+from solari_vk.studio.viewer.controls import KEYS_HELP
+from solari_vk.studio.viewer.decorations import BARE, Decorations
+from solari_vk.studio.viewer.gizmo import Gizmo, gizmo
+from solari_vk.studio.viewer.layout import Area, Layout
+from solari_vk.studio.viewer.overlay_renderer import OverlayRenderer
+from solari_vk.studio.viewer.panels import Panels
+from solari_vk.studio.viewer.session import Question, Session
+from solari_vk.studio.viewer.status import Probe, status_line
+from solari_vk.studio.viewer.swapchain import Swapchain
+from solari_vk.studio.viewer.theme import apply_theme, scale_theme
+from solari_vk.studio.viewer.window import Event
+
+MARGIN = 8  # of the message, in window coordinates
+DOCKED = (
+    imgui.WindowFlags_.no_title_bar | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
+    | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_saved_settings
+    | imgui.WindowFlags_.no_bring_to_front_on_focus
+)  # fmt: skip
+# GLFW's and ImGui's names of keys differ only in these two points, and for keys that text fields don't use.
+_KEYS = {
+    getattr(glfw, code): key for name, key in imgui.Key.__members__.items()
+    if hasattr(glfw, code := "KEY_" + name.removesuffix("_arrow").replace("keypad", "kp").upper())
+}  # fmt: skip
+_MODIFIERS = {getattr(glfw, f"MOD_{name}"): getattr(imgui.Key, f"mod_{short}")
+              for name, short in (("CONTROL", "ctrl"), ("SHIFT", "shift"), ("ALT", "alt"))}  # fmt: skip
+
+
+class Overlay:
+    """The panels of a viewer. For each frame call `take_events`, `lay_out`, and `draw` any number of times."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._context: Any = imgui.create_context()
+        imgui.set_current_context(self._context)
+        io = imgui.get_io()
+        io.set_ini_filename("")
+        apply_theme()
+        self._scale = 1.0
+        self._renderer = OverlayRenderer(session.device)
+        self._decorations, self._gizmo = Decorations(session, self._renderer), Gizmo(session)
+        self._panels, self._probe = Panels(session, self._renderer.show), Probe(session)
+        self._laid_out = False
+        platform = imgui.get_platform_io()
+        platform.platform_get_clipboard_text_fn = lambda _: session.window.clipboard
+        platform.platform_set_clipboard_text_fn = lambda _, text: setattr(session.window, "clipboard", text)
+
+    # ---- input --------------------------------------------------------------------------------------
+
+    def take_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
+        """Pass events to the panels; returns whether the keys and whether the mouse are left to the viewer."""
+        imgui.set_current_context(self._context)
+        io = imgui.get_io()
+        for event in events:
+            if event.kind == "cursor":
+                io.add_mouse_pos_event(event.x, event.y)
+            elif event.kind == "button" and event.code < 5:
+                io.add_mouse_button_event(event.code, event.pressed)
+            elif event.kind == "scroll":
+                io.add_mouse_wheel_event(event.x, event.y)
+            elif event.kind == "text":
+                io.add_input_character(event.code)
+            elif event.kind == "focus":
+                io.add_focus_event(event.pressed)
+            elif event.kind == "key":
+                for bit, key in _MODIFIERS.items():
+                    io.add_key_event(key, bool(event.modifiers & bit))
+                if event.code in _KEYS:
+                    io.add_key_event(_KEYS[event.code], event.pressed)
+        return not io.want_text_input, not (io.want_capture_mouse or self._gizmo.busy)
+
+    # ---- a frame ------------------------------------------------------------------------------------
+
+    def lay_out(self, seconds: float) -> None:
+        """Lay out the panels for the window's size, and apply what the user changes in them."""
+        imgui.set_current_context(self._context)
+        session, io = self._session, imgui.get_io()
+        size, pixels = session.window.size, session.window.pixels
+        io.display_size = imgui.ImVec2(*size)
+        io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(size[0], 1), pixels[1] / max(size[1], 1))
+        io.delta_time = max(seconds, 1e-4)
+        scale = session.window.text_scale
+        scale_theme(scale / self._scale, scale)
+        self._scale = scale
+        imgui.new_frame()
+        gizmo.begin_frame()
+        try:
+            self._decorations.lay_out()
+            if session.shows_panels:
+                self._gizmo.lay_out()
+                self._docked(session.layout)
+            if session.shows_help:
+                self._help()
+            if session.question is not None:
+                self._ask(session.question)
+            if session.message:
+                self._message()
+            if not (imgui.is_any_item_active() or self._gizmo.drags):
+                session.history.end_gesture()
+        finally:
+            imgui.end_frame()
+        imgui.render()
+        self._laid_out = True
+
+    def draw(self, commands: raw.CData, swapchain: Swapchain, index: int) -> None:
+        """Record commands that draw the panels over an image of the swapchain.
+
+        Raises CompilationError for an error in a shader, and then records nothing until `reload` is called.
+        """
+        imgui.set_current_context(self._context)
+        if not self._laid_out:
+            self.lay_out(0.0)
+        self._renderer.draw(imgui.get_draw_data(), commands, swapchain, index)
+
+    def reload(self) -> None:
+        """Compile changed shaders. Raises CompilationError if one has an error; the old pipeline then stays in use."""
+        self._renderer.reload()
+
+    # ---- parts --------------------------------------------------------------------------------------
+
+    def _docked(self, layout: Layout) -> None:
+        """The panels beside the picture, and the status line below."""
+        session = self._session
+        if layout.panels is not None:
+            _place(layout.panels)
+            imgui.begin("panels", None, DOCKED)
+            self._panels.lay_out()
+            imgui.end()
+        if layout.status is not None:
+            _place(layout.status)
+            imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(8, 4))
+            imgui.begin("status", None, DOCKED | imgui.WindowFlags_.no_scrollbar)
+            if session.refining.rests and not session.refining.finished:
+                width = 8 * imgui.get_font_size()
+                imgui.progress_bar(session.refining.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
+                imgui.same_line()
+            self._probe.update()
+            room, probe = layout.status.width - imgui.get_cursor_pos_x() - 8, self._probe.text
+            imgui.text_unformatted(status_line(session, probe, room, lambda text: imgui.calc_text_size(text).x))
+            imgui.same_line(layout.status.width - imgui.calc_text_size(probe).x - 8)
+            imgui.text_unformatted(probe)
+            imgui.end()
+            imgui.pop_style_var()
+
+    def _help(self) -> None:
+        """In the middle of the window: a picture beside the panels may be too narrow. Long lines are broken, and what
+        has no room can be scrolled to."""
+        window = imgui.get_main_viewport().size
+        imgui.set_next_window_pos(imgui.get_main_viewport().get_center(), 0, imgui.ImVec2(0.5, 0.5))
+        imgui.set_next_window_size_constraints(imgui.ImVec2(0, 0), window)
+        imgui.begin("keys", None, (BARE | imgui.WindowFlags_.always_auto_resize) & ~imgui.WindowFlags_.no_scrollbar)
+        keys, meanings = (max(imgui.calc_text_size(text).x for text in texts) for texts in zip(*KEYS_HELP, strict=True))
+        if imgui.begin_table("keys", 2, imgui.TableFlags_.sizing_fixed_fit):
+            imgui.table_setup_column("keys", 0, keys)
+            font = imgui.get_font_size()
+            imgui.table_setup_column("meanings", 0, max(min(meanings, window.x - keys - 5 * font), font))
+            imgui.push_text_wrap_pos(0.0)
+            for text in itertools.chain.from_iterable(KEYS_HELP):
+                imgui.table_next_column()
+                imgui.text_unformatted(text)
+            imgui.pop_text_wrap_pos()
+            imgui.end_table()
+        imgui.end()
+
+    def _ask(self, question: Question) -> None:
+        """A question with a button for each answer; the last one leaves everything as it is."""
+        self._centered()
+        imgui.begin("question", None, BARE | imgui.WindowFlags_.always_auto_resize)
+        imgui.text_unformatted(question.text)
+        imgui.spacing()
+        for words in (*question.answers, "cancel"):
+            if imgui.button(words):
+                act(self._session, "answer", words)
+            imgui.same_line()
+        imgui.new_line()
+        imgui.end()
+
+    def _centered(self) -> None:
+        area = self._session.layout.picture
+        middle = imgui.ImVec2(area.x + area.width / 2, area.y + area.height / 2)
+        imgui.set_next_window_pos(middle, 0, imgui.ImVec2(0.5, 0.5))
+
+    def _message(self) -> None:
+        area = self._session.layout.picture
+        foot = imgui.ImVec2(area.x + area.width / 2, area.y + area.height - MARGIN)
+        imgui.set_next_window_pos(foot, 0, imgui.ImVec2(0.5, 1))
+        imgui.set_next_window_size_constraints(imgui.ImVec2(0, 0), imgui.ImVec2(0.9 * area.width, 0.6 * area.height))
+        flags = BARE | imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_inputs
+        imgui.begin("message", None, flags | imgui.WindowFlags_.no_focus_on_appearing)
+        imgui.push_text_wrap_pos(0.85 * area.width)
+        imgui.text_unformatted(self._session.message)
+        imgui.pop_text_wrap_pos()
+        imgui.end()
+
+    def close(self) -> None:
+        """Free everything. Safe to call twice."""
+        if self._context is not None:
+            imgui.set_current_context(self._context)
+            self._renderer.close()
+            imgui.destroy_context(self._context)
+            self._context = None
+
+
+def _place(area: Area) -> None:
+    imgui.set_next_window_pos(imgui.ImVec2(area.x, area.y))
+    imgui.set_next_window_size(imgui.ImVec2(max(area.width, 1), max(area.height, 1)))

@@ -1,0 +1,222 @@
+"""The panels: files, the scene, the picture's options, times, and every setting."""
+
+from __future__ import annotations
+
+import math
+import time
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from imgui_bundle import imgui
+
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
+from solari_vk.studio.viewer.actions import act
+from solari_vk.studio.viewer.comparison import errors
+from solari_vk.studio.viewer.environment_panel import EnvironmentPanel
+from solari_vk.studio.viewer.file_panel import FilePanel
+from solari_vk.studio.viewer.material_panel import Show
+from solari_vk.studio.viewer.object_panel import ObjectPanel
+from solari_vk.studio.viewer.outliner import Outliner
+from solari_vk.studio.viewer.pictures import MODES
+from solari_vk.studio.viewer.scaling import MIN_SCALE
+from solari_vk.studio.viewer.session import Session
+from solari_vk.studio.viewer.widgets import choose, edit_on_enter, hint
+
+HISTORY = 120  # frames in a plot
+SLOW_INTERVAL = 0.5  # seconds between two updates of the figures that need a wait for the device
+OPEN = imgui.TreeNodeFlags_.default_open
+
+
+class Panels:
+    """Lays out the content of the panels' window. show: gives ImGui a texture, as `OverlayRenderer.show` does."""
+
+    def __init__(self, session: Session, show: Show) -> None:
+        self._session = session
+        self._files, self._outliner = FilePanel(session), Outliner(session)
+        self._object, self._environment = ObjectPanel(session, show), EnvironmentPanel(session)
+        self._times: dict[str, Any] = {}
+        self._slow: list[str] = []
+        self._slow_at = 0.0
+        self._rays = (0.0, 0)
+
+    def lay_out(self) -> None:
+        """Lay out everything, from top to bottom."""
+        self._files.lay_out()
+        if imgui.collapsing_header("Scene", OPEN):
+            self._outliner.lay_out()
+        if self._session.selected is not None and imgui.collapsing_header("Picked", OPEN):
+            self._object.lay_out()
+        if imgui.collapsing_header("Surroundings"):
+            self._environment.lay_out()
+        if imgui.collapsing_header("Picture", OPEN):
+            self._picture()
+        if self._session.player.clip is not None and imgui.collapsing_header("Animation", OPEN):
+            self._animation()
+        self._note_times()
+        if imgui.collapsing_header("Time"):
+            self._time()
+        if imgui.collapsing_header("Settings"):
+            self._settings()
+
+    # ---- picture ------------------------------------------------------------------------------------
+
+    def _picture(self) -> None:
+        session, pictures = self._session, self._session.pictures
+        pictures.mode = choose("mode", pictures.mode, MODES)
+        pictures.view = choose("view", pictures.view, views_of(session.settings.lighting))
+        hint(DEBUG_VIEWS[pictures.view] + ", of realtime pictures alone" * (pictures.mode == "reference"))
+        pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
+        camera = session.camera
+        changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)
+        if changed:
+            with session.showing_mistakes():
+                camera.ev100 = value
+        changed, degrees = imgui.slider_float("field of view", math.degrees(camera.vertical_fov), 5, 120, "%.0f deg")
+        if changed and 0.1 < degrees < 179:
+            camera.vertical_fov = math.radians(degrees)
+        scale = session.scale
+        _, scale.auto = imgui.checkbox("auto", scale.auto)
+        hint("Render fewer pixels while something moves, so that it moves smoothly; at rest all of them.")
+        imgui.same_line()
+        changed, value = imgui.slider_float("scale", scale.scale, MIN_SCALE, 1.0)
+        if changed:
+            scale.fix(value)
+        (width, height), (rendered_width, rendered_height) = pictures.size, pictures.rendered_size
+        imgui.text(f"{width} x {height} from {rendered_width} x {rendered_height}")
+        imgui.text(f"{session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
+        refining = session.refining
+        if pictures.mode != "realtime":
+            imgui.set_next_item_width(7 * imgui.get_font_size())
+            refining.samples = max(edit_on_enter("samples", refining.samples, imgui.input_int), 0)
+            hint("Samples per pixel after which the path tracer's picture is finished; 0: never.")
+        self._update_slow()
+        for text in self._slow:
+            imgui.text_wrapped(text)
+        for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("keys", "help")):
+            if imgui.button(label):
+                act(session, action)
+            imgui.same_line()
+        imgui.new_line()
+
+    def _update_slow(self) -> None:
+        """Read the figures that need a wait for the device, from time to time."""
+        now = time.perf_counter()
+        if now - self._slow_at < SLOW_INTERVAL:
+            return
+        self._slow_at, self._slow = now, []
+        pictures = self._session.pictures
+        if not pictures.ready:
+            return
+        for name, (error, mean) in errors(pictures).items():
+            self._slow.append(f"{name}: error {100 * error:.1f} %, mean radiance {100 * mean:+.1f} %")
+        if self._session.beside is not None:
+            apart = self._session.beside.difference(self._session.camera.exposure)
+            self._slow += [f"{name}: {value:.4g}" for name, value in apart.items()]
+        if pictures.reference is not None and pictures.mode != "realtime":
+            self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
+        count = pictures.ray_count()
+        before, self._rays = self._rays, (now, count)
+        if count > before[1] and before[0]:
+            self._slow.append(f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s")
+        if pictures.realtime is not None and pictures.mode != "reference":
+            cells = int(pictures.realtime["world_cache/active_cells"])
+            failures = int(pictures.realtime["world_cache/insert_failures"])
+            share = 100 * cells / self._session.settings.world_cache_cells
+            self._slow.append(f"world cache: {share:.1f} % full")
+            if failures:
+                self._slow.append(f"no room for the light of {failures:,} places: raise world_cache_cells in Settings")
+
+    # ---- animation ----------------------------------------------------------------------------------
+
+    def _animation(self) -> None:
+        """Choose a clip, play and pause, and scrub through its time."""
+        session, player = self._session, self._session.player
+        assert player.clip is not None
+        names = [clip.name or f"clip {number}" for number, clip in enumerate(session.scene.animations)]
+        chosen, number = imgui.combo("clip", player.number, names)
+        if imgui.button("pause" if player.playing else "play"):
+            act(session, "play")
+        imgui.same_line()
+        scrubbed, seconds = imgui.slider_float("seconds", player.seconds, 0.0, max(player.clip.duration, 1e-3), "%.2f")
+        with session.showing_mistakes():
+            if chosen:
+                player.choose(number)
+            elif scrubbed:
+                player.show(seconds)
+
+    # ---- time ---------------------------------------------------------------------------------------
+
+    def _note_times(self) -> None:
+        timings = self._session.timings
+        for name, milliseconds in {"all passes": sum(timings.values()), **timings}.items():
+            history = self._times.setdefault(name, np.zeros(HISTORY, np.float32))
+            history[:-1] = history[1:]
+            history[-1] = milliseconds
+        for name in self._times.keys() - timings.keys() - {"all passes"}:
+            del self._times[name]
+
+    def _time(self) -> None:
+        pictures = self._session.pictures
+        _, pictures.counts_rays = imgui.checkbox("count rays", pictures.counts_rays)
+        hint("Show how many rays the realtime renderer traces per second. Counting makes it a little slower.")
+        if not self._session.timings:
+            imgui.text("this device has no timestamps")
+            return
+        if imgui.begin_table("times", 3, imgui.TableFlags_.row_bg):
+            for title, share in (("pass", 2), ("ms", 0.7), ("history", 1.3)):
+                imgui.table_setup_column(title, imgui.TableColumnFlags_.width_stretch, share)
+            imgui.table_headers_row()
+            for name, history in self._times.items():
+                imgui.table_next_column()
+                imgui.text_unformatted(name)
+                imgui.table_next_column()
+                imgui.text(f"{history[-1]:.2f}")
+                imgui.table_next_column()
+                size = imgui.ImVec2(-1, imgui.get_text_line_height())
+                imgui.plot_lines(f"##{name}", history, scale_min=0.0, graph_size=size)
+            imgui.end_table()
+
+    # ---- settings -----------------------------------------------------------------------------------
+
+    def _settings(self) -> None:
+        settings = self._session.settings
+        for quality in QUALITIES:
+            if imgui.button(quality):
+                values = {**DEFAULTS, **QUALITIES[quality]}
+                changed = {name: values[name] for name in FIELDS if values[name] != getattr(settings, name)}
+                with self._session.showing_mistakes():
+                    self._session.history.assign_each(f"the quality {quality}", settings, changed)
+            hint("Change all settings to this quality's.")
+            imgui.same_line()
+        imgui.new_line()
+        for section, names in groupby(FIELDS, key=lambda name: FIELDS[name].section):
+            if imgui.tree_node(section):
+                for name in names:
+                    self._setting(name)
+                imgui.tree_pop()
+
+    def _setting(self, name: str) -> None:
+        settings, field = self._session.settings, FIELDS[name]
+        value, default = getattr(settings, name), DEFAULTS[name]
+        label = f"{name} *" if field.rebuilds else name
+        edited: Any = value
+        imgui.set_next_item_width(7 * imgui.get_font_size())
+        if field.choices:
+            edited = choose(label, value, field.choices)
+        elif isinstance(default, bool):
+            edited = imgui.checkbox(label, value)[1]
+        elif isinstance(default, int):
+            edited = edit_on_enter(label, value, imgui.input_int)
+        else:
+            edited = edit_on_enter(label, value, imgui.input_float)
+        meaning = field.meaning + (" Takes a moment, because the frame is built again." if field.rebuilds else "")
+        hint(f"{meaning}\nDefault: {default}")
+        if value != default:
+            imgui.same_line()
+            if imgui.small_button(f"reset##{name}"):
+                edited = default
+        if edited != value:
+            self._session.edit(settings, **{name: edited})

@@ -1,0 +1,202 @@
+"""Shows pictures in the window: they are copied to an image of the swapchain, and panels are drawn over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.gpu.device import barriers, raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.command_pool import CommandPool
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import Image
+from solari_vk.studio.viewer.layout import Area
+from solari_vk.studio.viewer.swapchain import FRAMES, Swapchain
+
+_WHOLE = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "levelCount": 1, "layerCount": 1}
+_LAYER = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "layerCount": 1}
+_UNDEFINED, _PRESENT = raw.VK_IMAGE_LAYOUT_UNDEFINED, raw.VK_IMAGE_LAYOUT_PRESENT_SRC_KHR
+_TARGET, _SOURCE = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
+_ATTACHMENT = raw.VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL
+TRIES = 3  # of `capture`: a window that has just been resized gives no image at first
+
+Draw = Callable[[raw.CData, int], object]
+"""draw(commands, index): record commands that draw over the swapchain's image of this index, whose layout is
+COLOR_ATTACHMENT_OPTIMAL."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The columns of an image from `begin` to `end`, which are shares of its width. They fill the same share of the
+    window. The border of two parts is rounded to a border between texels."""
+
+    image: Image
+    begin: float = 0.0
+    end: float = 1.0
+
+    def columns(self, width: int, min_count: int = 0) -> tuple[int, int]:
+        """The part's columns in an image of this width: the first, and one past the last; at least `min_count`."""
+        begin, end = min(round(self.begin * width), width - min_count), round(self.end * width)
+        return begin, max(end, begin + min_count)
+
+
+def pixels_of(parts: Sequence[Part]) -> NDArray[np.uint8]:
+    """The pixels (height, width, 3) of parts side by side, at the size of the largest image. Raises SolariError without
+    parts."""
+    if not parts:
+        raise SolariError("there is no picture yet")
+    width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
+    found = []
+    for part in parts:
+        rows = np.arange(height) * part.image.height // height
+        columns = np.arange(*part.columns(width)) * part.image.width // width
+        found.append(part.image.read()[rows[:, None], columns, :3])
+    return np.concatenate(found, axis=1)
+
+
+class Presenter:
+    """Shows images of any size in a window, with linear filtering. `close` frees what it made.
+
+    Call it after the work that makes the images was submitted.
+    """
+
+    def __init__(self, device: Device, swapchain: Swapchain) -> None:
+        self.device = device
+        self.swapchain = swapchain
+        self.area: Area | None = None
+        """Where the parts are in the window, in pixels; None: all of it."""
+        self._composed: Image | None = None  # several parts side by side
+        self._pool = CommandPool(device, "window")
+        self._commands = self._pool.allocate(FRAMES)
+
+    def show(self, parts: Sequence[Part], draw: Draw) -> bool:
+        """Show parts that together cover `area`, or black without parts; returns whether a frame was shown."""
+        return self._show(parts, draw, lambda: None)
+
+    def capture(self, parts: Sequence[Part], draw: Draw) -> NDArray[np.uint8] | None:
+        """Do what `show` does; returns the window's pixels, (height, width, 3), or None when they can't be read."""
+        targets: list[Buffer] = []  # one at most, because the first frame that is shown is the last attempt
+
+        def new_target() -> Buffer | None:
+            if self.swapchain.readable:
+                width, height = self.swapchain.extent
+                targets.append(self.device.buffer(4 * width * height, "window pixels", host=True))
+            return targets[0] if targets else None
+
+        try:
+            if not any(self._show(parts, draw, new_target) for _ in range(TRIES)) or not targets:
+                return None
+            width, height = self.swapchain.extent
+            pixels = targets[0].read().reshape(height, width, 4)[..., :3].copy()
+        finally:
+            for target in targets:
+                target.destroy()
+        return pixels[..., ::-1].copy() if self.swapchain.format == raw.VK_FORMAT_B8G8R8A8_UNORM else pixels
+
+    def _show(self, parts: Sequence[Part], draw: Draw, new_target: Callable[[], Buffer | None]) -> bool:
+        index = self.swapchain.acquire()
+        if index is None:
+            return False
+        try:
+            commands = self._commands[self.swapchain.slot]
+            self._record(commands, index, parts, draw, new_target())
+            self.swapchain.present(index, [commands])
+        except BaseException:
+            self.swapchain.stale = True  # its acquired image was never presented: it must be made again
+            raise
+        return True
+
+    def _record(
+        self, commands: raw.CData, index: int, parts: Sequence[Part], draw: Draw, target: Buffer | None
+    ) -> None:
+        """Record a frame: the parts, what `draw` adds, and a copy of the window's pixels to `target`, if given."""
+        vk, shown = self.device.vk, self.swapchain.images[index]
+        width, height = self.swapchain.extent
+        vk.vkResetCommandBuffer(commands, 0)  # an error may have interrupted the last recording
+        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
+        vk.vkCmdPipelineBarrier2(commands, full_barrier())  # the renderers wrote the parts
+        vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _UNDEFINED, _TARGET))
+        area = self._area_in(width, height)
+        if not parts or area != Area(0, 0, width, height):
+            black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)
+            vk.vkCmdClearColorImage(commands, shown, _TARGET, black, 1, whole)
+            vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        if parts:
+            image = parts[0].image if len(parts) == 1 else self._compose(commands, parts)
+            columns, rows = (area.x, area.x + area.width), (area.y, area.y + area.height)
+            blit = _blit((0, image.width), (0, image.height), columns, rows)
+            vk.vkCmdBlitImage(commands, image.handle, image.layout, shown, _TARGET, 1, blit, raw.VK_FILTER_LINEAR)
+        vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _TARGET, _ATTACHMENT))
+        draw(commands, index)
+        if target is None:
+            vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _ATTACHMENT, _PRESENT))
+        else:
+            extent = {"width": width, "height": height, "depth": 1}
+            region = raw.struct("VkBufferImageCopy", imageSubresource=_LAYER, imageExtent=extent)
+            vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _ATTACHMENT, _SOURCE))
+            vk.vkCmdCopyImageToBuffer(commands, shown, _SOURCE, target.handle, 1, region)
+            vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _SOURCE, _PRESENT))
+        vk.vkEndCommandBuffer(commands)
+
+    def _area_in(self, width: int, height: int) -> Area:
+        """`area`, as far as it is in an image of this size: the window may have been resized since it was assigned."""
+        area = self.area or Area(0, 0, width, height)
+        left, top = min(area.x, width - 1), min(area.y, height - 1)
+        return Area(left, top, min(area.width, width - left), min(area.height, height - top))
+
+    def _compose(self, commands: raw.CData, parts: Sequence[Part]) -> Image:
+        """Copy the parts side by side into an image of the largest one's size.
+
+        Stretching each part to the window by itself would shift it, because the target of a blit begins and ends at
+        whole pixels of the window.
+        """
+        width, height = max(part.image.width for part in parts), max(part.image.height for part in parts)
+        composed = self._composed
+        if composed is None or (composed.width, composed.height) != (width, height):
+            self._destroy_composed()
+            usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # storage images stay in a layout that copies may write and read
+            composed = self.device.image(width, height, parts[0].image.format, "window parts", usage=usage)
+            self._composed = composed
+        for part in parts:
+            image, target = part.image, part.columns(width)
+            if target[0] < target[1]:
+                blit = _blit(part.columns(image.width, min_count=1), (0, image.height), target, (0, height))
+                self.device.vk.vkCmdBlitImage(
+                    commands, image.handle, image.layout, composed.handle, composed.layout, 1, blit,
+                    raw.VK_FILTER_LINEAR,
+                )  # fmt: skip
+        self.device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        return composed
+
+    def close(self) -> None:
+        """Free everything once the submitted work is done. Safe to call twice."""
+        self._destroy_composed()
+        self._pool.destroy()
+
+    def _destroy_composed(self) -> None:
+        if self._composed is not None:
+            self._composed.destroy()
+            self._composed = None
+
+
+def _blit(
+    columns: tuple[int, int], rows: tuple[int, int], to_columns: tuple[int, int], to_rows: tuple[int, int]
+) -> raw.CData:
+    """A VkImageBlit between columns and rows (begin, end) of two images."""
+    blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
+    blit.srcOffsets[0].x, blit.srcOffsets[1].x = columns
+    blit.srcOffsets[0].y, blit.srcOffsets[1].y = rows
+    blit.dstOffsets[0].x, blit.dstOffsets[1].x = to_columns
+    blit.dstOffsets[0].y, blit.dstOffsets[1].y = to_rows
+    blit.srcOffsets[1].z = blit.dstOffsets[1].z = 1
+    return blit
+
+
+def layout_barrier(image: raw.CData, old: int, new: int) -> raw.CData:
+    """A layout transition of an image of the window, with the ordering of a full barrier."""
+    return barriers.layout_barrier(image, _WHOLE, old, new)

@@ -1,0 +1,62 @@
+"""What a viewer shows while its first picture is prepared, which takes a software device up to a minute."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from solari_vk.base.errors import SolariError, ValidationError
+from solari_vk.gpu.device.compiling import Compiling
+from solari_vk.studio.viewer.pictures import Pictures
+
+PATIENCE = 1.0  # seconds of compilation before the path tracer's picture is begun
+PAUSE = 1.0  # seconds between two samples of it
+
+
+class Waiting:
+    """Shows what is being compiled, and the path tracer's picture until the realtime renderer's is there.
+
+    The path tracer is compiled ten times as fast. pictures: those of the viewer. show: shows the pictures with a text.
+    preview: adds a sample to the path tracer's picture. A context manager, which listens to the pictures' device.
+    """
+
+    def __init__(self, pictures: Pictures, show: Callable[[str], object], preview: Callable[[], object]) -> None:
+        self._device, self._pictures, self._show, self._preview = pictures.device, pictures, show, preview
+        self._began: float | None = None
+        self._sampled = self._busy = self._failed = False
+
+    def __enter__(self) -> Waiting:
+        self._heard, self._device.on_compile = self._device.on_compile, self._hear
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._device.on_compile = self._heard
+
+    def _hear(self, state: Compiling) -> None:
+        if self._heard is not None:
+            self._heard(state)
+        if self._busy or not state.name:
+            return
+        self._busy = True
+        try:
+            if state.what == "machine code" and self._pictures.previews:
+                self._refine()
+            self._show(f"{state} ...")
+        finally:
+            self._busy = False
+
+    def _refine(self) -> None:
+        """Add a sample to the path tracer's picture, unless the compilation is quick or the latest is recent."""
+        now = time.monotonic()
+        self._began = now if self._began is None else self._began
+        if self._failed or now - self._began < (PAUSE if self._sampled else PATIENCE):
+            return
+        try:
+            self._preview()
+        except ValidationError:
+            raise
+        except SolariError:  # the realtime renderer will report what is wrong with the scene
+            if self._device.lost:
+                raise
+            self._failed = True
+        self._sampled, self._began = True, time.monotonic()

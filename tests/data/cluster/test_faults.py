@@ -1,0 +1,271 @@
+"""What goes wrong on a cluster ends in one clear line, and what was finished before stays."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.full_disks import room_for
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.data.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference, render_tasks
+from solari_vk.data.datasets import tasks as shots_module
+from solari_vk.gpu.device.physical import DeviceReport
+from solari_vk.output.picture import save_image
+from solari_vk.renderers.cluster.device_session import pack
+from solari_vk.renderers.cluster.identity import Identity, code_hash, device_of_worker
+
+SIZE = 24, 16
+
+
+@contextmanager
+def process(*command, **environment):
+    """A process whose lines are read through a pipe."""
+    started = subprocess.Popen(
+        [sys.executable, "-P", "-m", *command], env=os.environ | environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield started
+    finally:
+        started.kill()
+        started.communicate()
+
+
+@contextmanager
+def scheduler():
+    """A scheduler of dask in a process of its own, with its address."""
+    with process("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard") as started:
+        for line in started.stderr:
+            if found := re.search(r"Scheduler at:\s+(tcp://[\d.:]+)", line):
+                yield started, found[1]
+                return
+        raise AssertionError("the scheduler didn't start")
+
+
+def worker(address, **environment):
+    """A worker without a process that would start it again."""
+    options = ["--no-nanny", "--nthreads", "1", "--no-dashboard"]
+    return process("distributed.cli.dask_worker", address, *options, **environment)
+
+
+def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
+    """One has other code, one traces rays in another way; the third renders alone. Then the scheduler goes away."""
+    copy = tmp_path / "other"
+    package = sv.__path__[0]
+    shutil.copytree(package, copy / "solari_vk")
+    shutil.copytree(Path(package).parent / "glsl", copy / "glsl")
+    (copy / "solari_vk" / "color.py").open("a").write("# changed\n")
+    said = []
+    with ExitStack() as stack:
+        started, address = stack.enter_context(scheduler())
+        for changes in ({"SOLARI_VK_RAYS": "query"}, {"SOLARI_VK_RAYS": "pipeline"}, {"PYTHONPATH": str(copy)}):
+            stack.enter_context(worker(address, **changes))
+        pool = stack.enter_context(WorkerPool(address=address, say=said.append))
+        deadline = time.monotonic() + 60
+        while len(pool.refused) < 2 and time.monotonic() < deadline:
+            render_reference(pool, sv.builtin("cornell_box"), (8, 8), samples=1)
+        assert pool.worker_count == 1
+        reasons = sorted(pool.refused.values())
+        assert "other code of solari_vk" in reasons[0]
+        assert code_hash() in reasons[0]
+        assert "rays by" in reasons[1]
+        assert [line[:22] for line in said if line.startswith("worker tcp://127.0.0.1")]
+
+        def kill(samples, error):
+            started.kill()
+
+        with pytest.raises(sv.SolariError, match="the scheduler is gone"):
+            render_reference(pool, sv.builtin("cornell_box"), SIZE, samples=10_000, progress=kill)
+
+
+def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("solari_vk.renderers.cluster.worker_pool.CONNECT_SECONDS", 1.0)
+    command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "x.png")]
+    for options, words in (
+        ("--cluster tcp://127.0.0.1:9", "no scheduler of dask answers at tcp://127.0.0.1:9"),
+        *(
+            (f"--cluster={address}", f"{address!r} isn't the address of a scheduler")
+            for address in ("host", "", "foo://host:1", "tcp://host:x", "tcp://:8786", "tcp://host:0",
+                            "inproc://a/b/c", "ucx://host:1", "tls://host:1")
+        ),
+        ("--workers 2 --cluster tcp://127.0.0.1:9", "one of the two"),
+        ("--shared-folder", "--shared-folder is for"),
+        ("--workers 99999999999", "this machine has cores for at most"),
+        ("--mode realtime --workers 2", "a still picture in realtime mode"),
+    ):
+        assert main([*command, *options.split(), *([] if "realtime" in options else ["--no-denoise"])]) == 2
+        assert words in capsys.readouterr().err
+
+
+def tasks(folder, count=4):
+    scene = sv.builtin("cornell_box")
+    style = Style(SIZE, samples=1)
+    return scene, [RenderTask(style, n, (View(f"{n}.npy", scene.camera),), folder=folder) for n in range(count)]
+
+
+def fill_disk():
+    """Runs in workers."""
+    shots_module.save_image = save_on_full_disk
+
+
+def empty_disk():
+    """Runs in workers."""
+    shots_module.save_image = save_image
+
+
+def running(dask_worker):
+    """Runs in workers: the number of tasks that are under way, those called off too."""
+    return dask_worker.state.executing_count
+
+
+def save_on_full_disk(*given, **options):
+    with room_for(1000):
+        save_image(*given, **options)
+
+
+@pytest.mark.parametrize("shared", [True, False], ids=["workers write", "files come back"])
+def test_a_full_disk(pool, tmp_path, shared):
+    """The message names the file; no file is left half written, and the next run renders what is missing."""
+    scene, two = tasks(str(tmp_path) if shared else None, 2)
+    _, four = tasks(str(tmp_path) if shared else None)
+    journal = tmp_path / "journal.jsonl"
+    assert render_tasks(pool, scene, two, journal) == 2
+    whole = {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")}
+    if shared:
+        pool.client.run(fill_disk)
+    try:
+        with room_for(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
+            render_tasks(pool, scene, four, journal)
+    finally:
+        while any(pool.client.run(running).values()):
+            time.sleep(0.05)
+        if shared:
+            pool.client.run(empty_disk)
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")} == whole
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert render_tasks(pool, scene, four, journal) == 4
+    assert {path.name for path in tmp_path.glob("*.npy")} == {f"{n}.npy" for n in range(4)}
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_its_workers_is_named(pool):
+    """Dask gives up after four workers, and the pool says which job it was."""
+    scene = sv.builtin("cornell_box")
+    with pytest.raises(sv.SolariError, match="the deadly job ended every worker"):
+        for _ in pool.map(scene, [Deadly()]):
+            pass
+    with OneDevice() as one:
+        alone = render_reference(one, scene, SIZE, samples=2)
+    assert np.array_equal(alone.radiance, render_reference(pool, scene, SIZE, samples=2).radiance)
+
+
+class Deadly:
+    name = "the deadly job"
+    clip = None
+
+    def perform(self, session):
+        os._exit(1)
+
+
+def test_large_scenes_are_sent_without_a_warning(pool, tmp_path, monkeypatch):
+    """Dask warns of large tasks. What follows a pickle is ignored."""
+    key, data = pack(sv.builtin("cornell_box"))
+    monkeypatch.setattr("solari_vk.renderers.cluster.worker_pool.pack", lambda scene: (key, data + bytes(20_000_000)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert list(filter(None, pool.map(sv.builtin("cornell_box"), [Losing(0, str(tmp_path))])))
+
+
+def test_a_lost_device_is_opened_again(pool, tmp_path, capsys):
+    """A job is tried three times."""
+    scene = sv.builtin("cornell_box")
+    ((_, names),) = filter(None, pool.map(scene, [Losing(2, str(tmp_path))]))
+    assert len(names) == 2
+    assert capsys.readouterr().err.count("the losing job is tried again: the device is lost") == 2
+    with pytest.raises(sv.DeviceError, match="the losing job: the device is lost"):
+        list(pool.map(scene, [Losing(3, str(tmp_path / "more"))]))
+
+
+@dataclass
+class Losing:
+    """Loses its device some times, which it counts by files in a folder."""
+
+    times: int
+    folder: str
+    name: str = "the losing job"
+    clip: None = None
+
+    def perform(self, session):
+        folder = Path(self.folder)
+        folder.mkdir(exist_ok=True)
+        names = sorted(path.name for path in folder.iterdir())
+        if len(names) < self.times:
+            (folder / str(len(names))).touch()
+            raise sv.DeviceError("the device is lost")
+        assert session.device.name
+        return names
+
+
+def test_identities_differ_in_words():
+    mine = Identity("1", "a", "GPU", "driver", "query")
+    assert not mine.difference(mine)
+    for field, other, words in (
+        ("version", "2", "version 1 of solari_vk, but version 2"),
+        ("code", "b", "other code"),
+        ("device", "CPU", "the device GPU, but the device CPU"),
+        ("driver", "x", "the driver driver"),
+        ("rays", "pipeline", "rays by query"),
+    ):
+        assert words in mine.difference(replace(mine, **{field: other}))
+
+
+def test_workers_of_dask_cuda_get_their_own_devices(monkeypatch):
+    """CUDA_VISIBLE_DEVICES holds numbers or UUIDs; its first entry counts, and SOLARI_VK_DEVICE wins."""
+
+    def report(number, kind="discrete gpu"):
+        return DeviceReport(number, "GPU", kind, f"{number}{number}-aa", "driver", (1, 3, 0), [], {})
+
+    reports = [report(0), report(1), report(2, "cpu")]
+    monkeypatch.delenv("SOLARI_VK_DEVICE", raising=False)
+    uuids = {"": None, "0": "00-aa", "1,0": "11-aa", "2": None, "GPU-11-AA,GPU-00-aa": "11-aa", "GPU-x": None}
+    for given, uuid in uuids.items():
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", given)
+        assert device_of_worker(reports) == uuid
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1")
+    monkeypatch.setenv("SOLARI_VK_DEVICE", "0")
+    assert device_of_worker(reports) is None
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_a_terminal_keeps_what_is_done(any_device, tmp_path):
+    """A terminal sends it to all processes; the workers leave it to the command, which writes its picture."""
+    path = tmp_path / "picture.npy"
+    options = ["--size", "16x16", "--samples", "1000000", "--no-denoise", "--workers", "2", "-o"]
+    command = [sys.executable, "-m", "solari_vk", "render", "builtin:cornell_box", *options, str(path)]
+    started = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        said = ""
+        while " of 1000000 samples a pixel" not in said:
+            said += (line := started.stderr.readline())
+            assert line, said
+        os.killpg(started.pid, signal.SIGINT)
+        said += started.communicate(timeout=60)[1]
+    finally:
+        started.kill()
+    assert started.returncode == 0, said
+    assert "interrupted: keeping" in said
+    assert "Traceback" not in said
+    assert "isn't used" not in said
+    assert np.isfinite(np.load(path)).all()
