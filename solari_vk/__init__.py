@@ -23,18 +23,10 @@ __version__ = "0.2.0"
 
 # The public names, and the modules that define them: read by type checkers, and by `_homes` when a name is first used.
 if TYPE_CHECKING:
-    from solari_vk.base.errors import (
-        CallbackError as CallbackError,
-    )
-    from solari_vk.base.errors import (
-        DeviceError as DeviceError,
-    )
-    from solari_vk.base.errors import (
-        SolariError as SolariError,
-    )
-    from solari_vk.base.errors import (
-        ValidationError as ValidationError,
-    )
+    from solari_vk.base.errors import CallbackError as CallbackError
+    from solari_vk.base.errors import DeviceError as DeviceError
+    from solari_vk.base.errors import SolariError as SolariError
+    from solari_vk.base.errors import ValidationError as ValidationError
     from solari_vk.batch.batch import Batch as Batch
     from solari_vk.bound.binder import SceneBinder as SceneBinder
     from solari_vk.data import cluster as cluster
@@ -57,21 +49,11 @@ if TYPE_CHECKING:
     from solari_vk.data.sensors.time_of_flight import TimeOfFlightCamera as TimeOfFlightCamera
     from solari_vk.gpu.device.device import Device as Device
     from solari_vk.gpu.device.device import list_devices as list_devices
-    from solari_vk.gpu.frame.frame import (
-        Frame as Frame,
-    )
-    from solari_vk.gpu.frame.frame import (
-        HitGroup as HitGroup,
-    )
-    from solari_vk.gpu.frame.frame import (
-        Pass as Pass,
-    )
-    from solari_vk.gpu.frame.frame import (
-        RayPass as RayPass,
-    )
-    from solari_vk.gpu.frame.frame import (
-        Stage as Stage,
-    )
+    from solari_vk.gpu.frame.frame import Frame as Frame
+    from solari_vk.gpu.frame.frame import HitGroup as HitGroup
+    from solari_vk.gpu.frame.frame import Pass as Pass
+    from solari_vk.gpu.frame.frame import RayPass as RayPass
+    from solari_vk.gpu.frame.frame import Stage as Stage
     from solari_vk.output.annotations import Annotations as Annotations
     from solari_vk.output.annotations import instance_table as instance_table
     from solari_vk.output.compare import Difference as Difference
@@ -82,15 +64,9 @@ if TYPE_CHECKING:
     from solari_vk.output.picture import check_output as check_output
     from solari_vk.output.picture import save_image as save_image
     from solari_vk.output.shards import save_shards as save_shards
-    from solari_vk.output.tone_mapping import (
-        auto_exposure as auto_exposure,
-    )
-    from solari_vk.output.tone_mapping import (
-        encode_picture as encode_picture,
-    )
-    from solari_vk.output.tone_mapping import (
-        tonemap as tonemap,
-    )
+    from solari_vk.output.tone_mapping import auto_exposure as auto_exposure
+    from solari_vk.output.tone_mapping import encode_picture as encode_picture
+    from solari_vk.output.tone_mapping import tonemap as tonemap
     from solari_vk.renderers import rt as rt
     from solari_vk.renderers.bands import render_large as render_large
     from solari_vk.renderers.light_meter import illuminance as illuminance
@@ -106,15 +82,9 @@ if TYPE_CHECKING:
     from solari_vk.scene.builtin import builtin as builtin
     from solari_vk.scene.camera_rig import CameraRig as CameraRig
     from solari_vk.scene.deformation import Deformation as Deformation
-    from solari_vk.scene.files.colmap import (
-        ColmapImage as ColmapImage,
-    )
-    from solari_vk.scene.files.colmap import (
-        load_colmap as load_colmap,
-    )
-    from solari_vk.scene.files.colmap import (
-        save_colmap as save_colmap,
-    )
+    from solari_vk.scene.files.colmap import ColmapImage as ColmapImage
+    from solari_vk.scene.files.colmap import load_colmap as load_colmap
+    from solari_vk.scene.files.colmap import save_colmap as save_colmap
     from solari_vk.scene.files.gltf import load_gltf as load_gltf
     from solari_vk.scene.group import Group as Group
     from solari_vk.scene.labels import label_instances as label_instances
@@ -126,33 +96,15 @@ if TYPE_CHECKING:
     from solari_vk.scene.lights.temperature import kelvin as kelvin
     from solari_vk.scene.load import load as load
     from solari_vk.scene.matrices import euler as euler
-    from solari_vk.scene.model import (
-        Camera as Camera,
-    )
-    from solari_vk.scene.model import (
-        DirectionalLight as DirectionalLight,
-    )
-    from solari_vk.scene.model import (
-        Environment as Environment,
-    )
-    from solari_vk.scene.model import (
-        Instance as Instance,
-    )
-    from solari_vk.scene.model import (
-        Material as Material,
-    )
-    from solari_vk.scene.model import (
-        Mesh as Mesh,
-    )
-    from solari_vk.scene.model import (
-        Scene as Scene,
-    )
-    from solari_vk.scene.model import (
-        Texture as Texture,
-    )
-    from solari_vk.scene.model import (
-        TextureImage as TextureImage,
-    )
+    from solari_vk.scene.model import Camera as Camera
+    from solari_vk.scene.model import DirectionalLight as DirectionalLight
+    from solari_vk.scene.model import Environment as Environment
+    from solari_vk.scene.model import Instance as Instance
+    from solari_vk.scene.model import Material as Material
+    from solari_vk.scene.model import Mesh as Mesh
+    from solari_vk.scene.model import Scene as Scene
+    from solari_vk.scene.model import Texture as Texture
+    from solari_vk.scene.model import TextureImage as TextureImage
     from solari_vk.scene.presenting.opening import open as open
     from solari_vk.scene.presenting.studio_lights import studio_lights as studio_lights
     from solari_vk.scene.shutter import Shutter as Shutter

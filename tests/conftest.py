@@ -24,10 +24,13 @@ from solari_vk.gpu.device.device import Device, list_devices
 
 # Random tests find the same failures in every run and on every machine.
 settings.register_profile(
-    "suite", derandomize=True, database=None, deadline=None,
+    "suite",
+    derandomize=True,
+    database=None,
+    deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     phases=set(Phase) - {Phase.explain},  # which takes minutes
-)  # fmt: skip
+)
 settings.load_profile("suite")
 
 MOST_MEMORY = 2 << 30  # bytes, after a file's tests

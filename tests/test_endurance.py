@@ -114,8 +114,10 @@ def test_a_thousand_cycles_of_load_render_close(any_device, tmp_path):
     with sv.Device(validation=False) as device:
         sizes, counts = zip(*(cycle(number) for number in range(1000)), strict=True)
     early, late = max(sizes[200:400]), max(sizes[800:])
-    print(f"1,000 cycles: {sizes[0] / 1e6:.0f} MB after the first, at most {early / 1e6:.0f} in cycles 201 to 400 and "
-          f"{late / 1e6:.0f} in the last 200; {counts[-1][1]} bytes used on the device")
+    print(
+        f"1,000 cycles: {sizes[0] / 1e6:.0f} MB after the first, at most {early / 1e6:.0f} in cycles 201 to 400 and "
+        f"{late / 1e6:.0f} in the last 200; {counts[-1][1]} bytes used on the device"
+    )
     assert counts[-1] == counts[20]
     assert late - early < 8e6
 
@@ -162,11 +164,18 @@ for _ in range(40):
 def test_forty_devices(any_device):
     """Opened and closed one after the other, each with a picture; in a process of its own, whose heap has no holes, and
     is one for all threads that compile."""
-    run = subprocess.run([sys.executable, "-c", FORTY, *sys.path], capture_output=True, text=True, check=True,
-                         env=os.environ | {"MALLOC_ARENA_MAX": "1"})  # fmt: skip
+    run = subprocess.run(
+        [sys.executable, "-c", FORTY, *sys.path],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"MALLOC_ARENA_MAX": "1"},
+    )
     states = [tuple(map(int, line.split())) for line in run.stdout.splitlines()]
-    print(f"40 devices: {states[9][-1] / 1e6:.0f} MB after 10, {states[-1][-1] / 1e6:.0f} after 40; open files and "
-          f"threads {states[-1][:2]}")
+    print(
+        f"40 devices: {states[9][-1] / 1e6:.0f} MB after 10, {states[-1][-1] / 1e6:.0f} after 40; open files and "
+        f"threads {states[-1][:2]}"
+    )
     assert len(states) == 40
     assert states[-1][:-1] == states[9][:-1]
     assert states[-1][-1] - states[9][-1] < 30e6

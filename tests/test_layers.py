@@ -154,7 +154,9 @@ def test_only_trace_names_ray_queries():
     queries = {GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl")}
     assert naming(r"rayQuery\w*EXT|GL_EXT_ray_query") == {*queries, TRACE}
     assert naming(r"rayPayload\w*EXT|traceRayEXT|GL_EXT_ray_tracing\b") == {
-        path for path in TRACE.parent.glob("trace.*") if path.suffix != ".spv"  # which building a wheel leaves
+        path
+        for path in TRACE.parent.glob("trace.*")
+        if path.suffix != ".spv"  # which building a wheel leaves
     }
     users = [path for path in ENTRY_POINTS if not reached(path).isdisjoint(queries)]
     assert users

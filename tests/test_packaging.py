@@ -33,8 +33,9 @@ SAFELY = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}
 
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, *command], cwd=cwd, env=os.environ | environment, capture_output=True,
-                          text=True, check=False)  # fmt: skip
+    return subprocess.run(
+        [sys.executable, *command], cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
 
 
 def build(folder: Path, target: str, **environment: str) -> Path:
@@ -53,22 +54,34 @@ def test_addresses_can_be_filled_in():
     assert len(tomllib.loads(filled)["project"]["urls"]) == 5
 
 
-@pytest.mark.parametrize(("file", "text", "message"), [
-    ("CHANGELOG.md", "## 1.2.0, not released yet", "give 1.2.0 its date"),
-    ("CITATION.cff", "version: 1.1.0", "version must be 1.2.0"),
-    ("solari_vk/__init__.py", "", "there is no __version__"),
-    ("new.py", "", "not committed"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("CHANGELOG.md", "## 1.2.0, not released yet", "give 1.2.0 its date"),
+        ("CITATION.cff", "version: 1.1.0", "version must be 1.2.0"),
+        ("solari_vk/__init__.py", "", "there is no __version__"),
+        ("new.py", "", "not committed"),
+    ],
+)
 def test_a_version_that_is_not_ready_is_not_built(tmp_path, file, text, message):
-    texts = {"CHANGELOG.md": "## 1.2.0, 2027-01-31", "CITATION.cff": "version: 1.2.0", "new.py": None,
-             "solari_vk/__init__.py": '__version__ = "1.2.0"', "tools/release": None}  # fmt: skip
+    texts = {
+        "CHANGELOG.md": "## 1.2.0, 2027-01-31",
+        "CITATION.cff": "version: 1.2.0",
+        "new.py": None,
+        "solari_vk/__init__.py": '__version__ = "1.2.0"',
+        "tools/release": None,
+    }
     for name, content in texts.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         if content is not None:
             (tmp_path / name).write_text(content + "\n")
     shutil.copy(ROOT / "tools/release", tmp_path / "tools")
-    subprocess.run("git init -q && git add . && git -c user.name=a -c user.email=a@b.c commit -qm a", shell=True,
-                   cwd=tmp_path, check=True)  # fmt: skip
+    subprocess.run(
+        "git init -q && git add . && git -c user.name=a -c user.email=a@b.c commit -qm a",
+        shell=True,
+        cwd=tmp_path,
+        check=True,
+    )
     (tmp_path / file).write_text(text + "\n")
     done = subprocess.run(["tools/release"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, message in done.stderr) == (1, True), done.stderr
@@ -123,10 +136,14 @@ def compiled_modules(tree: Path) -> set[str]:
     many = {path for path in paths if has_many_views(path, sources)}
     assert 1 < len(many) < len(paths)
     suffixes = {
-        path: [f"{views}{features}{rays}" for views in ("", ".views")[: 1 + (path in many)]
-               for features in ("", ".plain")[: 1 + (path in plain)] for rays in ("", ".rgen")[: 1 + (path in traces)]]
+        path: [
+            f"{views}{features}{rays}"
+            for views in ("", ".views")[: 1 + (path in many)]
+            for features in ("", ".plain")[: 1 + (path in plain)]
+            for rays in ("", ".rgen")[: 1 + (path in traces)]
+        ]
         for path in paths
-    }  # fmt: skip
+    }
     return {f"{path}{suffix}.spv" for path, each in suffixes.items() for suffix in each}
 
 
@@ -139,8 +156,11 @@ def test_sdist_has_sources_and_compiled_shaders(tree, unpacked_sdist):
 
 def test_wheel_has_package_glsl_and_compiled_shaders(tree, wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    modules = {path.relative_to(ROOT).as_posix() for suffix in ("py", "js")
-               for path in (ROOT / "solari_vk").rglob(f"*.{suffix}")}  # fmt: skip
+    modules = {
+        path.relative_to(ROOT).as_posix()
+        for suffix in ("py", "js")
+        for path in (ROOT / "solari_vk").rglob(f"*.{suffix}")
+    }
     libraries = {path.relative_to(tree / "glsl").as_posix() for path in (tree / "glsl").rglob("*.glsl")}
     compiled = compiled_modules(tree)
     shaders = {f"solari_vk/glsl/{path}" for path in {*libraries, *entry_points(tree), *compiled, "shipped.json"}}
@@ -152,8 +172,12 @@ def test_wheel_has_package_glsl_and_compiled_shaders(tree, wheel):
 def test_wheel_metadata(wheel):
     with zipfile.ZipFile(wheel) as archive:
         texts = {Path(name).name: archive.read(name).decode() for name in archive.namelist() if ".dist-info/" in name}
-    for file, text in (("entry_points.txt", "solari-vk = solari_vk.cli:main"), ("LICENSE", "MIT License"),
-                       ("METADATA", "License-Expression: MIT"), ("WHEEL", "Root-Is-Purelib: true")):  # fmt: skip
+    for file, text in (
+        ("entry_points.txt", "solari-vk = solari_vk.cli:main"),
+        ("LICENSE", "MIT License"),
+        ("METADATA", "License-Expression: MIT"),
+        ("WHEEL", "Root-Is-Purelib: true"),
+    ):
         assert text in texts[file]
 
 

@@ -71,16 +71,28 @@ def test_every_bug_compiles(bugs):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(("name", "text", "parts"), [
-    ("LIMIT", "7.0", ["const float LIMIT = 7.0, LARGER = max(3.0, 4.0);"]),
-    ("LARGER", "7.0", ["const float LIMIT = 2.0, LARGER = 7.0;"]),
-    ("SCALE", "7.0", ["#define SCALE 7.0\n"]),
-    ("twice(vec2", "return correct(v.yx);",
-     ["float twice_without_bug(vec2 v) { return 2.0 * v.x; }\nfloat twice(vec2 v) { return twice_without_bug(v.yx); }",
-      "float twice(float x) { return 2.0 * x; }"]),
-    ("main", "correct(); done();",
-     ["void main_without_bug() { if (true) { twice(1.0); } }\nvoid main() { main_without_"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "text", "parts"),
+    [
+        ("LIMIT", "7.0", ["const float LIMIT = 7.0, LARGER = max(3.0, 4.0);"]),
+        ("LARGER", "7.0", ["const float LIMIT = 2.0, LARGER = 7.0;"]),
+        ("SCALE", "7.0", ["#define SCALE 7.0\n"]),
+        (
+            "twice(vec2",
+            "return correct(v.yx);",
+            [
+                "float twice_without_bug(vec2 v) { return 2.0 * v.x; }\n"
+                "float twice(vec2 v) { return twice_without_bug(v.yx); }",
+                "float twice(float x) { return 2.0 * x; }",
+            ],
+        ),
+        (
+            "main",
+            "correct(); done();",
+            ["void main_without_bug() { if (true) { twice(1.0); } }\nvoid main() { main_without_"],
+        ),
+    ],
+)
 def test_a_bug_replaces_a_function_or_a_constant(name, text, parts):
     changed = Bug("common/math.glsl", name, text).apply(SOURCE)
     KNOWN.pop()

@@ -58,12 +58,18 @@ deb [arch=amd64 signed-by=/usr/share/keyrings/a.gpg] mirror+file:/etc/apt/list b
 """
 
 
-@pytest.mark.parametrize(("files", "suffix", "text"), [
-    ([(".sources", STANZAS)], ".sources", STANZA),
-    ([(".list", LINES)], ".list",
-     "deb [arch=amd64 signed-by=/usr/share/keyrings/a.gpg] mirror+file:/etc/apt/list bookworm-backports main\n"),
-    ([(".list", "\n"), (".sources", STANZAS), (".list", LINES)], ".sources", STANZA),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("files", "suffix", "text"),
+    [
+        ([(".sources", STANZAS)], ".sources", STANZA),
+        (
+            [(".list", LINES)],
+            ".list",
+            "deb [arch=amd64 signed-by=/usr/share/keyrings/a.gpg] mirror+file:/etc/apt/list bookworm-backports main\n",
+        ),
+        ([(".list", "\n"), (".sources", STANZAS), (".list", LINES)], ".sources", STANZA),
+    ],
+)
 def test_backports_are_the_first_file_s_source_with_another_suite(files, suffix, text):
     assert find_source(files, "bookworm", "bookworm-backports") == (suffix, text)
     assert find_source(files, "trixie", "trixie-backports") is None
@@ -121,17 +127,30 @@ def test_steps_are_timed_and_a_failure_ends_them(command, said, tmp_path):
     times.write_text("\n".join(map(str, (10, 15, 15, 15, 15, 27))) + "\n")
     (tmp_path / "date").write_text(f"#!/bin/sh\nhead -n 1 {times}\nsed -i 1d {times}\n")
     (tmp_path / "date").chmod(0o755)
-    done = run_steps("steps=", "step long true", f"step quick {command}", "step 'last one' true", 'echo "$steps"',
-                     PATH=f"{tmp_path}:{os.environ['PATH']}")  # fmt: skip
+    done = run_steps(
+        "steps=",
+        "step long true",
+        f"step quick {command}",
+        "step 'last one' true",
+        'echo "$steps"',
+        PATH=f"{tmp_path}:{os.environ['PATH']}",
+    )
     assert (done.stdout, done.returncode) == (said, int(command == "false"))
 
 
-@pytest.mark.parametrize(("mesa", "said", "status"), [
-    ("sleep 0.3; echo Mesa", ["pip", "Mesa", "done"], 0),
-    ("exit 3", ["pip"], 3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("mesa", "said", "status"), [("sleep 0.3; echo Mesa", ["pip", "Mesa", "done"], 0), ("exit 3", ["pip"], 3)]
+)
 def test_a_driver_is_installed_while_pip_works(mesa, said, status):
-    done = run_steps("can_use_apt() { true; }", "find_python() { true; }", "has_driver() { false; }",
-                     "has_device() { true; }", f"install_mesa() {{ {mesa}; }}", "begin_driver", "echo pip",
-                     "install_driver", "echo done")  # fmt: skip
+    done = run_steps(
+        "can_use_apt() { true; }",
+        "find_python() { true; }",
+        "has_driver() { false; }",
+        "has_device() { true; }",
+        f"install_mesa() {{ {mesa}; }}",
+        "begin_driver",
+        "echo pip",
+        "install_driver",
+        "echo done",
+    )
     assert (done.stdout.split("\n")[:-1], done.returncode) == (said, status), done.stderr

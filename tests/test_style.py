@@ -20,3 +20,7 @@ def test_ruff():
 
 def test_mypy():
     run("mypy")
+
+
+def test_format():
+    run("ruff", "format", "--no-cache", "--check", "solari_vk", "tests", "tools", "hatch_build.py")

@@ -24,14 +24,26 @@ def listed(lines: list[str]) -> list[str]:
 
 
 def test_passes_are_listed_by_stage_with_barriers_and_resources():
-    rows = [Row("a", "a/fill", (), ("x",), "", 0.5), Row("a", "a/add", ("x", "y"), ("x",), "RAW x (a/fill)", None),
-            Row("b", "b/show", ("x",), ("z",), "RAW x (a/add)", None)]  # fmt: skip
+    rows = [
+        Row("a", "a/fill", (), ("x",), "", 0.5),
+        Row("a", "a/add", ("x", "y"), ("x",), "RAW x (a/fill)", None),
+        Row("b", "b/show", ("x",), ("z",), "RAW x (a/add)", None),
+    ]
     lines = SHOW_FRAME["describe_passes"](rows)
     assert [" ".join(line.split()) for line in lines] == [
-        "stage a", "pass a/fill 0.500 ms", "writes x",
-        "barrier: RAW x (a/fill)", "pass a/add", "reads x, y", "writes x",
-        "stage b", "barrier: RAW x (a/add)", "pass b/show", "reads x", "writes z",
-    ]  # fmt: skip
+        "stage a",
+        "pass a/fill 0.500 ms",
+        "writes x",
+        "barrier: RAW x (a/fill)",
+        "pass a/add",
+        "reads x, y",
+        "writes x",
+        "stage b",
+        "barrier: RAW x (a/add)",
+        "pass b/show",
+        "reads x",
+        "writes z",
+    ]
     assert listed(lines) == ["a/fill", "a/add", "b/show"]
 
 
@@ -65,19 +77,30 @@ def test_a_wrong_scene_is_one_line(capsys):
 
 def test_size_measures_another_checkout(tmp_path):
     sources = {
-        "solari_vk/__init__.py": "", "solari_vk/a.py": "from solari_vk import b, f\n",
-        "solari_vk/b.py": "def f():\n    import solari_vk.c\n", "solari_vk/c.py": "import solari_vk.a\n",
-        "solari_vk/d.py": "import solari_vk.a\nimport solari_vk.e\n", "solari_vk/e.py": "import solari_vk.d\n",
+        "solari_vk/__init__.py": "",
+        "solari_vk/a.py": "from solari_vk import b, f\n",
+        "solari_vk/b.py": "def f():\n    import solari_vk.c\n",
+        "solari_vk/c.py": "import solari_vk.a\n",
+        "solari_vk/d.py": "import solari_vk.a\nimport solari_vk.e\n",
+        "solari_vk/e.py": "import solari_vk.d\n",
         "solari_vk/f.py": "",
-        "glsl/x/y.comp": f"{'/' * 121}\n{'/' * 120}\n", "tests/test_x.py": "def test_x():\n    pass\n",
-    }  # fmt: skip
+        "glsl/x/y.comp": f"{'/' * 121}\n{'/' * 120}\n",
+        "tests/test_x.py": "def test_x():\n    pass\n",
+    }
     for name, text in sources.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
     done = subprocess.run([sys.executable, TOOLS / "size.py", tmp_path], capture_output=True, text=True, check=True)
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    for line in ("7 solari_vk", "2 glsl/x", "11 solari_vk + glsl + tests", "GLSL lines over 120 columns: 1",
-                 "import circles: 2, the longest of 3 modules", "solari_vk.a solari_vk.b solari_vk.c",
-                 "solari_vk.d solari_vk.e", "2 solari_vk/b.py"):  # fmt: skip
+    for line in (
+        "7 solari_vk",
+        "2 glsl/x",
+        "11 solari_vk + glsl + tests",
+        "GLSL lines over 120 columns: 1",
+        "import circles: 2, the longest of 3 modules",
+        "solari_vk.a solari_vk.b solari_vk.c",
+        "solari_vk.d solari_vk.e",
+        "2 solari_vk/b.py",
+    ):
         assert line in lines
     assert lines[-1].startswith("tests: 1 test collected")

@@ -68,9 +68,7 @@ def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
     scene = sv.builtin("cornell_box")
     scene.instances[0].material.transmission = 0.5  # features of scenes: lobes, meshes for rays alone
     scene.instances[0].ray_mesh = scene.instances[0].mesh
-    choices = (
-        {"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"frame_ms": 1.0}, {"lighting": "split"}
-    )  # fmt: skip
+    choices = ({"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"frame_ms": 1.0}, {"lighting": "split"})
     with sv.Frame(device, [brdf_table.stage()]) as tables:
         for choice in choices:
             with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:

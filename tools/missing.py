@@ -16,11 +16,7 @@ LAYER = b"VK_LAYER_KHRONOS_validation"
 class LayerProperties(ctypes.Structure):
     """VkLayerProperties."""
 
-    _fields_ = [
-        ("name", ctypes.c_char * 256),
-        ("versions", ctypes.c_uint32 * 2),
-        ("description", ctypes.c_char * 256),
-    ]
+    _fields_ = [("name", ctypes.c_char * 256), ("versions", ctypes.c_uint32 * 2), ("description", ctypes.c_char * 256)]
 
 
 def library(names):

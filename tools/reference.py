@@ -46,7 +46,8 @@ def names(page: str) -> str:
         found = _object(name)
         if inspect.ismodule(found):
             lines += [_line(getattr(found, each), each, "") for each in members.split(", ") if members] or [
-                _line(getattr(found, each), each, "") for each in _public(found)]  # fmt: skip
+                _line(getattr(found, each), each, "") for each in _public(found)
+            ]
         else:
             lines.append(_line(found, name.rpartition(".")[2], members))
     return "\n".join(lines) + "\n"
@@ -86,14 +87,22 @@ def _public(module: Any) -> list[str]:
     """The functions and classes that a module defines, or those that it says it offers, in their order."""
     if offered := getattr(module, "__all__", None):
         return [name for name in offered if callable(getattr(module, name))]
-    return [name for name, value in vars(module).items()
-            if not name.startswith("_") and getattr(value, "__module__", "") == module.__name__]  # fmt: skip
+    return [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
+    ]
 
 
 def _methods(found: type) -> list[str]:
     """The public methods and properties of a class of the package, those of its bases first."""
-    own = {name: None for base in reversed(found.__mro__) if base.__module__.startswith("solari_vk")
-           for name, value in vars(base).items() if not name.startswith("_") and _is_method(value)}  # fmt: skip
+    own = {
+        name: None
+        for base in reversed(found.__mro__)
+        if base.__module__.startswith("solari_vk")
+        for name, value in vars(base).items()
+        if not name.startswith("_") and _is_method(value)
+    }
     return [name for name in own if name not in COMMON]
 
 
@@ -110,8 +119,12 @@ def settings(page: str) -> str:
             meaning = text_in_table(FIELDS[name].meaning)
             parts.append(f"| `{name}` | {DEFAULTS[name]} | {text_in_table(allowed(name))} | {meaning} |")
         parts.append("")
-    parts += ["## Presets\n", "`sv.Settings.preset(name)` and `--quality name`.\n", "| name | what it changes |",
-              "| --- | --- |"]  # fmt: skip
+    parts += [
+        "## Presets\n",
+        "`sv.Settings.preset(name)` and `--quality name`.\n",
+        "| name | what it changes |",
+        "| --- | --- |",
+    ]
     for name, values in QUALITIES.items():
         changes = ", ".join(f"`{key}={value}`" for key, value in values.items())
         parts.append(f"| `{name}` | {changes or 'nothing: the defaults'} |")
@@ -126,8 +139,9 @@ def views(page: str) -> str:
 
 def commands(_: str) -> str:
     """Every command with a table of what it takes."""
-    return "\n".join(line for name, command in _commands(cli._parser()).items()
-                     for line in _command(f"solari-vk {name}", command, 2))  # fmt: skip
+    return "\n".join(
+        line for name, command in _commands(cli._parser()).items() for line in _command(f"solari-vk {name}", command, 2)
+    )
 
 
 def _commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:

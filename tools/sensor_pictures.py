@@ -1,6 +1,6 @@
 """Renders docs/sensors.png: a picture, its raw numbers, a lidar's points and a depth camera's image of one scene.
 
-    python tools/sensor_pictures.py [-o docs/sensors.png] [--samples 256]
+python tools/sensor_pictures.py [-o docs/sensors.png] [--samples 256]
 """
 
 from __future__ import annotations

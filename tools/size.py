@@ -20,10 +20,12 @@ WIDEST = 120  # columns of a GLSL line
 
 
 def import_graph(package: Path) -> dict[str, set[str]]:
-    """The modules of a package, each with the package's modules that it imports, also inside functions, for type checkers
-    only, and by import_module("..."). Raises ValueError for a relative import."""
-    paths = {".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
-             for path in package.rglob("*.py")}  # fmt: skip
+    """The modules of a package, each with the package's modules that it imports, also inside functions, for type
+    checkers only, and by import_module("..."). Raises ValueError for a relative import."""
+    paths = {
+        ".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in package.rglob("*.py")
+    }
     graph: dict[str, set[str]] = {}
     for module, path in paths.items():
         names: set[str] = set()
@@ -58,16 +60,23 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
 def line_counts(root: Path) -> dict[Path, int]:
     """The lines of each text file in FOLDERS, by its path from the root."""
     files = [path for name in FOLDERS for path in (root / name).rglob("*")]
-    return {path.relative_to(root): len(path.read_text(encoding="utf-8").splitlines()) for path in files
-            if path.is_file() and path.suffix in SUFFIXES and "__pycache__" not in path.parts}  # fmt: skip
+    return {
+        path.relative_to(root): len(path.read_text(encoding="utf-8").splitlines())
+        for path in files
+        if path.is_file() and path.suffix in SUFFIXES and "__pycache__" not in path.parts
+    }
 
 
 def wide_lines(root: Path) -> list[str]:
     """FILE:LINE of the GLSL lines that have more than WIDEST columns."""
-    return [f"{path.relative_to(root)}:{number}"
-            for folder in FOLDERS for path in sorted((root / folder).rglob("*")) if path.suffix in SHADER_SUFFIXES
-            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
-            if len(line) > WIDEST]  # fmt: skip
+    return [
+        f"{path.relative_to(root)}:{number}"
+        for folder in FOLDERS
+        for path in sorted((root / folder).rglob("*"))
+        if path.suffix in SHADER_SUFFIXES
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > WIDEST
+    ]
 
 
 def collected_tests(root: Path) -> str:

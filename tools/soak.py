@@ -35,8 +35,9 @@ from solari_vk.settings import DEFAULTS, FIELDS
 Opening = Callable[[], sv.Scene]
 BUILTIN = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
 OPENINGS: dict[str, Opening] = {
-    "character": lambda: character(400, 8), **{name: lambda name=name: sv.builtin(name) for name in BUILTIN},
-}  # fmt: skip
+    "character": lambda: character(400, 8),
+    **{name: lambda name=name: sv.builtin(name) for name in BUILTIN},
+}
 WIDEST = 48  # pixels
 ACTIONS, LONG_ROUND, LONG_ACTIONS = 60, 6, 300  # every sixth round is long
 SEEDS, BIAS = 8, 0.1  # of the comparison with the path tracer: its runs, and what realtime frames may be off by
@@ -72,10 +73,26 @@ class Soak:
 
     def act(self) -> None:
         """One random action, and often a frame."""
-        action = self.one_of([
-            self.move, self.hide, self.paint, self.add, self.remove, self.light, self.surround, self.bend, self.set,
-            self.resize, self.look, self.view, self.animate, self.trace, self.reset, self.save,
-        ])  # fmt: skip
+        action = self.one_of(
+            [
+                self.move,
+                self.hide,
+                self.paint,
+                self.add,
+                self.remove,
+                self.light,
+                self.surround,
+                self.bend,
+                self.set,
+                self.resize,
+                self.look,
+                self.view,
+                self.animate,
+                self.trace,
+                self.reset,
+                self.save,
+            ]
+        )
         self.counts[action.__name__] += 1
         action()
         if self.rng.random() < 0.7:
@@ -124,18 +141,26 @@ class Soak:
             self.scene.remove(self.lamps.pop(self.rng.integers(len(self.lamps))))
             return
         direction, radius = self.rng.normal(size=3), 0.05 * float(self.rng.integers(2))
-        self.lamps.append(self.scene.add(self.one_of([
-            lambda: sv.PointLight(self.near(0.3), intensity=1.0, radius=radius),
-            lambda: sv.SpotLight(self.near(0.3), direction, intensity=1.0, radius=radius),
-            lambda: sv.DirectionalLight(direction, illuminance=1.0),
-        ])()))  # fmt: skip
+        self.lamps.append(
+            self.scene.add(
+                self.one_of(
+                    [
+                        lambda: sv.PointLight(self.near(0.3), intensity=1.0, radius=radius),
+                        lambda: sv.SpotLight(self.near(0.3), direction, intensity=1.0, radius=radius),
+                        lambda: sv.DirectionalLight(direction, illuminance=1.0),
+                    ]
+                )()
+            )
+        )
 
     def surround(self) -> None:
-        self.scene.environment = self.one_of([
-            lambda: None,
-            lambda: sv.Environment(self.rng.random((4, 8, 3))),
-            lambda: sv.Sky(self.rng.normal(size=3), intensity=1e-4),
-        ])()  # fmt: skip
+        self.scene.environment = self.one_of(
+            [
+                lambda: None,
+                lambda: sv.Environment(self.rng.random((4, 8, 3))),
+                lambda: sv.Sky(self.rng.normal(size=3), intensity=1e-4),
+            ]
+        )()
 
     def bend(self) -> None:
         mesh = self.one_of(list(self.scene)).mesh
@@ -255,9 +280,21 @@ def run_round(
 class MallInfo(ctypes.Structure):
     """struct mallinfo2 of the C library."""
 
-    _fields_ = [(name, ctypes.c_size_t) for name in (
-        "arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost",
-    )]  # fmt: skip
+    _fields_ = [
+        (name, ctypes.c_size_t)
+        for name in (
+            "arena",
+            "ordblks",
+            "smblks",
+            "hblks",
+            "hblkhd",
+            "usmblks",
+            "fsmblks",
+            "uordblks",
+            "fordblks",
+            "keepcost",
+        )
+    ]
 
 
 def memory() -> int:
@@ -300,15 +337,20 @@ def main() -> int:
         ratios.append(ratio)
         number += 1
         used, reserved, _ = sizes[-1]
-        print(f"round {number}, {subject}: realtime {ratio:.3f} of the path tracer (noise {noise:.3f}), "
-              f"{used / 1e6:.0f} MB, of which {reserved / 1e6:.0f} MB of the device", flush=True)  # fmt: skip
+        print(
+            f"round {number}, {subject}: realtime {ratio:.3f} of the path tracer (noise {noise:.3f}), "
+            f"{used / 1e6:.0f} MB, of which {reserved / 1e6:.0f} MB of the device",
+            flush=True,
+        )
         if number % DEVICE_ROUNDS == 0:
             device.close()
             device = sv.Device(validation=True)
     device.close()
     if ratios:
-        print(f"{len(ratios)} rounds without a fault, realtime {min(ratios):.3f} to {max(ratios):.3f} of the path "
-              "tracer: " + ", ".join(f"{count} {what}" for what, count in counts.most_common()))  # fmt: skip
+        print(
+            f"{len(ratios)} rounds without a fault, realtime {min(ratios):.3f} to {max(ratios):.3f} of the path "
+            "tracer: " + ", ".join(f"{count} {what}" for what, count in counts.most_common())
+        )
     return 0
 
 

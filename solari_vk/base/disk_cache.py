@@ -32,8 +32,10 @@ def folder() -> Path | None:
             return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "solari_vk" / "cache"
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
     except RuntimeError:  # neither HOME nor an entry in the list of users
-        warn("compiled shaders and pipelines aren't kept: this user has no home folder: set SOLARI_VK_CACHE "
-             "to a folder, or to 'off'")  # fmt: skip
+        warn(
+            "compiled shaders and pipelines aren't kept: this user has no home folder: set SOLARI_VK_CACHE "
+            "to a folder, or to 'off'"
+        )
         return None
 
 
@@ -45,8 +47,10 @@ def _trusted_folder() -> Path | None:
     except OSError:
         return base
     if found is not None and (found.st_mode & stat.S_IWOTH or found.st_uid not in (0, os.getuid())):
-        warn(f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
-             "with mode 700, or set SOLARI_VK_CACHE to another folder")  # fmt: skip
+        warn(
+            f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
+            "with mode 700, or set SOLARI_VK_CACHE to another folder"
+        )
         return None
     return base
 

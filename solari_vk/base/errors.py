@@ -144,8 +144,9 @@ def checked_keywords(
             if not takes_any:
                 check_count(who or type(given[0]).__name__, of, given[not who :], in_order, known)
             if missing := [name for name in needed if name not in {*in_order[: len(given[not who :])], *options}]:
-                raise SolariError(f"{who or type(given[0]).__name__}{of} needs {', '.join(missing)}: it takes "
-                                  f"({', '.join(known)})")  # fmt: skip
+                raise SolariError(
+                    f"{who or type(given[0]).__name__}{of} needs {', '.join(missing)}: it takes ({', '.join(known)})"
+                )
             return method(*given, **options)
 
         return checked
@@ -160,8 +161,10 @@ def check_count(
     if len(values) > len(in_order):
         named = shortened(", ".join(f"{name}=" for name in known if name not in in_order))
         pair = "; the size is one pair, (width, height)" if "size" in in_order else ""
-        raise SolariError(f"{owner}{method} takes ({', '.join(in_order)}) without names, not {len(values)} values"
-                          f"{named and f'; others have names: {named}'}{pair}")  # fmt: skip
+        raise SolariError(
+            f"{owner}{method} takes ({', '.join(in_order)}) without names, not {len(values)} values"
+            f"{named and f'; others have names: {named}'}{pair}"
+        )
 
 
 def warn_of_old_name(what: str, old: str, new: str) -> None:

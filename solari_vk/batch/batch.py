@@ -73,9 +73,17 @@ class Batch(BatchResults):
     OUTPUTS = passes.OUTPUTS
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder | Sequence[Scene], size: tuple[int, int], views: int, *,
-        renderer: str = "labels", outputs: Sequence[str] = passes.GEOMETRY, worlds: int = 1, **options: Any,
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        scene: Scene | SceneBinder | Sequence[Scene],
+        size: tuple[int, int],
+        views: int,
+        *,
+        renderer: str = "labels",
+        outputs: Sequence[str] = passes.GEOMETRY,
+        worlds: int = 1,
+        **options: Any,
+    ) -> None:
         names = checked_names(renderer, outputs, options)
         scenes = checked_scenes(scene, worlds)
         binder: Any = scene if scenes is None else ScenesBinder(checked_device(device, "Batch"), scenes)
@@ -153,11 +161,19 @@ class Batch(BatchResults):
 
     @checked_keywords()
     def render(
-        self, cameras: ArrayLike | Sequence[Camera], *, fov: ArrayLike | None = None,
-        vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
-        ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
-        reset: ArrayLike = False, reset_cache: bool = False,
-    ) -> Self:  # fmt: skip
+        self,
+        cameras: ArrayLike | Sequence[Camera],
+        *,
+        fov: ArrayLike | None = None,
+        vertical_fov: ArrayLike | None = None,
+        K: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        ev100: ArrayLike | None = None,
+        samples: int | None = None,
+        seeds: ArrayLike | None = None,
+        reset: ArrayLike = False,
+        reset_cache: bool = False,
+    ) -> Self:
         """Render all views, and return the batch, whose results are these until it renders again.
 
         cameras: poses (N, 4, 4), the transforms of `Camera`: world from camera, which looks along its -z axis with y
@@ -188,9 +204,13 @@ class Batch(BatchResults):
         return written
 
     def _render(
-        self, written: view_cameras.Written, samples: int, seeds: NDArray[np.uint32], cut: NDArray[np.bool_],
+        self,
+        written: view_cameras.Written,
+        samples: int,
+        seeds: NDArray[np.uint32],
+        cut: NDArray[np.bool_],
         reset_cache: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if written.lenses and LENSES not in self.binder.features:
             self.binder.note(written.lenses[0])
         if self._worlds.count > 1 or self._worlds.shows_scenes:
@@ -208,12 +228,22 @@ class Batch(BatchResults):
 
     @checked_keywords()
     def render_many(
-        self, cameras: Any, *, frames: int, outputs: Sequence[str] | None = None,
-        transforms: Mapping[Any, ArrayLike] | None = None, fov: ArrayLike | None = None,
-        vertical_fov: ArrayLike | None = None, K: ArrayLike | None = None, near: ArrayLike | None = None,
-        ev100: ArrayLike | None = None, samples: int | None = None, seeds: ArrayLike | None = None,
-        reset: ArrayLike = False, reset_cache: bool = False,
-    ) -> ManyFrames:  # fmt: skip
+        self,
+        cameras: Any,
+        *,
+        frames: int,
+        outputs: Sequence[str] | None = None,
+        transforms: Mapping[Any, ArrayLike] | None = None,
+        fov: ArrayLike | None = None,
+        vertical_fov: ArrayLike | None = None,
+        K: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        ev100: ArrayLike | None = None,
+        samples: int | None = None,
+        seeds: ArrayLike | None = None,
+        reset: ArrayLike = False,
+        reset_cache: bool = False,
+    ) -> ManyFrames:
         """Render several frames in one submission, and return what each of them shows, by the names of results. The
         path tracer, which times its dispatches, makes several submissions.
 

@@ -174,8 +174,11 @@ def moves_of(frames: int, worlds: Worlds | SceneWorlds, transforms: Any) -> list
     for key, values in (transforms or {}).items():
         own, what, shape = worlds.transforms, f"transforms of {key}", (frames, worlds.count, 4, 4)
         tensor = own.taken(values, what, shape, where=WHERE)
-        parts = ([tensor.at(index) for index in range(frames)] if tensor is not None
-                 else view_cameras.array(values, what, shape, where=WHERE))  # fmt: skip
+        parts = (
+            [tensor.at(index) for index in range(frames)]
+            if tensor is not None
+            else view_cameras.array(values, what, shape, where=WHERE)
+        )
         for of_frame, part in zip(moves, parts, strict=True):
             of_frame.append(own.checked(key, part))
     return moves
@@ -188,8 +191,9 @@ def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
     except (TypeError, ValueError, RuntimeError):
         mask = np.zeros(0)
     if mask.dtype != np.bool_ or mask.shape not in ((), (views,), (frames, views)):
-        raise SolariError(f"{WHERE}: reset is True, False or an array ({views},) or ({frames}, {views}) of these, not "
-                          f"{quoted(reset)}")  # fmt: skip
+        raise SolariError(
+            f"{WHERE}: reset is True, False or an array ({views},) or ({frames}, {views}) of these, not {quoted(reset)}"
+        )
     if mask.ndim == 2:
         return mask
     cuts = np.zeros((frames, views), bool)

@@ -48,8 +48,10 @@ class LightTables:
     def show(self, lists: Mapping[Any, LightList], shown: list[Any], rows: int) -> bool:
         """Have worlds (W,) show lists by their keys, which change with a list. rows: of a world in `instances`. Returns
         whether tables have changed."""
-        self._lists = {key: self._lists.get(key) or Listed(lights, lights.emissive.copy(), [], Known.of(lights))
-                       for key, lights in lists.items()}  # fmt: skip
+        self._lists = {
+            key: self._lists.get(key) or Listed(lights, lights.emissive.copy(), [], Known.of(lights))
+            for key, lights in lists.items()
+        }
         return self._write(shown, [], rows)
 
     def _write(self, shown: list[Any], lamps: list[Instance], rows: int) -> bool:
@@ -64,9 +66,11 @@ class LightTables:
             for name, size in sizes.items():
                 most = limit // (size * self._layout[name].itemsize)
                 if self._worlds > most:
-                    raise SolariError(f"Batch: {self._worlds:,} worlds with lights of their own, of which one has "
-                                      f"{size:,} rows of {name}: this device holds at most {most:,}: share the worlds "
-                                      "among several batches")  # fmt: skip
+                    raise SolariError(
+                        f"Batch: {self._worlds:,} worlds with lights of their own, of which one has "
+                        f"{size:,} rows of {name}: this device holds at most {most:,}: share the worlds "
+                        "among several batches"
+                    )
             self.tables = {name: np.zeros((self._worlds, size), self._layout[name]) for name, size in sizes.items()}
             self._shown = []
         if not self._shown:
@@ -129,5 +133,7 @@ def row_counts(made: LightList) -> dict[str, int]:
     """The rows of each table."""
     counts = {str(kind.buffer): len(made.records(kind)) for kind in made.others}
     return counts | {
-        "light_sources": len(made.ids), "light_leaves": made.leaves.count, "light_tree": made.leaves.node_count,
-    }  # fmt: skip
+        "light_sources": len(made.ids),
+        "light_leaves": made.leaves.count,
+        "light_tree": made.leaves.node_count,
+    }

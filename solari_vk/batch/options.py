@@ -73,8 +73,10 @@ def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -
 def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
     """The scenes of worlds, None for one scene; raises SolariError for wrong ones."""
     if isinstance(worlds, (list, tuple)) or np.ndim(worlds):
-        raise SolariError("Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
-                          "Batch(device, [scene_a, scene_b], size, views)")  # fmt: skip
+        raise SolariError(
+            "Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
+            "Batch(device, [scene_a, scene_b], size, views)"
+        )
     if not isinstance(scene, (list, tuple)):
         return None
     if not scene:
@@ -91,8 +93,10 @@ def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> in
     count = whole_number(worlds, "Batch: worlds", 1)
     most = world_cache.most_worlds(device.properties.limits.maxStorageBufferRange)
     if renderer == "realtime" and count > most:
-        raise SolariError(f"Batch: {count:,} worlds: this device's buffers have cells of the world cache for at most "
-                          f"{most:,}: share the worlds among several batches")  # fmt: skip
+        raise SolariError(
+            f"Batch: {count:,} worlds: this device's buffers have cells of the world cache for at most "
+            f"{most:,}: share the worlds among several batches"
+        )
     if views % count:
         raise SolariError(f"Batch: {views:,} views are no multiple of {count:,} worlds: each has as many views")
     return count

@@ -95,5 +95,7 @@ class SceneWorlds(WorldTables):
 
 
 def _refusal(what: str, changed: str) -> SolariError:
-    return SolariError(f"Batch.{what} is for the worlds of one scene, and this batch has a list of scenes: change "
-                       f"{changed} of a world's scene, or make the batch of one scene with worlds=")  # fmt: skip
+    return SolariError(
+        f"Batch.{what} is for the worlds of one scene, and this batch has a list of scenes: change "
+        f"{changed} of a world's scene, or make the batch of one scene with worlds="
+    )

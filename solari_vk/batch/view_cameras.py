@@ -149,8 +149,11 @@ def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[
 def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     """Half the picture in focal lengths, and from the principal point to the middle of the picture in its pixels, both
     (N, 2), of vertical fields of view (N,) in radians."""
-    check_all((fov >= NARROWEST) & (fov <= WIDEST), f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians",
-              "the vertical field of view")  # fmt: skip
+    check_all(
+        (fov >= NARROWEST) & (fov <= WIDEST),
+        f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians",
+        "the vertical field of view",
+    )
     half_height = _each(math.tan, fov / 2)
     half = np.stack([half_height * size[0] / size[1] / 1.0, half_height], -1)
     return half, np.zeros_like(half)
@@ -166,8 +169,11 @@ def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     half_height = of_fov(fov, size)[0][:, 1]
     half = np.stack([half_height * width / height / (fx / fy), half_height], -1)
     center = np.stack([(cx + 0.5) / width, (cy + 0.5) / height], -1)
-    check_all((np.abs(center) <= 10).all(axis=1) & (fx / fy <= 1e3) & (fy / fx <= 1e3),
-              "have a principal point within 10 pictures and fx / fy between 0.001 and 1,000", "K")  # fmt: skip
+    check_all(
+        (np.abs(center) <= 10).all(axis=1) & (fx / fy <= 1e3) & (fy / fx <= 1e3),
+        "have a principal point within 10 pictures and fx / fy between 0.001 and 1,000",
+        "K",
+    )
     return half, (0.5 - center) * size
 
 
@@ -230,8 +236,11 @@ class Cameras:
             name, value = next(iter(numbers.items()), ("vertical_fov", DEFAULTS.vertical_fov))
             fov = np.broadcast_to(value, count)
             half, shift = of_fov(fov * (math.pi / 180) if name == "fov" else fov, self._size)
-        check_all((near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
-                  f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m", "near")  # fmt: skip
+        check_all(
+            (near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
+            f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m",
+            "near",
+        )
         check_all(np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
         records = np.zeros(count, self._dtype)
         records["size"] = records["picture_size"] = self._size

@@ -61,9 +61,14 @@ class ViewTracer(_WorldsRenderer, PathTracer):
     """The path tracer over a strip of views, whose result is `radiance_mean`."""
 
     def __init__(
-        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: WorldTables,
+        self,
+        device: Device,
+        binder: SceneBinder,
+        strip: Size,
+        views: Buffer,
+        worlds: WorldTables,
         options: dict[str, Any],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._views, self._worlds, self._bound = views, worlds, worlds.version
         super().__init__(device, binder, strip, **options)
 
@@ -89,9 +94,15 @@ class ViewRenderer(_WorldsRenderer, Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
 
     def __init__(
-        self, device: Device, binder: SceneBinder, size: Size, count: int, layout: Binding,
-        worlds: WorldTables, options: dict[str, Any],
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        binder: SceneBinder,
+        size: Size,
+        count: int,
+        layout: Binding,
+        worlds: WorldTables,
+        options: dict[str, Any],
+    ) -> None:
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
@@ -126,11 +137,14 @@ class ViewRenderer(_WorldsRenderer, Renderer):
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings
         for wrong, said in (
-            (settings.lighting != "paths", "lighting=paths"), (settings.gbuffer == "raster", "gbuffer=traced"),
-            (settings.restir and (self._worlds.count > 1 or self._worlds.shows_scenes),
-             "restir=off where there are several worlds"),
+            (settings.lighting != "paths", "lighting=paths"),
+            (settings.gbuffer == "raster", "gbuffer=traced"),
+            (
+                settings.restir and (self._worlds.count > 1 or self._worlds.shows_scenes),
+                "restir=off where there are several worlds",
+            ),
             (settings.frame_ms > 0, "frame_ms=0"),
-        ):  # fmt: skip
+        ):
             if wrong:
                 raise SolariError(f"Batch: views are rendered with the setting {said}")
         return over_views(super()._stages(picture))

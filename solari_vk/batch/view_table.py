@@ -27,9 +27,9 @@ from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.shaders.spirv import Binding
 
 # What all views share: the fields of FrameOfViews in glsl/scene/given/view_records.glsl before its rows.
-SHARED = np.dtype([
-    ("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8"),
-])  # fmt: skip
+SHARED = np.dtype(
+    [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8")]
+)
 _WORLD = [("world", "u4"), ("first_instance", "u4")]
 _OFFSETS, _CUT, _ROWS = POSE_NUMBERS, POSE_NUMBERS + 4, POSE_NUMBERS + 5
 
@@ -74,9 +74,14 @@ class ViewTable:
         block = self.buffer.address
         for kernel, threads in self._steps:
             kernel.record(
-                commands, (threads, 1), block=block, views=block + self._begin, given=self._given.buffer.address,
-                frame=self._frame.buffer.address, count=self._count,
-            )  # fmt: skip
+                commands,
+                (threads, 1),
+                block=block,
+                views=block + self._begin,
+                given=self._given.buffer.address,
+                frame=self._frame.buffer.address,
+                count=self._count,
+            )
             self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
     def must_write(self, sources: tuple[Any, ...], values: tuple[Any, ...]) -> bool:

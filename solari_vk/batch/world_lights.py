@@ -44,8 +44,12 @@ class LightsOfWorlds(LightTables):
         `instances`. Returns whether the worlds have lights of their own."""
         own_lights, moved, made_of = lights.present(), transforms.present(), materials.present()
         scene = self._binder.scene
-        lamps = [instance for instance in scene.instances if self._binder.lights.index(instance) is not None
-                 or any(material.emits for material in made_of.get(instance, ()))]  # fmt: skip
+        lamps = [
+            instance
+            for instance in scene.instances
+            if self._binder.lights.index(instance) is not None
+            or any(material.emits for material in made_of.get(instance, ()))
+        ]
         places = transforms.on_host(lamps)
         if not own_lights and not any(lamp in moved or lamp in made_of for lamp in lamps):
             self._forget()
@@ -53,20 +57,30 @@ class LightsOfWorlds(LightTables):
             return False
         listed = {light: own_lights.get(light) for light in scene.lights}
         if any(isinstance(light, Portal) for light in listed):
-            raise SolariError(f"Batch: worlds have lights of their own, and {scene.describe()} has a "
-                              "portal: remove it, or give all worlds the scene's lights")  # fmt: skip
+            raise SolariError(
+                f"Batch: worlds have lights of their own, and {scene.describe()} has a "
+                "portal: remove it, or give all worlds the scene's lights"
+            )
         lists: dict[Any, Listed] = {}
         poses = {lamp: _pose_key(lamp) for lamp in lamps}
         shown = []
         for world in range(self._worlds):
             own = [(light if given is None else given[world]) for light, given in listed.items()]
             _check_once(own, world)
-            lit = [(lamp, made_of[lamp][world] if lamp in made_of else lamp.material,
-                    places[lamp][world] if lamp in places else None) for lamp in lamps]  # fmt: skip
+            lit = [
+                (
+                    lamp,
+                    made_of[lamp][world] if lamp in made_of else lamp.material,
+                    places[lamp][world] if lamp in places else None,
+                )
+                for lamp in lamps
+            ]
             lit = [one for one in lit if one[0].visible and one[1].emits]
             lights_key = [(id(light), lights.edits_of(light)) for light in own]
-            lamps_key = [(id(lamp), *_emission_key(made), (lamp.transform if at is None else at).tobytes(), poses[lamp])
-                         for lamp, made, at in lit]  # fmt: skip
+            lamps_key = [
+                (id(lamp), *_emission_key(made), (lamp.transform if at is None else at).tobytes(), poses[lamp])
+                for lamp, made, at in lit
+            ]
             key = self._binder.light_revision, (*lights_key,), (*lamps_key,)
             if key not in lists:
                 lists[key] = self._lists.get(key) or self._make(own, lit)
@@ -134,8 +148,10 @@ def _check_once(lights: Sequence[Light | None], world: int) -> None:
     given = [light for light in lights if light is not None]
     if len(set(given)) < len(given):
         twice = next(light for light in given if given.count(light) > 1)
-        raise SolariError(f"Batch.world_lights: {twice.describe()} takes the places of two lights in world {world}: "
-                          "give a copy.copy of it for one of them")  # fmt: skip
+        raise SolariError(
+            f"Batch.world_lights: {twice.describe()} takes the places of two lights in world {world}: "
+            "give a copy.copy of it for one of them"
+        )
 
 
 def _emission_key(material: Material) -> tuple[Any, ...]:

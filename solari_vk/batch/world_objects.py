@@ -45,8 +45,9 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
             return item
         if not isinstance(key, str):
             article = "an" if self.kind is Instance else "a"
-            raise SolariError(f"{self.where}: give the name of {article} {name} or {article} {self.kind.__name__}, "
-                              f"not {quoted(key)}")  # fmt: skip
+            raise SolariError(
+                f"{self.where}: give the name of {article} {name} or {article} {self.kind.__name__}, not {quoted(key)}"
+            )
         found: Item = items[key]
         return found
 
@@ -129,12 +130,14 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         given = list(values) if isinstance(values, Sequence) else None
         if given is None or len(given) != self.worlds:
             there = quoted(values) if given is None else f"{len(given)}"
-            raise SolariError(f"{self.where}: {item.describe()} takes a list of {self.worlds} {what}, one for each "
-                              f"world, not {there}")  # fmt: skip
+            raise SolariError(
+                f"{self.where}: {item.describe()} takes a list of {self.worlds} {what}, one for each world, not {there}"
+            )
         for world, value in enumerate(given):
             if not isinstance(value, kind):
-                raise SolariError(f"{self.where}: world {world} of {item.describe()} takes one of {what}, not "
-                                  f"{quoted(value)}")  # fmt: skip
+                raise SolariError(
+                    f"{self.where}: world {world} of {item.describe()} takes one of {what}, not {quoted(value)}"
+                )
         return given
 
 
@@ -246,8 +249,10 @@ class WorldLights(OfWorlds[Light, list[Light | None]]):
         given = self._checked_list(item, values, Light | None, "sv lights, or None")  # type: ignore[arg-type]
         for world, light in enumerate(given):
             if isinstance(light, Portal):
-                raise SolariError(f"{self.where}: world {world} of {item.describe()} can't have a portal: all worlds "
-                                  "share the scene's")  # fmt: skip
+                raise SolariError(
+                    f"{self.where}: world {world} of {item.describe()} can't have a portal: all worlds "
+                    "share the scene's"
+                )
         return given
 
     def _by_default(self, item: Light) -> list[Light | None]:

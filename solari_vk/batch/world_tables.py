@@ -84,9 +84,11 @@ class WorldTables:
         limit = self._device.properties.limits.maxStorageBufferRange
         most = min(MAX_INSTANCES // self.rows, limit // (self.rows * row_bytes))
         if self.count > most:
-            raise SolariError(f"Batch: {self.count:,} worlds of {of}, with {self.rows:,} rows of "
-                              f"instances each: this device holds at most {most:,}: share the worlds among several "
-                              "batches")  # fmt: skip
+            raise SolariError(
+                f"Batch: {self.count:,} worlds of {of}, with {self.rows:,} rows of "
+                f"instances each: this device holds at most {most:,}: share the worlds among several "
+                "batches"
+            )
 
     def _upload(self, name: str, records: NDArray[Any]) -> None:
         before = self._buffers.get(name)
@@ -124,9 +126,12 @@ class WorldTables:
             self._builds = None
         before: Sequence[Tlas | None] = self._structures or [None] * self.count
         with self._device.undone_on_error():
-            after = [one if one is not None and count <= one.max_instances <= 2 * count + 16
-                     else Tlas(self._device, count, name=f"world {world}")
-                     for world, (count, one) in enumerate(zip(counts, before, strict=True))]  # fmt: skip
+            after = [
+                one
+                if one is not None and count <= one.max_instances <= 2 * count + 16
+                else Tlas(self._device, count, name=f"world {world}")
+                for world, (count, one) in enumerate(zip(counts, before, strict=True))
+            ]
         for old, new in zip(before, after, strict=True):
             if old is not None and old is not new:
                 old.destroy()

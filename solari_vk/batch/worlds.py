@@ -102,8 +102,13 @@ class Worlds(WorldTables):
                 for name, table in self._lit.tables.items():
                     self._upload(name, table)
             bodies = self._bodies()
-            if (edited or bodies or self.transforms.changed or self.materials.changed
-                    or not _same(lamp_rows, self._lit.lamp_rows)):  # fmt: skip
+            if (
+                edited
+                or bodies
+                or self.transforms.changed
+                or self.materials.changed
+                or not _same(lamp_rows, self._lit.lamp_rows)
+            ):
                 self._write(self._differing(bodies), moved_only=not (edited or lit or bodies))
             self._seen = self._binder.record_revision
             for given in own:
@@ -162,8 +167,10 @@ class Worlds(WorldTables):
             if body is None:
                 wrong = [world for world, one in enumerate(given) if has_body(one)]
                 if wrong:
-                    raise SolariError(f"Batch.world_lights: {light.describe()} blocks light in world {wrong[0]}, for "
-                                      "which it needs a body in the scene: set blocks_light there too")  # fmt: skip
+                    raise SolariError(
+                        f"Batch.world_lights: {light.describe()} blocks light in world {wrong[0]}, for "
+                        "which it needs a body in the scene: set blocks_light there too"
+                    )
                 continue
             casts = [has_body(one) for one in given]
             places = [transform_of(one) if has_body(one) else body.transform for one in given]

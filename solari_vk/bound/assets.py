@@ -43,13 +43,9 @@ class Assets:
         self.geometry = Geometry(device, self.layout, self.features, watcher)
         self.textures = TextureTable(device, self.layout["textures"], watcher)
         self.materials = MaterialTable(device, self.layout["materials"], self.textures, self.features, watcher)
-        self.given: tuple[GivenNumbers, ...] = (
-            self.geometry.given, self.textures.given, self.materials.given
-        )  # fmt: skip
+        self.given: tuple[GivenNumbers, ...] = (self.geometry.given, self.textures.given, self.materials.given)
         posed = self.geometry.posed
-        self.tables: tuple[Table, ...] = (
-            self.geometry.table, *posed.tables, self.textures.table, self.materials.table
-        )  # fmt: skip
+        self.tables: tuple[Table, ...] = (self.geometry.table, *posed.tables, self.textures.table, self.materials.table)
 
     def take_all(self, values: Any) -> Taken | None:
         """A tensor with what many objects get, whose parts `take` takes."""

@@ -42,8 +42,9 @@ class SceneBinder(SceneRows):
         self._device = device
         with device.undone_on_error():
             assets = Assets(device, self)
-            super().__init__(device, scene, assets, partial(Table, device), TracedInstances(device),
-                             LightList(device, assets.layout))  # fmt: skip
+            super().__init__(
+                device, scene, assets, partial(Table, device), TracedInstances(device), LightList(device, assets.layout)
+            )
         self._tables = (*assets.tables, self.instance_table, *self.lights.tables, self.traced.table)
         self._unbound = (self.traced.table, *self._geometry.posed.tables)  # no frame's shader has them
         self._previous_users: set[object] = set()

@@ -198,11 +198,13 @@ class Geometry:
         self.table.mark([self.rows[mesh]])
         record, is_given = self.table.records[self.rows[mesh]], mesh in self.given
         return TriangleGeometry(
-            positions=int(record["positions"]), position_count=mesh._held("positions").shape[0],
-            indices=int(record["triangles"]), triangle_count=int(record["triangle_count"]),
+            positions=int(record["positions"]),
+            position_count=mesh._held("positions").shape[0],
+            indices=int(record["triangles"]),
+            triangle_count=int(record["triangle_count"]),
             # Structures that are refitted allow it, and may be a blended mesh's later.
             no_duplicate_any_hit=is_given or mesh in self._met_once,
-        )  # fmt: skip
+        )
 
     def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:
         # What was edited is not compared, so that edits take no time for that.

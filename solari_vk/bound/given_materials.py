@@ -17,10 +17,20 @@ from solari_vk.scene.material import LAYERS, LIMITS, Material
 
 COUNTS = {name: {"float": 1, "vec2": 2, "vec3": 3}[TYPES[name]] for name in Material._on_device}
 # As `Given` of glsl/scene/given/materials.comp.
-GIVEN = np.dtype([
-    ("floats", "u8"), ("doubles", "u8"), ("is_double", "u4"), ("step", "u4"), ("count", "u4"), ("target", "u4"),
-    ("low", "f4"), ("high", "f4"), ("scale", "f4"), ("wrong", "u4"),
-])  # fmt: skip
+GIVEN = np.dtype(
+    [
+        ("floats", "u8"),
+        ("doubles", "u8"),
+        ("is_double", "u4"),
+        ("step", "u4"),
+        ("count", "u4"),
+        ("target", "u4"),
+        ("low", "f4"),
+        ("high", "f4"),
+        ("scale", "f4"),
+        ("wrong", "u4"),
+    ]
+)
 
 
 class GivenMaterials(GivenNumbers):
@@ -64,8 +74,19 @@ class GivenMaterials(GivenNumbers):
                 noted = self._noting(name)["what"] << 20 | min(row, 0xFFFFF)
                 step = int(given.shape not in ((), (1,)))
                 scale = material._reflectance_scale if name == "reflectance" else 1.0
-                lines.append((given.address, given.address, given.dtype == np.float64, step, COUNTS[name],
-                              row * size + fields[name][1] // 4, *LIMITS[name], scale, noted))  # fmt: skip
+                lines.append(
+                    (
+                        given.address,
+                        given.address,
+                        given.dtype == np.float64,
+                        step,
+                        COUNTS[name],
+                        row * size + fields[name][1] // 4,
+                        *LIMITS[name],
+                        scale,
+                        noted,
+                    )
+                )
         if not lines:
             return
         self._list.reserve(len(lines))
@@ -74,8 +95,12 @@ class GivenMaterials(GivenNumbers):
         self._list.marked = set(range(len(lines)))
         upload(self._device, [self._list])
         assert self._wrong is not None
-        pushed = {"given": self._list.buffer.address, "target": self._table.buffer.address,
-                  "wrong": self._wrong.address, "count": len(lines)}  # fmt: skip
+        pushed = {
+            "given": self._list.buffer.address,
+            "target": self._table.buffer.address,
+            "wrong": self._wrong.address,
+            "count": len(lines),
+        }
         kernel, vk = self._kernel("materials"), self._device.vk
 
         def record(commands: Any) -> None:

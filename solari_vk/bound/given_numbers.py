@@ -64,8 +64,12 @@ class GivenNumbers:
 
     def _source(self, given: Taken, what: str) -> dict[str, Any]:
         """What shaders are told of a tensor. what: for messages."""
-        return {"floats": given.address, "doubles": given.address, "is_double": given.dtype == np.float64,
-                **self._noting(what)}  # fmt: skip
+        return {
+            "floats": given.address,
+            "doubles": given.address,
+            "is_double": given.dtype == np.float64,
+            **self._noting(what),
+        }
 
     def _noting(self, what: str) -> dict[str, Any]:
         """How shaders note that something is wrong."""

@@ -14,8 +14,9 @@ from solari_vk.gpu.device.device import Device
 def taken(device: Device, value: Any, what: str, *shapes: tuple[int, ...], where: str) -> Taken | None:
     """A tensor of one of these shapes in the device's memory. None for all that the host must read."""
     if is_takable(device, value) and tuple(value.shape) not in shapes:
-        raise SolariError(f"{where}: {what} must have the shape {' or '.join(map(str, shapes))}, not "
-                          f"{tuple(value.shape)}")  # fmt: skip
+        raise SolariError(
+            f"{where}: {what} must have the shape {' or '.join(map(str, shapes))}, not {tuple(value.shape)}"
+        )
     return take(device, value)
 
 
@@ -31,10 +32,20 @@ class GivenPoses(GivenNumbers):
         """Have the transforms (count, 4, 4) of a tensor written just before the next submission. first, second: where
         the records are of shaders and of rays: an address, and in floats the place and the step from one to the
         next."""
-        self._start(given, what, count, "transforms", {
-            "first": first[0], "first_place": first[1], "first_step": first[2],
-            "second": second[0], "second_place": second[1], "second_step": second[2],
-        })  # fmt: skip
+        self._start(
+            given,
+            what,
+            count,
+            "transforms",
+            {
+                "first": first[0],
+                "first_place": first[1],
+                "first_step": first[2],
+                "second": second[0],
+                "second_place": second[1],
+                "second_step": second[2],
+            },
+        )
 
     def write_cameras(self, given: Taken, what: str, count: int, rows: int) -> None:
         """Have the poses (count, 4, 4) of a tensor written just before the next submission: the 24 numbers of matrices,
@@ -43,8 +54,11 @@ class GivenPoses(GivenNumbers):
 
     def _start(self, given: Taken, what: str, count: int, kernel: str, places: dict[str, int]) -> None:
         pushed = {
-            **self._source(given, what), "step": given.strides[0] // given.dtype.itemsize, "count": count, **places,
-        }  # fmt: skip
+            **self._source(given, what),
+            "step": given.strides[0] // given.dtype.itemsize,
+            "count": count,
+            **places,
+        }
         step, vk = self._kernel(kernel), self._device.vk
 
         def record(commands: Any) -> None:

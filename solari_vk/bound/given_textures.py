@@ -39,8 +39,9 @@ class GivenTextures(GivenNumbers):
         with ExitStack() as undo:
             target = image
             if not in_place:
-                target = self._device.image(image.width, image.height, image.format, image.name,
-                                            mip_levels=image.mip_levels)  # fmt: skip
+                target = self._device.image(
+                    image.width, image.height, image.format, image.name, mip_levels=image.mip_levels
+                )
                 undo.callback(target.destroy)
             self._write(what, image, target, given, srgb)
             undo.pop_all()
@@ -55,20 +56,31 @@ class GivenTextures(GivenNumbers):
         memory = self._memory(lights[0] + _LIGHT * sum(counts[2:3]))
         channels = 1 if len(given.shape) == 2 else given.shape[2]
         texels = {
-            **self._source(given, f"{what}: pixels"), "is_bytes": given.dtype == np.uint8,
-            "words": given.address & ~3, "first_byte": given.address & 3,
-            "channels": channels, "width": image.width, "height": image.height, "target": memory.address,
-        }  # fmt: skip
+            **self._source(given, f"{what}: pixels"),
+            "is_bytes": given.dtype == np.uint8,
+            "words": given.address & ~3,
+            "first_byte": given.address & 3,
+            "channels": channels,
+            "width": image.width,
+            "height": image.height,
+            "target": memory.address,
+        }
         steps: list[tuple[str, tuple[int, int], dict[str, Any]]] = [("texels", (image.width, image.height), texels)]
         curves = self._light_curves().address
         for level in range(1, image.mip_levels):
             (height, width), (rows, columns) = sizes[level - 1 : level + 1]
             averages = {
-                "codes": memory.address, "target_codes": memory.address + starts[level],
-                "source": memory.address + lights[1 - level % 2], "target": memory.address + lights[level % 2],
-                "light_of_code": curves, "code_of_light": curves + LIGHT_OF_CODE.nbytes,
-                "width": width, "height": height, "is_first": level == 1, "is_srgb": srgb,
-            }  # fmt: skip
+                "codes": memory.address,
+                "target_codes": memory.address + starts[level],
+                "source": memory.address + lights[1 - level % 2],
+                "target": memory.address + lights[level % 2],
+                "light_of_code": curves,
+                "code_of_light": curves + LIGHT_OF_CODE.nbytes,
+                "width": width,
+                "height": height,
+                "is_first": level == 1,
+                "is_srgb": srgb,
+            }
             steps.append(("smaller_level", (columns, rows), averages))
         kernels = {name: self._kernel(name) for name, _, _ in steps}
         vk = self._device.vk

@@ -105,13 +105,20 @@ class GivenVertices(GivenNumbers):
         steps = []
         for name, taken in given.items():
             target_address, step = places[name]
-            pushed = {**self._source(taken, f"{mesh.describe()}: {name}"), "target": target_address, "step": step,
-                      "count": taken.shape[0],
-                      "largest": LARGEST_COORDINATE if name == "positions" else np.finfo(np.float32).max}  # fmt: skip
+            pushed = {
+                **self._source(taken, f"{mesh.describe()}: {name}"),
+                "target": target_address,
+                "step": step,
+                "count": taken.shape[0],
+                "largest": LARGEST_COORDINATE if name == "positions" else np.finfo(np.float32).max,
+            }
             steps.append(("vertices", taken.shape[0], pushed))
         if is_new or "positions" in given:
-            bounds = {"positions": int(record["positions"]), "corners": int(record["triangles"]),
-                      "boxes": self._meshes[mesh].boxes.address}  # fmt: skip
+            bounds = {
+                "positions": int(record["positions"]),
+                "corners": int(record["triangles"]),
+                "boxes": self._meshes[mesh].boxes.address,
+            }
             threads = 256 * boxes
             steps.append(("bounds", threads, {**bounds, "count": corners, "is_merging": 0}))
             steps.append(("bounds", 1, {**bounds, "count": boxes, "is_merging": 1}))
@@ -148,8 +155,11 @@ class GivenVertices(GivenNumbers):
 
     def structures(self, geometries: Mapping[Mesh, TriangleGeometry], moved: Container[Mesh]) -> dict[Mesh, Blas]:
         """The structures of meshes. moved: those that have other positions than at the latest call."""
-        builds = [self._build(mesh, geometry) for mesh, geometry in geometries.items()
-                  if mesh in moved or not self._meshes[mesh].blases]  # fmt: skip
+        builds = [
+            self._build(mesh, geometry)
+            for mesh, geometry in geometries.items()
+            if mesh in moved or not self._meshes[mesh].blases
+        ]
         if builds:
             submit_batch(self._device, builds, clock.tick())
         return {mesh: self._meshes[mesh].blases[self._meshes[mesh].side] for mesh in geometries}
@@ -158,8 +168,15 @@ class GivenVertices(GivenNumbers):
         given = self._meshes[mesh]
         given.side = 1 - given.side if given.blases else 0
         if len(given.blases) == given.side:
-            given.blases.append(Blas(self._device, [geometry], allow_compaction=False, name=mesh.name or "mesh",
-                                     update_mode=UpdateMode.PREFER_UPDATE))  # fmt: skip
+            given.blases.append(
+                Blas(
+                    self._device,
+                    [geometry],
+                    allow_compaction=False,
+                    name=mesh.name or "mesh",
+                    update_mode=UpdateMode.PREFER_UPDATE,
+                )
+            )
         blas, other = given.blases[given.side], given.blases[given.side - 1]
         update = other is not blas and other.built and given.refits < MAX_REFITS
         blas.set_geometries([geometry])

@@ -92,18 +92,22 @@ class MaterialTable:
         if isinstance(asset, Material):
             return self.rows.users(asset)
         return [
-            instance for material, textures in self._textures_of.items()
+            instance
+            for material, textures in self._textures_of.items()
             if any(asset in (texture, texture.image) for texture in textures.values())
             for instance in self.rows.users(material)
-        ]  # fmt: skip
+        ]
 
     def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
         """The instances whose alpha depends on a texture or an image."""
         return [
-            instance for material in self.rows if (texture := material.base_color_texture) is not None
-            and material.alpha_mode != "opaque" and changed in (texture, texture.image)
+            instance
+            for material in self.rows
+            if (texture := material.base_color_texture) is not None
+            and material.alpha_mode != "opaque"
+            and changed in (texture, texture.image)
             for instance in self.rows.users(material)
-        ]  # fmt: skip
+        ]
 
     def _take_up(self, material: Material) -> None:
         before = self._textures_of.get(material, {})
@@ -148,9 +152,12 @@ class MaterialTable:
         if material.unlit:
             record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
         record["flags"] = (
-            MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * (material.solid and material.transmits)
-            | MATERIAL_WALL * material.is_wall | MATERIAL_UNLIT * material.unlit | _ALPHA_FLAGS[material.alpha_mode]
-        )  # fmt: skip
+            MATERIAL_DOUBLE_SIDED * material.double_sided
+            | MATERIAL_SOLID * (material.solid and material.transmits)
+            | MATERIAL_WALL * material.is_wall
+            | MATERIAL_UNLIT * material.unlit
+            | _ALPHA_FLAGS[material.alpha_mode]
+        )
         (self.emitting.add if material.emits else self.emitting.discard)(material)
         self.table.mark([row])
 
@@ -158,9 +165,13 @@ class MaterialTable:
         """Have numbers of tensors in the records that have other ones, or were uploaded without them."""
         rows = self._to_give | uploaded
         if rows:
-            self.given.write({
-                material: given for material, given in self._of_tensors.items() if given and self.rows[material] in rows
-            })  # fmt: skip
+            self.given.write(
+                {
+                    material: given
+                    for material, given in self._of_tensors.items()
+                    if given and self.rows[material] in rows
+                }
+            )
         self._to_give.clear()
 
     def destroy(self) -> None:

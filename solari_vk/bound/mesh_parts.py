@@ -37,9 +37,7 @@ def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any
     return flags, attributes if flags else None
 
 
-def mesh_parts(
-    mesh: Mesh, triangles: NDArray[np.uint32], layout: np.dtype[Any]
-) -> tuple[int, dict[str, NDArray[Any]]]:
+def mesh_parts(mesh: Mesh, triangles: NDArray[np.uint32], layout: np.dtype[Any]) -> tuple[int, dict[str, NDArray[Any]]]:
     """A mesh's flags, and what its addresses point to, in the order of memory: positions, triangles in the order that
     is given, and other attributes if there are any. layout: of the attributes' records."""
     flags, attributes = pack_attributes(mesh, layout)

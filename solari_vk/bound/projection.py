@@ -40,8 +40,10 @@ def lens_point(camera: Camera, number: int) -> tuple[float, float]:
         return radius * math.sqrt(u) * math.cos(2 * math.pi * v), radius * math.sqrt(u) * math.sin(2 * math.pi * v)
     blade, root = int(u * blades), math.sqrt(u * blades % 1)
     first, second = (2 * math.pi * (blade + more) / blades + camera.aperture_rotation for more in (0, 1))
-    return (radius * root * ((1 - v) * math.cos(first) + v * math.cos(second)),
-            radius * root * ((1 - v) * math.sin(first) + v * math.sin(second)))  # fmt: skip
+    return (
+        radius * root * ((1 - v) * math.cos(first) + v * math.cos(second)),
+        radius * root * ((1 - v) * math.sin(first) + v * math.sin(second)),
+    )
 
 
 SEED_STRIDE = 7919
@@ -74,11 +76,19 @@ class Projection(NamedTuple):
     def of(cls, camera: Camera, size: tuple[int, int], known: Projection | None = None) -> Projection:
         """The projection of a camera as it is now; `known` itself if nothing was assigned to the camera since then."""
         source = (
-            camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100,
-            camera.orthographic_height, camera.aperture, camera.focus_distance, camera.aperture_blades,
-            camera.aperture_rotation, size,
+            camera.transform,
+            camera.jitter,
+            camera.vertical_fov,
+            camera.near,
+            camera.ev100,
+            camera.orthographic_height,
+            camera.aperture,
+            camera.focus_distance,
+            camera.aperture_blades,
+            camera.aperture_rotation,
+            size,
             *(getattr(camera, name) for name in LENS_FIELDS),
-        )  # fmt: skip
+        )
         if known is not None and all(map(is_, source, known.source)):
             return known
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
@@ -96,12 +106,38 @@ class Projection(NamedTuple):
         center_x, center_y = camera.principal_point.tolist()
         shift = (0.5 - center_x) * size[0], (0.5 - center_y) * size[1]
         numbers = (
-            a, d, g, b, e, h, c, f, i, x, y, z,
-            j, n, q, k, o, r, m, p, s,
-            -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
-            *lens.half, camera.near, ORTHOGRAPHIC_RANGE * height, camera.aperture / 2,
-            camera.focus_distance, camera.aperture_blades, camera.aperture_rotation,
-        )  # fmt: skip
+            a,
+            d,
+            g,
+            b,
+            e,
+            h,
+            c,
+            f,
+            i,
+            x,
+            y,
+            z,
+            j,
+            n,
+            q,
+            k,
+            o,
+            r,
+            m,
+            p,
+            s,
+            -j * x - k * y - m * z,
+            -n * x - o * y - p * z,
+            -q * x - r * y - s * z,
+            *lens.half,
+            camera.near,
+            ORTHOGRAPHIC_RANGE * height,
+            camera.aperture / 2,
+            camera.focus_distance,
+            camera.aperture_blades,
+            camera.aperture_rotation,
+        )
         found = lens.kind, lens.limit, lens.reach, *lens.distortion
         return cls(source, numbers, (jitter_x, jitter_y), shift, found, camera.exposure)
 
@@ -116,10 +152,15 @@ class CameraUniforms:
         self._latest: Numbers = ()
 
     def write(
-        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
-        render_size: tuple[int, int] | None = None, has_history: bool = False,
+        self,
+        camera: Camera,
+        size: tuple[int, int],
+        offset: tuple[float, float] = (0.0, 0.0),
+        *,
+        render_size: tuple[int, int] | None = None,
+        has_history: bool = False,
         lens_offset: tuple[float, float] = (0.0, 0.0),
-    ) -> Projection:  # fmt: skip
+    ) -> Projection:
         """Set `camera`, and with history `previous_camera` to what was written last, else to the same.
 
         size: of the picture in pixels. render_size: of what is rendered, by default the same. offset: added to the
@@ -133,16 +174,23 @@ class CameraUniforms:
         return self._projection
 
     def write_projection(
-        self, projection: Projection, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
-        render_size: tuple[int, int] | None = None, has_history: bool = False,
+        self,
+        projection: Projection,
+        size: tuple[int, int],
+        offset: tuple[float, float] = (0.0, 0.0),
+        *,
+        render_size: tuple[int, int] | None = None,
+        has_history: bool = False,
         lens_offset: tuple[float, float] = (0.0, 0.0),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """As `write`, for a camera's projection over a picture of this size."""
         width, height = render_size or size
         across, down = width / size[0], height / size[1]
         shift = projection.principal_shift[0] * across, projection.principal_shift[1] * down
-        jitter = (projection.jitter[0] * across + offset[0] + shift[0],
-                  projection.jitter[1] * down + offset[1] + shift[1])  # fmt: skip
+        jitter = (
+            projection.jitter[0] * across + offset[0] + shift[0],
+            projection.jitter[1] * down + offset[1] + shift[1],
+        )
         numbers = (*projection.numbers, width, height, *size, *jitter, *shift, *lens_offset, *projection.lens)
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))

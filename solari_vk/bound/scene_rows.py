@@ -228,14 +228,35 @@ class SceneRows:
             self.without &= ~WITHOUT_DISPERSION
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
         self.instance_table.set(
-            row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
-            self.materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
-        )  # fmt: skip
+            row,
+            a,
+            d,
+            g,
+            b,
+            e,
+            h,
+            c,
+            f,
+            i,
+            x,
+            y,
+            z,
+            rows[mesh] if visible else NO_INDEX,
+            rows[ray_mesh],
+            self.materials.rows[material],
+            NO_INDEX if light is None else light,
+            self._ids[instance],
+        )
         box = self._geometry.centers[ray_mesh], self._geometry.half_sizes[ray_mesh]
         self.traced.write(
-            row, (a, b, c, x, d, e, f, y, g, h, i, z), box, visible, material.double_sided, alpha_mode,
+            row,
+            (a, b, c, x, d, e, f, y, g, h, i, z),
+            box,
+            visible,
+            material.double_sided,
+            alpha_mode,
             self._geometry.blases[ray_mesh].address,
-        )  # fmt: skip
+        )
 
     def unwatch(self) -> None:
         """Stop watching the scene."""

@@ -35,9 +35,17 @@ class ScenesBinder:
         with device.undone_on_error():
             self.assets = Assets(device, self)
             shared = SharedBuffers()
-            each = {scene: SceneRows(device, scene, self.assets, HostTable, TracedRecords(),
-                                     LightList(device, self.assets.layout, shared))
-                    for scene in dict.fromkeys(scenes)}  # fmt: skip
+            each = {
+                scene: SceneRows(
+                    device,
+                    scene,
+                    self.assets,
+                    HostTable,
+                    TracedRecords(),
+                    LightList(device, self.assets.layout, shared),
+                )
+                for scene in dict.fromkeys(scenes)
+            }
         self.worlds = [each[scene] for scene in scenes]
         """The rows of each world's scene."""
         self._scenes = list(each.values())

@@ -53,9 +53,15 @@ class TracedRecords:
         self._moved = 0
 
     def write(
-        self, row: int, transform: Sequence[float], box: Box, visible: bool, double_sided: bool,
-        alpha_mode: str, address: int,
-    ) -> None:  # fmt: skip
+        self,
+        row: int,
+        transform: Sequence[float],
+        box: Box,
+        visible: bool,
+        double_sided: bool,
+        alpha_mode: str,
+        address: int,
+    ) -> None:
         """Set a row: world from object (12 numbers, row by row), the mesh's bounds, and its BLAS's address."""
         index = self._indices.get(row)
         if index is None:

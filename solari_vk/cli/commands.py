@@ -17,46 +17,63 @@ class NoOptions:
 
 COMMANDS = (
     Command(
-        "render", "render a glTF file or a built-in scene to a picture or an animation",
-        "cli.render:run", "cli.jobs:RenderOptions",
+        "render",
+        "render a glTF file or a built-in scene to a picture or an animation",
+        "cli.render:run",
+        "cli.jobs:RenderOptions",
     ),
     Command(
-        "view", "open a window on a scene: fly around, edit, compare", "studio.cli.view:run", "studio.cli.jobs:ViewJob",
+        "view", "open a window on a scene: fly around, edit, compare", "studio.cli.view:run", "studio.cli.jobs:ViewJob"
     ),
     Command(
-        "serve", "show a scene in browsers: orbit, zoom, pick, compare",
-        "studio.cli.serve:run", "studio.cli.jobs:ServeJob",
+        "serve",
+        "show a scene in browsers: orbit, zoom, pick, compare",
+        "studio.cli.serve:run",
+        "studio.cli.jobs:ServeJob",
     ),
     Command(
-        "dataset", "render many views of a scene, with transforms.json and further outputs",
-        "data.cli.dataset:run", "data.cli.jobs:DatasetJob",
+        "dataset",
+        "render many views of a scene, with transforms.json and further outputs",
+        "data.cli.dataset:run",
+        "data.cli.jobs:DatasetJob",
     ),
     Command(
-        "compare", "how far two pictures are apart: relMSE, means, FLIP", "cli.compare:run", "cli.compare:CompareJob",
+        "compare", "how far two pictures are apart: relMSE, means, FLIP", "cli.compare:run", "cli.compare:CompareJob"
     ),
     Command(
-        "settings", "list the settings and qualities, with meaning, range and default", "cli.lists:settings", NoOptions,
+        "settings", "list the settings and qualities, with meaning, range and default", "cli.lists:settings", NoOptions
     ),
     Command("views", "list the debug views, with meaning", "cli.lists:views", NoOptions),
     Command(
-        "info", "what this machine can do, what is missing, and the command that mends it", "cli.info:run", NoOptions,
+        "info",
+        "what this machine can do, what is missing, and the command that mends it",
+        "cli.info:run",
+        NoOptions,
         aliases=("doctor",),
     ),
     Command(
-        "bench", "measure speed, loading, the realtime frame, or the claims of the posts about Solari",
-        "lab.cli.bench:run", "lab.cli.bench:Measurement",
+        "bench",
+        "measure speed, loading, the realtime frame, or the claims of the posts about Solari",
+        "lab.cli.bench:run",
+        "lab.cli.bench:Measurement",
     ),
     Command(
-        "trial", "render glTF files by other renderers too, and compare: Cycles, Mitsuba",
-        "lab.cli.trial:run", "lab.cli.trial:TrialJob",
+        "trial",
+        "render glTF files by other renderers too, and compare: Cycles, Mitsuba",
+        "lab.cli.trial:run",
+        "lab.cli.trial:TrialJob",
     ),
     Command(
-        "fidelity", "render scenarios of Khronos' glTF render fidelity generator",
-        "lab.cli.fidelity:run", "lab.cli.fidelity_job:FidelityJob",
+        "fidelity",
+        "render scenarios of Khronos' glTF render fidelity generator",
+        "lab.cli.fidelity:run",
+        "lab.cli.fidelity_job:FidelityJob",
     ),
     Command(
-        "conformance", "measure whether a device keeps the rules of the specification",
-        "lab.cli.conformance:run", "lab.cli.conformance:ConformanceJob",
+        "conformance",
+        "measure whether a device keeps the rules of the specification",
+        "lab.cli.conformance:run",
+        "lab.cli.conformance:ConformanceJob",
     ),
 )
 

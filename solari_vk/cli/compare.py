@@ -13,9 +13,7 @@ from solari_vk.cli.options import option
 class CompareJob:
     """Two pictures."""
 
-    DESCRIPTION: ClassVar = (
-        "Measure how far a picture is from a reference, and show where."
-    )
+    DESCRIPTION: ClassVar = "Measure how far a picture is from a reference, and show where."
 
     picture: str = option("a picture: .png or .jpg, or radiance as .exr or .hdr", "PICTURE", names=("picture",))
     reference: str = option("what it is compared with, of the same kind and size", "REFERENCE", names=("reference",))

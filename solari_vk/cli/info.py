@@ -44,9 +44,12 @@ class Part(NamedTuple):
 
 
 PARTS = (
-    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn", libraries=(
-        "oidn/lib/libOpenImageDenoise.so.2", "oidn/lib/libOpenImageDenoise_device_cpu.so*",
-    )),
+    Part(
+        "clean pictures of the path tracer (Open Image Denoise)",
+        "oidn",
+        "pyoidn",
+        libraries=("oidn/lib/libOpenImageDenoise.so.2", "oidn/lib/libOpenImageDenoise_device_cpu.so*"),
+    ),
     Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu"),
     Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression"))),
     Part("meshes of meshopt", "formats", "meshopt"),
@@ -58,7 +61,7 @@ PARTS = (
     Part("pictures in browsers", "serve", "aiohttp"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
-)  # fmt: skip
+)
 
 
 def run(job: object) -> None:
@@ -133,9 +136,14 @@ def _why_not(paths: Sequence[str]) -> str:
     """Why libraries don't load, "" if they do; in another process, because a damaged one may end its process."""
     try:
         done = subprocess.run(
-            [sys.executable, "-I", "-S", "-c", _LOAD, *paths], stdin=subprocess.DEVNULL, capture_output=True,
-            encoding="utf-8", errors="replace", check=False, timeout=TRIAL_SECONDS,
-        )  # fmt: skip
+            [sys.executable, "-I", "-S", "-c", _LOAD, *paths],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+            timeout=TRIAL_SECONDS,
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
     if not done.returncode:

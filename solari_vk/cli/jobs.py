@@ -35,34 +35,41 @@ class DeviceOptions:
     """Which device, and how it traces."""
 
     device: str | None = option("part of a device's name, its index, its UUID, gpu or cpu")
-    rays: str | None = option("trace by ray queries or by ray tracing pipelines (auto: queries where there are any)",
-                              choices=("auto", "query", "pipeline"))
+    rays: str | None = option(
+        "trace by ray queries or by ray tracing pipelines (auto: queries where there are any)",
+        choices=("auto", "query", "pipeline"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
     """The scene, how to look at it, and what surrounds it."""
 
-    source: str = option("a .gltf, .glb, .obj, .ply or .stl file, or a built-in scene", "FILE|builtin:NAME",
-                         names=("source",))
+    source: str = option(
+        "a .gltf, .glb, .obj, .ply or .stl file, or a built-in scene", "FILE|builtin:NAME", names=("source",)
+    )
     size: tuple[int, int] = option("width and height in pixels (640x360)", "WxH", type=size, default=(640, 360))
     seed: int = option("seed of the random numbers, which choose the noise (0)", type=count, default=0)
     scene: str | None = option("a scene of the file, by index or name (the file's default)")
     variant: str | None = option("the materials of one of the file's variants", "NAME")
-    up: str | None = option("the axis of an .obj, .ply or .stl file that points up (y; z for .stl)",
-                            choices=("x", "y", "z"))
+    up: str | None = option(
+        "the axis of an .obj, .ply or .stl file that points up (y; z for .stl)", choices=("x", "y", "z")
+    )
     unit: float | None = option("the unit of such a file, in meters (1)", "M", type=float)
     strict: bool = flag("stop at images that can't be read and at parts with wrong data")
     camera: str | None = option(
         "a camera of the scene by index or name, or a pose, as JSON or in a file: "
-        '{"position": [0, 1, 3], "target": [0, 1, 0]}', "N|NAME|JSON|FILE",
+        '{"position": [0, 1, 3], "target": [0, 1, 0]}',
+        "N|NAME|JSON|FILE",
     )
     exposure: str | None = option("exposure value (the camera's; for files with lights auto)", "EV100|auto")
     tonemap: str = option("tone mapping: none, reinhard, aces or agx (agx)", "NAME", type=tonemap, default="agx")
     environment: str = option(
         "what surrounds the scene: soft boxes, a clear sky with its sun, nothing, or a picture of all directions "
         "(.hdr, .exr, .png, .jpg); auto: the file's own, and studio for files without light, or a lamp for closed "
-        "rooms (auto)", "auto|studio|sky|none|FILE", default="auto",
+        "rooms (auto)",
+        "auto|studio|sky|none|FILE",
+        default="auto",
     )
     environment_rotation: float = option("turn it about the vertical axis (0)", "DEGREES", type=number, default=0.0)
     environment_intensity: float = option("make it brighter or darker (1)", "FACTOR", type=factor, default=1.0)
@@ -77,9 +84,13 @@ class SceneOptions:
         """The options that say what the scene is, as words of a command line."""
         given = ((name, getattr(self, name)) for name in ("scene", "variant", "up", "unit"))
         return [
-            "--environment", self.environment, f"--environment-rotation={self.environment_rotation:g}",
-            "--environment-intensity", f"{self.environment_intensity:g}",
-            *(f"--{name}={value}" for name, value in given if value is not None), *["--strict"] * self.strict,
+            "--environment",
+            self.environment,
+            f"--environment-rotation={self.environment_rotation:g}",
+            "--environment-intensity",
+            f"{self.environment_intensity:g}",
+            *(f"--{name}={value}" for name, value in given if value is not None),
+            *["--strict"] * self.strict,
         ]
 
 
@@ -94,8 +105,9 @@ class RealtimeOptions:
 
     view: str = option("a debug view; `solari-vk views` lists all (picture)", "NAME", type=view, default="picture")
     quality: str = option("a preset: `solari-vk settings` lists them (medium)", "NAME", default="medium")
-    settings: tuple[str, ...] = option("change a setting: `solari-vk settings` lists them (repeatable)", "KEY=VALUE",
-                                       action="append", default=())
+    settings: tuple[str, ...] = option(
+        "change a setting: `solari-vk settings` lists them (repeatable)", "KEY=VALUE", action="append", default=()
+    )
 
     def make_settings(self) -> Settings:
         """The settings of --quality, changed by --settings."""
@@ -120,8 +132,9 @@ class ClusterOptions:
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.cluster is not None:
-            raise SolariError("--workers starts processes here, --cluster uses those of a scheduler: give one of the "
-                              "two")
+            raise SolariError(
+                "--workers starts processes here, --cluster uses those of a scheduler: give one of the two"
+            )
         if self.shared_folder and self.cluster is None:
             raise SolariError("--shared-folder is for the workers of --cluster: the others write here anyway")
 
@@ -140,9 +153,7 @@ class SharedPicture(ClusterOptions, RealtimeOptions, PictureOptions):
 class RenderOptions(SharedPicture):
     """What `solari-vk render` is given; cli/render.py makes a StillJob or a MovieJob of it."""
 
-    DESCRIPTION: ClassVar = (
-        "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far."
-    )
+    DESCRIPTION: ClassVar = "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far."
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "frames", "warm_up", "average"),
         "reference": ("samples", "max_bounces", "denoise"),
@@ -151,8 +162,12 @@ class RenderOptions(SharedPicture):
 
     given: frozenset[str] = frozenset()
     """The fields that the command line names."""
-    output: Path = option("the picture: .png, .jpg, .exr, .npz or .npy; an animation: .gif, .mp4, or numbered pictures",
-                          names=("-o", "--output"), type=Path, required=True)
+    output: Path = option(
+        "the picture: .png, .jpg, .exr, .npz or .npy; an animation: .gif, .mp4, or numbered pictures",
+        names=("-o", "--output"),
+        type=Path,
+        required=True,
+    )
     transparent: bool = flag("leave out the background, and a studio's floor: .png and .exr with alpha")
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
@@ -162,7 +177,8 @@ class RenderOptions(SharedPicture):
     mode: str = option(
         "realtime lighting, or the reference path tracer. auto: the mode that has the given options; else realtime on "
         "graphics cards, and on the processor the denoised reference if OIDN is installed (auto)",
-        choices=("auto", "realtime", "reference"), default="auto",
+        choices=("auto", "realtime", "reference"),
+        default="auto",
     )
     aov: tuple[str, ...] = option("layers of an .exr or .npz, otherwise further files", "A,B", type=words, default=())
     clip: str | None = option("the animation that --animate file and --time take (0)", "N|NAME")
@@ -170,31 +186,47 @@ class RenderOptions(SharedPicture):
     time_limit: float | None = option("stop after this many seconds of rendering", "S", type=float)
     target_error: float | None = option(
         "stop a still picture when its estimated error is this small: the root of relMSE, the mean square of what "
-        "pixels are off relative to their luminance; 0.01 is 1 %%", "E", type=float,
+        "pixels are off relative to their luminance; 0.01 is 1 %%",
+        "E",
+        type=float,
     )
-    frames: int | None = option("frames after the warm-up (48, on graphics cards 192, or --average); pictures of an "
-                                "animation (48, or as many as its path has)", "N", type=positive)
+    frames: int | None = option(
+        "frames after the warm-up (48, on graphics cards 192, or --average); pictures of an "
+        "animation (48, or as many as its path has)",
+        "N",
+        type=positive,
+    )
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
-    average: int | None = option("the picture is the mean of the last N frames (all); each picture of an animation is "
-                                 "the mean of N frames (4; with --shutter 16)", "N", type=positive)
+    average: int | None = option(
+        "the picture is the mean of the last N frames (all); each picture of an animation is "
+        "the mean of N frames (4; with --shutter 16)",
+        "N",
+        type=positive,
+    )
     animate: str | None = option(
         "go around the scene, swing by an angle, play the file's animation (the word file), or follow the camera poses "
-        "of a JSON file", "orbit[:DEGREES]|file|FILE",
+        "of a JSON file",
+        "orbit[:DEGREES]|file|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
     samples: int | None = option("samples per pixel of each picture (256; with --denoise 48)", "N", type=positive)
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "
-        "is installed)", action=ON_OR_OFF, default=False,
+        "is installed)",
+        action=ON_OR_OFF,
+        default=False,
     )
     shutter: tuple[float, float] | None = option(
         "expose for S seconds, from --time or from each picture's time on: what moves is blurred; the last row begins "
-        "READOUT seconds later than the first (0)", "S[,READOUT]", type=seconds,
+        "READOUT seconds later than the first (0)",
+        "S[,READOUT]",
+        type=seconds,
     )
     sensor: str | None = option(
         "write the raw digital numbers of an image sensor too, as NAME.raw.npy or a layer of the .exr: fields of "
-        'Sensor as JSON, such as {"iso": 400, "bayer": "RGGB"}, or in a file', "JSON|FILE",
+        'Sensor as JSON, such as {"iso": 400, "bayer": "RGGB"}, or in a file',
+        "JSON|FILE",
     )
 
     def check(self) -> None:

@@ -96,9 +96,7 @@ def make_parser(commands: Sequence[Command], wanted: str | None = None) -> argpa
 
     wanted: the only command whose options are needed, so that the modules of the others aren't imported.
     """
-    parser = _Parser(
-        prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays."
-    )
+    parser = _Parser(prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays.")
     parser.add_argument("--version", action="version", version=f"solari_vk {__version__}")
     _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, wanted)
     return parser
@@ -114,8 +112,12 @@ def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Com
     found = vars(parsed)
     command: Command = found.pop("command")
     for word in (word for word in unknown if word.startswith("-")):
-        options = [name for part in fields(command.job_type) if part.metadata
-                   for name in part.metadata["names"] or [spelled(part.name)]]  # fmt: skip
+        options = [
+            name
+            for part in fields(command.job_type)
+            if part.metadata
+            for name in part.metadata["names"] or [spelled(part.name)]
+        ]
         parser.error(str(unknown_name(f"{command.name} has no option", word.partition("=")[0], options)))
     if unknown:
         parser.error(f"{command.name} takes no {', '.join(map(quoted, unknown))}")
@@ -132,7 +134,10 @@ def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -
             continue
         job = command.job_type
         parser = place.add_parser(
-            command.name, help=command.meaning, description=getattr(job, "DESCRIPTION", None), aliases=command.aliases,
+            command.name,
+            help=command.meaning,
+            description=getattr(job, "DESCRIPTION", None),
+            aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
         )
         parser.set_defaults(command=command)

@@ -19,7 +19,7 @@ class Stopped(Exception):
 
 
 def error_text(error: float) -> str:
-    """", estimated error 2.5 %" or, without an estimate, nothing."""
+    """The words ", estimated error 2.5 %" or, without an estimate, nothing."""
     return f", estimated error {100 * error:.2g} %" if math.isfinite(error) else ""
 
 

@@ -104,8 +104,10 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
         if name not in pathtracer.FIRST_HIT_AOVS and render_size(size, settings) != size:
-            raise SolariError(f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
-                              "picture: leave one of the two out")
+            raise SolariError(
+                f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
+                "picture: leave one of the two out"
+            )
 
 
 def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
@@ -120,9 +122,15 @@ class _Shooting:
     """Renders and writes the pictures of a job. The first one decides the exposure of all, if it is automatic."""
 
     def __init__(
-        self, renderer: Renderer, job: StillJob | MovieJob, subject: Subject, targets: list[Path], progress: Progress,
-        frames: int, average: int,
-    ) -> None:  # fmt: skip
+        self,
+        renderer: Renderer,
+        job: StillJob | MovieJob,
+        subject: Subject,
+        targets: list[Path],
+        progress: Progress,
+        frames: int,
+        average: int,
+    ) -> None:
         self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
         self._cameras, self._targets = subject.cameras, targets
         self._frames, self._average = frames, average
@@ -180,7 +188,10 @@ class _Shooting:
                 seed = numbered_seed(job.seed, len(self._written))
                 layers["raw"] = sv.Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
             light, alpha = self._renderer.cut_out(radiance) if job.transparent else (radiance, None)
-            write_or_keep(target, lambda path: picture.save_image(
-                path, light, exposure=camera.exposure, tonemap=job.tonemap, layers=layers, alpha=alpha
-            ))  # fmt: skip
+            write_or_keep(
+                target,
+                lambda path: picture.save_image(
+                    path, light, exposure=camera.exposure, tonemap=job.tonemap, layers=layers, alpha=alpha
+                ),
+            )
         self._written.append(target)

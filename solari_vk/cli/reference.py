@@ -68,10 +68,17 @@ def run(job: StillJob | MovieJob) -> int:
         camera.ev100 = result.ev100
     if job.sensor is not None:
         result.layers["raw"] = sv.Sensor.load(job.sensor).expose(result.radiance, camera, seed=job.seed)
-    write_or_keep(job.output, lambda path: sv.save_image(
-        path, result.radiance, exposure=camera.exposure, tonemap=job.tonemap, layers=result.layers,
-        alpha=result.alpha,
-    ))  # fmt: skip
+    write_or_keep(
+        job.output,
+        lambda path: sv.save_image(
+            path,
+            result.radiance,
+            exposure=camera.exposure,
+            tonemap=job.tonemap,
+            layers=result.layers,
+            alpha=result.alpha,
+        ),
+    )
     print(
         f"wrote {job.output}: {job.size[0]}x{job.size[1]}, {result.samples:.0f} samples a pixel"
         f"{', denoised' if job.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s{result.after}, "
@@ -93,10 +100,13 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
         with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
                 renderer.render(
-                    subject.cameras[0], samples=total or UNLIMITED, denoise=job.denoise,
+                    subject.cameras[0],
+                    samples=total or UNLIMITED,
+                    denoise=job.denoise,
                     target_error=None if exposing else job.target_error or 0.0,
-                    progress=lambda done: progress(done, renderer.error), **exposing,
-                )  # fmt: skip
+                    progress=lambda done: progress(done, renderer.error),
+                    **exposing,
+                )
             except Stopped as stopped:
                 print(stopped, file=sys.stderr)
         radiance, seconds = renderer["radiance"], progress.seconds
@@ -111,14 +121,18 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
 def _render_large(job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes) -> _Result:
     """In bands of rows, because the device can't hold the picture."""
     if job.target_error is not None:
-        raise SolariError("--target-error: a picture in bands, larger than the device holds, has a fixed number of "
-                          "samples: give --samples")  # fmt: skip
+        raise SolariError(
+            "--target-error: a picture in bands, larger than the device holds, has a fixed number of "
+            "samples: give --samples"
+        )
     if job.transparent:
-        raise SolariError("--transparent: not for a picture in bands, larger than the device holds: give a smaller "
-                          "--size")  # fmt: skip
+        raise SolariError(
+            "--transparent: not for a picture in bands, larger than the device holds: give a smaller --size"
+        )
     if job.shutter is not None:
-        raise SolariError("--shutter: a picture in bands, larger than the device holds, shows one moment: give a "
-                          "smaller --size")  # fmt: skip
+        raise SolariError(
+            "--shutter: a picture in bands, larger than the device holds, shows one moment: give a smaller --size"
+        )
     count = -(-job.size[1] // bands.rows_of(device, job.size))
     print(f"{job.size[0]}x{job.size[1]} is more than the device holds at once: in {count} bands", file=sys.stderr)
     assert total is not None
@@ -127,9 +141,17 @@ def _render_large(job: StillJob, subject: Subject, total: int | None, device: De
     with Progress("samples a pixel, of all bands", total * count, job.time_limit, notes) as progress:
         try:
             picture = bands.render_large(
-                device, subject.scene, job.size, camera=camera, samples=total, denoise=job.denoise, layers=job.aov,
-                seed=job.seed, max_bounces=job.max_bounces, progress=lambda done, _: progress(done),
-            )  # fmt: skip
+                device,
+                subject.scene,
+                job.size,
+                camera=camera,
+                samples=total,
+                denoise=job.denoise,
+                layers=job.aov,
+                seed=job.seed,
+                max_bounces=job.max_bounces,
+                progress=lambda done, _: progress(done),
+            )
         except Stopped:
             raise SolariError(f"{job.output}: it was ended before its last band, so nothing is written") from None
     return _Result(picture.pop("radiance"), picture, total, math.inf, progress.seconds, None, None, notes.after)
@@ -144,10 +166,18 @@ def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Resul
         with Progress("samples a pixel", total, job.time_limit) as progress:
             report = Reporter(progress)
             picture = render_reference(
-                pool, subject.scene, job.size, camera=subject.cameras[0], samples=total, seed=job.seed,
-                max_bounces=job.max_bounces, layers=[*(name for name in job.aov if name != "raw_radiance"), "depth"],
-                denoise=job.denoise, target_error=job.target_error or 0.0, progress=report,
-            )  # fmt: skip
+                pool,
+                subject.scene,
+                job.size,
+                camera=subject.cameras[0],
+                samples=total,
+                seed=job.seed,
+                max_bounces=job.max_bounces,
+                layers=[*(name for name in job.aov if name != "raw_radiance"), "depth"],
+                denoise=job.denoise,
+                target_error=job.target_error or 0.0,
+                progress=report,
+            )
     if report.reason:
         print(report.reason, file=sys.stderr)
     radiance, seconds, ev100 = picture.radiance, progress.seconds, None

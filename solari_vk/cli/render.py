@@ -42,8 +42,10 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
             raise SolariError(f"--{name}: numbered pictures are many files: write {suffixes}")
     if numbered and (pattern := re.search(r"[._-]?%\d*d|[._-]?#{2,}", options.output.stem)):
         name = options.output.name.replace(pattern[0], "")
-        raise SolariError(f"-o {options.output}: pictures are numbered already: give {name} for "
-                          f"{Path(name).stem}.0000{options.output.suffix} and so on")  # fmt: skip
+        raise SolariError(
+            f"-o {options.output}: pictures are numbered already: give {name} for "
+            f"{Path(name).stem}.0000{options.output.suffix} and so on"
+        )
     if options.show:
         terminal.check_can_show(options.output)
     outputs = {"realtime": Renderer.OUTPUTS, "reference": PathTracer.OUTPUTS}
@@ -95,27 +97,40 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield still, f"{output}: {output.suffix} is for animations: give --animate, or write a .png"
         yield job.sensor, f"--sensor: a movie has no raw numbers: write numbered files, such as {output.stem}.png"
         yield job.aov, f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr"
-    yield (job.shutter is not None and job.target_error is not None,
-           f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}")
+    yield (
+        job.shutter is not None and job.target_error is not None,
+        f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}",
+    )
     if job.transparent:
         yield output.suffix.lower() not in WITH_ALPHA, f"--transparent: {output} must be {' or '.join(WITH_ALPHA)}"
         yield viewing, f"--view {view}: a debug view has no transparent background"
         yield job.shutter is not None, "--transparent: the blurred edges of --shutter have no alpha: leave one out"
-        yield (job.is_spread or (job.mode == "reference" and not still),
-               "--transparent: is for still pictures by one device, and for --mode realtime")  # fmt: skip
+        yield (
+            job.is_spread or (job.mode == "reference" and not still),
+            "--transparent: is for still pictures by one device, and for --mode realtime",
+        )
     if job.mode == "reference":
         yield not still and job.target_error is not None, "--target-error: each picture of an animation has --samples"
-        yield (job.shutter is not None and still and job.is_spread,
-               "--shutter: a still picture is exposed by one device: leave --workers and --cluster out")  # fmt: skip
+        yield (
+            job.shutter is not None and still and job.is_spread,
+            "--shutter: a still picture is exposed by one device: leave --workers and --cluster out",
+        )
         return
     if job.is_spread:
-        yield still, ("a still picture in realtime mode is made by one device: give --mode reference or --animate, or "
-                      "leave --workers and --cluster out")  # fmt: skip
+        yield (
+            still,
+            (
+                "a still picture in realtime mode is made by one device: give --mode reference or --animate, or "
+                "leave --workers and --cluster out"
+            ),
+        )
         yield viewing, f"--view {view}: debug views are rendered by one device: leave --workers and --cluster out"
     if viewing:
         yield job.shutter, "--shutter: a debug view shows one moment"
-        yield (output.suffix.lower() in (".exr", ".npz", ".npy"),
-               f"--view {view}: a debug view is a picture: write a .png, or use --aov for numbers")  # fmt: skip
+        yield (
+            output.suffix.lower() in (".exr", ".npz", ".npy"),
+            f"--view {view}: a debug view is a picture: write a .png, or use --aov for numbers",
+        )
         yield job.average, "--average: a debug view shows one frame"
         yield job.aov or job.sensor, "--aov, --sensor: a debug view shows one frame"
     yield still and job.shutter and job.average, "--average: a picture with --shutter is the mean of its --frames"

@@ -80,16 +80,19 @@ def load(
     given, in_studio = surround(scene, front, job.environment)  # by `front`: --camera doesn't turn the light
     if getattr(job, "transparent", False):
         if any(shown.aperture for shown in cameras):
-            raise SolariError("--transparent: the camera has an aperture, whose blurred edges have no alpha: give "
-                              "--camera without one")  # fmt: skip
+            raise SolariError(
+                "--transparent: the camera has an aperture, whose blurred edges have no alpha: give "
+                "--camera without one"
+            )
         if scene.backdrop is not None:
             scene.backdrop.visible = False
     if given:
         print(f"{job.source} has no light of its own: it is {given}", file=sys.stderr)
     if job.environment_rotation or job.environment_intensity != 1:
         if scene.environment is None:
-            raise SolariError("--environment-rotation and -intensity: there is no environment: give one by "
-                              "--environment")  # fmt: skip
+            raise SolariError(
+                "--environment-rotation and -intensity: there is no environment: give one by --environment"
+            )
         scene.environment.turn(math.radians(job.environment_rotation))
         scene.environment.intensity *= job.environment_intensity
     chosen = builtin or in_studio or (camera.has_exposure and not camera.auto_exposure)
@@ -151,8 +154,9 @@ def _path(
         return [camera] * count
     if sweep is None:
         if movie.animate in scene.animations and not Path(movie.animate).exists():
-            raise SolariError(f"--animate {movie.animate}: is a clip of the file: give --animate file --clip "
-                              f"{quoted(movie.animate)}")  # fmt: skip
+            raise SolariError(
+                f"--animate {movie.animate}: is a clip of the file: give --animate file --clip {quoted(movie.animate)}"
+            )
         return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
     return orbit(camera, scene.bounds.center, count, *sweep)
 
@@ -196,7 +200,8 @@ def open_shutter(job: StillJob | MovieJob, subject: Subject) -> dict[str, Any]:
         return {}
     clip, opens = subject.still, job.time or 0.0
     if clip is None:
-        raise SolariError("--shutter: nothing moves in a still picture: give --time, of the file's animation, or "
-                          "--animate")  # fmt: skip
+        raise SolariError(
+            "--shutter: nothing moves in a still picture: give --time, of the file's animation, or --animate"
+        )
     shutter = Shutter(open=opens, close=opens + job.shutter[0], readout=job.shutter[1])
     return {"shutter": shutter, "pose": lambda seconds: clip.apply(subject.scene, seconds, loop=False)}

@@ -81,8 +81,10 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
     except (TypeError, ValueError, OverflowError):
         raise SolariError(f"{path}: a pose's 'time' must be a number of seconds") from None
     if not ((np.abs(times) <= LATEST).all() and (np.diff(times) >= 1 / LATEST).all()):
-        raise SolariError(f"{path}: the times of poses must be finite, within {LATEST:g} s, and increase from pose to "
-                          f"pose, by {1 / LATEST:g} s or more")  # fmt: skip
+        raise SolariError(
+            f"{path}: the times of poses must be finite, within {LATEST:g} s, and increase from pose to "
+            f"pose, by {1 / LATEST:g} s or more"
+        )
     poses = [_pose(path, index, item, camera) for index, item in enumerate(items)]
     for index, (a, b) in enumerate(pairwise(poses)):
         cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2
@@ -118,7 +120,8 @@ def _interpolate(
     t = (wanted_times - times[first]).reshape(shape) / step
     start, end = values[first], values[first + 1]
     return np.asarray(
-        start + (3 * t**2 - 2 * t**3) * (end - start)
+        start
+        + (3 * t**2 - 2 * t**3) * (end - start)
         + step * (t * (1 - t) ** 2 * slopes[first] + t**2 * (t - 1) * slopes[first + 1])
     )
 

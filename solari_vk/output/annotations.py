@@ -55,11 +55,18 @@ def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str])
     rows = []
     for number, instance in sorted(instances.items()):
         low, high = (bound(instance.posed_mesh().positions, axis=0) for bound in (np.min, np.max))
-        rows.append({
-            "id": number, "name": instance.name, "label": labels[number], "part_of": instance.part_of,
-            "material": instance.material.name, "transform": instance.transform.tolist(), "lowest": low.tolist(),
-            "size": (high - low).tolist(),
-        })  # fmt: skip
+        rows.append(
+            {
+                "id": number,
+                "name": instance.name,
+                "label": labels[number],
+                "part_of": instance.part_of,
+                "material": instance.material.name,
+                "transform": instance.transform.tolist(),
+                "lowest": low.tolist(),
+                "size": (high - low).tolist(),
+            }
+        )
     return {"no_instance": NO_INSTANCE, "instances": rows}
 
 
@@ -71,17 +78,21 @@ class Annotations:
     keypoints."""
 
     def __init__(
-        self, labels: Mapping[int, str], keypoints: Mapping[int, Sequence[str]] | None = None,
+        self,
+        labels: Mapping[int, str],
+        keypoints: Mapping[int, Sequence[str]] | None = None,
         objects: Mapping[int, Sequence[int]] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if not isinstance(labels, Mapping):
             raise SolariError(f"Annotations: labels are by number, such as frame.labels, not {quoted(labels)}")
         self.labels = {number: label for number, label in labels.items() if label}
         """The labels of the annotated instances, by number."""
         self.classes = sorted(set(self.labels.values()))
         if not self.classes:
-            raise SolariError("annotations: no instance has a label: assign instance.label, or give a file of classes "
-                              "by --labels (label_instances)")  # fmt: skip
+            raise SolariError(
+                "annotations: no instance has a label: assign instance.label, or give a file of classes "
+                "by --labels (label_instances)"
+            )
 
         self.objects = {first: [*parts] for first, parts in (objects or {}).items()}
         """The numbers of the parts of each annotated object, by that of the first one, which is the annotation's."""
@@ -94,9 +105,11 @@ class Annotations:
         for number, own in named.items():
             label = self.labels[number]
             if tuple(own) != self.keypoints.get(label, ()):
-                raise SolariError(f"annotations: instances of the class {label!r} have other keypoints than "
-                                  f"{', '.join(self.keypoints[label])}: give all of a class the same ones, in the same "
-                                  "order")  # fmt: skip
+                raise SolariError(
+                    f"annotations: instances of the class {label!r} have other keypoints than "
+                    f"{', '.join(self.keypoints[label])}: give all of a class the same ones, in the same "
+                    "order"
+                )
 
     def points_of(self, number: int, points: Mapping[int, Any]) -> Any:
         """The keypoints of an object, of those of all instances by number: of the first part that has any, or none."""
@@ -127,11 +140,18 @@ class Annotations:
             images.append({"id": image, "file_name": name, "width": width, "height": height})
             for number, category, box in annotated:
                 mask = ids == number
-                found.append({
-                    "id": len(found) + 1, "image_id": image, "category_id": category + 1, "iscrowd": 0,
-                    "bbox": list(box), "area": int(mask.sum()), "instance_id": number,
-                    "segmentation": {"size": [height, width], "counts": run_lengths(mask)},
-                })  # fmt: skip
+                found.append(
+                    {
+                        "id": len(found) + 1,
+                        "image_id": image,
+                        "category_id": category + 1,
+                        "iscrowd": 0,
+                        "bbox": list(box),
+                        "area": int(mask.sum()),
+                        "instance_id": number,
+                        "segmentation": {"size": [height, width], "counts": run_lengths(mask)},
+                    }
+                )
                 named = self.points_of(number, points[0] if points else {})
                 if len(named):
                     rows = np.where(named[:, 2:] > 0, named, 0.0)

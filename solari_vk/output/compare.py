@@ -92,8 +92,10 @@ def _read(picture: Any) -> tuple[NDArray[np.float64], bool]:
             found = np.empty(0)
     if found.ndim != 3 or found.shape[2] != 3 or not found.size or not np.isfinite(found).all():
         shown = picture.shape if isinstance(picture, np.ndarray) else picture
-        raise SolariError("compare: takes frames, arrays (height, width, 3) of finite radiance or of 8 bits, or paths, "
-                          f"not {quoted(shown)}")  # fmt: skip
+        raise SolariError(
+            "compare: takes frames, arrays (height, width, 3) of finite radiance or of 8 bits, or paths, "
+            f"not {quoted(shown)}"
+        )
     return found, codes
 
 

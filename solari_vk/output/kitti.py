@@ -60,14 +60,20 @@ def _valid(path: str | os.PathLike[str], values: NDArray[np.float64], valid: Arr
 
 
 def _within(
-    path: str | os.PathLike[str], values: NDArray[np.float64], counts: NDArray[np.bool_], low: float, high: float,
+    path: str | os.PathLike[str],
+    values: NDArray[np.float64],
+    counts: NDArray[np.bool_],
+    low: float,
+    high: float,
     steps: int,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     """The values where they count, and 0. steps: in a pixel. Raises SolariError for what the format doesn't have."""
     kept = np.where(counts, values, 0.0)
     if not (kept.min(initial=0) >= low and kept.max(initial=0) <= high - 1 / steps):
-        raise SolariError(f"{path}: KITTI's files hold {low:g} to {high - 1 / steps:g} pixels, not {kept.min():.8g} to "
-                          f"{kept.max():.8g}: leave such pixels out by valid=")  # fmt: skip
+        raise SolariError(
+            f"{path}: KITTI's files hold {low:g} to {high - 1 / steps:g} pixels, not {kept.min():.8g} to "
+            f"{kept.max():.8g}: leave such pixels out by valid="
+        )
     return kept
 
 
@@ -79,6 +85,7 @@ def png_16(pixels: NDArray[np.uint16]) -> bytes:
     lines = np.concatenate([np.zeros((height, 1), np.uint8), rows], axis=1)  # no filter
     header = struct.pack(">IIBBBBB", width, height, 16, color_type, 0, 0, 0)
     chunks = (b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes(), 6)), (b"IEND", b"")
-    parts = (struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-             for kind, data in chunks)  # fmt: skip
+    parts = (
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)

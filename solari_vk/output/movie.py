@@ -47,8 +47,10 @@ def save_video(path: str | os.PathLike[str], pictures: Iterable[NDArray[np.uint8
         kind = str(getattr(picture, "dtype", type(picture).__name__))
         size = size or shape
         if shape != size or kind != "uint8" or len(shape) != 3 or shape[-1] != 3:
-            raise SolariError(f"{target}: picture {len(files)} is {kind} {shape}: give arrays (height, width, 3) of "
-                              "uint8, all of one size, such as frame.image()")  # fmt: skip
+            raise SolariError(
+                f"{target}: picture {len(files)} is {kind} {shape}: give arrays (height, width, 3) of "
+                "uint8, all of one size, such as frame.image()"
+            )
         files.append(png_bytes(picture))
     if not files:
         raise SolariError(f"{target}: a video needs at least one picture")

@@ -39,8 +39,9 @@ def save_shards(
         with whole_file(paths[-1]) as temporary, tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as tar:
             for key, contents in part:
                 if not key or set(key) & set("./\\") or key in keys:
-                    raise SolariError(f"{paths[-1]}: the key {key!r} of a sample has a dot or a slash, or is there "
-                                      "already")  # fmt: skip
+                    raise SolariError(
+                        f"{paths[-1]}: the key {key!r} of a sample has a dot or a slash, or is there already"
+                    )
                 keys.add(key)
                 for suffix, content in contents.items():
                     try:

@@ -30,11 +30,13 @@ BRIGHT_PERCENTILE, LEAST_BRIGHT = 95, 30  # and this percentile of its codes isn
 ACES_EXPOSURE = 0.6
 ACES_NUMERATOR, ACES_DENOMINATOR = (2.51, 0.03), (2.43, 0.59, 0.14)  # polynomials, highest power first
 
-AGX_INSET = np.array([
-    [0.842479062253094, 0.0784335999999992, 0.0792237451477643],
-    [0.0423282422610123, 0.878468636469772, 0.0791661274605434],
-    [0.0423756549057051, 0.0784336, 0.879142973793104],
-])  # fmt: skip
+AGX_INSET = np.array(
+    [
+        [0.842479062253094, 0.0784335999999992, 0.0792237451477643],
+        [0.0423282422610123, 0.878468636469772, 0.0791661274605434],
+        [0.0423756549057051, 0.0784336, 0.879142973793104],
+    ]
+)
 AGX_CURVE = (15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232)  # highest power first
 AGX_MIN_STOPS, AGX_MAX_STOPS = -12.47393, 4.026069
 AGX_GAMMA = 2.2
@@ -84,14 +86,16 @@ def glsl_header() -> str:
     """`generated/output/tone_mapping.glsl`: TONEMAP_* and the numbers of the curves."""
     inset = ", ".join(map(repr, AGX_INSET.ravel().tolist()))
     scalars = {name: value for name, value in globals().items() if name.isupper() and isinstance(value, float)}
-    return "\n".join([
-        headers.enumeration("TONEMAP", TONEMAPS),
-        headers.constants(**scalars),
-        f"const vec2 ACES_NUMERATOR = vec2{ACES_NUMERATOR};",
-        f"const vec3 ACES_DENOMINATOR = vec3{ACES_DENOMINATOR};",
-        f"const mat3 AGX_INSET = mat3({inset});  // by rows",
-        f"const float AGX_CURVE[{len(AGX_CURVE)}] = float[]{AGX_CURVE};",
-    ])
+    return "\n".join(
+        [
+            headers.enumeration("TONEMAP", TONEMAPS),
+            headers.constants(**scalars),
+            f"const vec2 ACES_NUMERATOR = vec2{ACES_NUMERATOR};",
+            f"const vec3 ACES_DENOMINATOR = vec3{ACES_DENOMINATOR};",
+            f"const mat3 AGX_INSET = mat3({inset});  // by rows",
+            f"const float AGX_CURVE[{len(AGX_CURVE)}] = float[]{AGX_CURVE};",
+        ]
+    )
 
 
 # ---- from radiance to a picture ---------------------------------------------------------------------

@@ -34,11 +34,7 @@ def stage() -> Stage:
     )
     return Stage(
         "brdf_table",
-        buffers={
-            "brdf_averages": size,
-            "glass_table": glass * glass * slices,
-            "anisotropy_table": anisotropy**4,
-        },
+        buffers={"brdf_averages": size, "glass_table": glass * glass * slices, "anisotropy_table": anisotropy**4},
         images={"brdf_table": (size, size), "sheen_table": (size, size)},
         passes=[
             Pass("brdf_table/integrate", threads=(size, size)),

@@ -14,98 +14,132 @@ PICTURE = "picture"
 
 
 _GROUPS = (
-    ViewGroup("Demodulated", "", {
-        "paths_diffuse": (
-            "light of the diffuse lobe on a white surface.", "show_radiance(paths_diffuse.at[index].rgb)"
-        ),
-        "paths_specular": (
-            "light of the specular lobe on a white surface.", "show_radiance(paths_specular.at[index].rgb)"
-        ),
-        "paths_distance": (
-            "length of the first ray; the colors repeat each time it doubles, black for rays that met nothing.",
-            "show_distance(max(paths_diffuse.at[index].w, paths_specular.at[index].w))",
-        ),
-    }),
-    ViewGroup("Denoiser", "", {
-        "denoise_frames": (
-            "number of frames that the diffuse light averages, yellow for the maximum.",
-            "show_share(history_length(index) / float(denoise_settings.max_history))",
-        ),
-        "denoise_frames_specular": (
-            "the same of the specular light.",
-            "show_share(specular_history_length(index) / float(denoise_settings.max_history))",
-        ),
-        "denoise_noise": (
-            "standard error of the diffuse light before the blur over its mean, yellow for 1.",
-            "show_share(history_relative_error(index))",
-        ),
-        "denoise_error": (
-            "estimated standard error of the denoised luminance over it, yellow for 25 %.",
-            "show_share(4.0 * error.at[index] / max(luminance(sample_radiance.at[index]), 1e-30))",
-        ),
-    }),
-    ViewGroup("", "", {
-        "emission": ("The light that lights themselves send to the camera.", "show_radiance(emission.at[index])"),
-        "diffuse_radiance": ("All light of the diffuse lobe.", "show_radiance(diffuse_radiance.at[index])"),
-        "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
-    }),
-    ViewGroup("G-buffer", "", {
-        "base_color": ("base color.", "encode_srgb(surface.material.base.color)"),
-        "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.base.perceptual_roughness)"),
-        "metallic": ("metallic, white is metal.", "vec3(surface.material.base.metallic)"),
-        "reflectance": ("reflectance of dielectrics.", "surface.material.base.reflectance"),
-        "emissive": ("the radiance that the surface emits.", "show_radiance(surface.material.emissive)"),
-    }),
-    ViewGroup("G-buffer", IF_SURFACE, {
-        "shading_normal": (
-            "shading normal, x, y, z as red, green, blue; gray is 0.", "show_direction(surface.world_normal)"
-        ),
-        "geometric_normal": (
-            "the triangle's own normal, in the same colors.", "show_direction(surface.geometric_world_normal)"
-        ),
-        "depth": ("distance; the colors repeat each time it doubles.", "show_depth(imageLoad(depth, at).x)"),
-        "instance": ("a color for each instance.", "show_number(instances.at[surface.instance].id)"),
-        "motion": (
-            "motion; gray is at rest, red moves to the right, green down, by up to 8 pixels.",
-            "show_motion(imageLoad(motion_vectors, at).xy)",
-        ),
-    }),
-    ViewGroup("World cache", f"{IF_SURFACE} ShownCell shown = find_shown_cell(pixel, surface);", {
-        "cache_cells": (
-            "a color for each cell; dark where the cache has no cell.",
-            "show_number(shown.checksum) * (shown.exists ? 1.0 : 0.2)",
-        ),
-        "cache_lod": (
-            "cell size; yellow for the smallest size doubled 8 times.",
-            "show_share(log2(shown.size / world_cache_settings.cell_size) / 8.0)",
-        ),
-        "cache_irradiance": (
-            "the radiance that a white surface would reflect of the cell's irradiance.",
-            "show_radiance(INVERSE_PI * shown.irradiance)",
-        ),
-        "cache_samples": (
-            "number of frames that the cell has averaged, yellow for the maximum.",
-            "shown.exists ? show_share(shown.sample_count / float(world_cache_settings.max_samples)) : NOTHING",
-        ),
-        "cache_life": (
-            "number of frames until the cell is deleted unless a ray asks for it, yellow for the maximum.",
-            "shown.exists ? show_share(float(shown.life) / float(world_cache_settings.lifetime)) : NOTHING",
-        ),
-    }),
-    ViewGroup("Guides", "", {
-        "guide_diffuse_albedo": ("diffuse albedo.", "encode_srgb(imageLoad(guides_diffuse_albedo, at).rgb)"),
-        "guide_specular_albedo": ("specular albedo.", "encode_srgb(imageLoad(guides_specular_albedo, at).rgb)"),
-        "guide_normal": (
-            "normal.", "surface.exists ? show_direction(imageLoad(guides_normal_roughness, at).xyz) : NOTHING"
-        ),
-        "guide_roughness": ("roughness.", "vec3(imageLoad(guides_normal_roughness, at).w)"),
-        "guide_depth": ("distance, in the colors of depth.", "show_depth(imageLoad(guides_depth, at).x)"),
-        "guide_specular_motion": (
-            "motion, in the colors of motion.", "show_motion(imageLoad(guides_specular_motion, at).xy)"
-        ),
-    }),
+    ViewGroup(
+        "Demodulated",
+        "",
+        {
+            "paths_diffuse": (
+                "light of the diffuse lobe on a white surface.",
+                "show_radiance(paths_diffuse.at[index].rgb)",
+            ),
+            "paths_specular": (
+                "light of the specular lobe on a white surface.",
+                "show_radiance(paths_specular.at[index].rgb)",
+            ),
+            "paths_distance": (
+                "length of the first ray; the colors repeat each time it doubles, black for rays that met nothing.",
+                "show_distance(max(paths_diffuse.at[index].w, paths_specular.at[index].w))",
+            ),
+        },
+    ),
+    ViewGroup(
+        "Denoiser",
+        "",
+        {
+            "denoise_frames": (
+                "number of frames that the diffuse light averages, yellow for the maximum.",
+                "show_share(history_length(index) / float(denoise_settings.max_history))",
+            ),
+            "denoise_frames_specular": (
+                "the same of the specular light.",
+                "show_share(specular_history_length(index) / float(denoise_settings.max_history))",
+            ),
+            "denoise_noise": (
+                "standard error of the diffuse light before the blur over its mean, yellow for 1.",
+                "show_share(history_relative_error(index))",
+            ),
+            "denoise_error": (
+                "estimated standard error of the denoised luminance over it, yellow for 25 %.",
+                "show_share(4.0 * error.at[index] / max(luminance(sample_radiance.at[index]), 1e-30))",
+            ),
+        },
+    ),
+    ViewGroup(
+        "",
+        "",
+        {
+            "emission": ("The light that lights themselves send to the camera.", "show_radiance(emission.at[index])"),
+            "diffuse_radiance": ("All light of the diffuse lobe.", "show_radiance(diffuse_radiance.at[index])"),
+            "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
+        },
+    ),
+    ViewGroup(
+        "G-buffer",
+        "",
+        {
+            "base_color": ("base color.", "encode_srgb(surface.material.base.color)"),
+            "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.base.perceptual_roughness)"),
+            "metallic": ("metallic, white is metal.", "vec3(surface.material.base.metallic)"),
+            "reflectance": ("reflectance of dielectrics.", "surface.material.base.reflectance"),
+            "emissive": ("the radiance that the surface emits.", "show_radiance(surface.material.emissive)"),
+        },
+    ),
+    ViewGroup(
+        "G-buffer",
+        IF_SURFACE,
+        {
+            "shading_normal": (
+                "shading normal, x, y, z as red, green, blue; gray is 0.",
+                "show_direction(surface.world_normal)",
+            ),
+            "geometric_normal": (
+                "the triangle's own normal, in the same colors.",
+                "show_direction(surface.geometric_world_normal)",
+            ),
+            "depth": ("distance; the colors repeat each time it doubles.", "show_depth(imageLoad(depth, at).x)"),
+            "instance": ("a color for each instance.", "show_number(instances.at[surface.instance].id)"),
+            "motion": (
+                "motion; gray is at rest, red moves to the right, green down, by up to 8 pixels.",
+                "show_motion(imageLoad(motion_vectors, at).xy)",
+            ),
+        },
+    ),
+    ViewGroup(
+        "World cache",
+        f"{IF_SURFACE} ShownCell shown = find_shown_cell(pixel, surface);",
+        {
+            "cache_cells": (
+                "a color for each cell; dark where the cache has no cell.",
+                "show_number(shown.checksum) * (shown.exists ? 1.0 : 0.2)",
+            ),
+            "cache_lod": (
+                "cell size; yellow for the smallest size doubled 8 times.",
+                "show_share(log2(shown.size / world_cache_settings.cell_size) / 8.0)",
+            ),
+            "cache_irradiance": (
+                "the radiance that a white surface would reflect of the cell's irradiance.",
+                "show_radiance(INVERSE_PI * shown.irradiance)",
+            ),
+            "cache_samples": (
+                "number of frames that the cell has averaged, yellow for the maximum.",
+                "shown.exists ? show_share(shown.sample_count / float(world_cache_settings.max_samples)) : NOTHING",
+            ),
+            "cache_life": (
+                "number of frames until the cell is deleted unless a ray asks for it, yellow for the maximum.",
+                "shown.exists ? show_share(float(shown.life) / float(world_cache_settings.lifetime)) : NOTHING",
+            ),
+        },
+    ),
+    ViewGroup(
+        "Guides",
+        "",
+        {
+            "guide_diffuse_albedo": ("diffuse albedo.", "encode_srgb(imageLoad(guides_diffuse_albedo, at).rgb)"),
+            "guide_specular_albedo": ("specular albedo.", "encode_srgb(imageLoad(guides_specular_albedo, at).rgb)"),
+            "guide_normal": (
+                "normal.",
+                "surface.exists ? show_direction(imageLoad(guides_normal_roughness, at).xyz) : NOTHING",
+            ),
+            "guide_roughness": ("roughness.", "vec3(imageLoad(guides_normal_roughness, at).w)"),
+            "guide_depth": ("distance, in the colors of depth.", "show_depth(imageLoad(guides_depth, at).x)"),
+            "guide_specular_motion": (
+                "motion, in the colors of motion.",
+                "show_motion(imageLoad(guides_specular_motion, at).xy)",
+            ),
+        },
+    ),
     *solari019.GROUPS,
-)  # fmt: skip
+)
 
 DEBUG_VIEWS = {PICTURE: "The picture itself: radiance, exposed and tone mapped."} | {
     name: (f"{group.title}: {meaning}" if group.title else meaning)

@@ -73,9 +73,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     if shader == "trace":
         buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
     return Stage(
-        "pathtracer",
-        buffers=buffers,
-        passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows), constants=brdf)],
+        "pathtracer", buffers=buffers, passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows), constants=brdf)]
     )
 
 

@@ -26,7 +26,5 @@ def stage(size: Size) -> Stage:
     """
     pixels = size[0] * size[1]
     return Stage(
-        "taa",
-        buffers={"taa_history": History(pixels), "radiance": pixels},
-        passes=[Pass("taa/resolve", threads=size)],
+        "taa", buffers={"taa_history": History(pixels), "radiance": pixels}, passes=[Pass("taa/resolve", threads=size)]
     )

@@ -48,22 +48,35 @@ def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> i
 def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> Camera:
     """The camera of some rows of a picture of this size, from the row `top` on. Raises SolariError for a lens."""
     if camera.has_lens:
-        raise SolariError(f"{camera.describe()}: a picture in bands, larger than the device holds, has no distortion "
-                          "and no fisheye: render a smaller one")  # fmt: skip
+        raise SolariError(
+            f"{camera.describe()}: a picture in bands, larger than the device holds, has no distortion "
+            "and no fisheye: render a smaller one"
+        )
     share, (x, y) = rows / size[1], camera.principal_point
     offset = top + rows / 2 - size[1] * y
     return dataclasses.replace(
-        camera, vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)), auto_exposure=False,
-        orthographic_height=share * camera.orthographic_height, jitter=camera.jitter + np.array((0, offset)),
+        camera,
+        vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)),
+        auto_exposure=False,
+        orthographic_height=share * camera.orthographic_height,
+        jitter=camera.jitter + np.array((0, offset)),
         principal_point=np.array((x, 0.5)),
-    )  # fmt: skip
+    )
 
 
 def render_large(
-    device: Device, scene: Scene, size: tuple[int, int], *, camera: Camera | None = None, samples: int = 256,
-    denoise: bool = False, layers: Sequence[str] = (), band_pixels: int | None = None,
-    progress: Callable[[int, int], None] | None = None, **options: Any,
-) -> dict[str, NDArray[Any]]:  # fmt: skip
+    device: Device,
+    scene: Scene,
+    size: tuple[int, int],
+    *,
+    camera: Camera | None = None,
+    samples: int = 256,
+    denoise: bool = False,
+    layers: Sequence[str] = (),
+    band_pixels: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> dict[str, NDArray[Any]]:
     """A picture of any size by the path tracer, in bands of rows that the device holds: arrays (height, width, ...).
 
     The result has "radiance" (height, width, 3) in cd/m^2, and what `layers` names, as frames have them. samples per

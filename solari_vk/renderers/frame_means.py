@@ -21,9 +21,13 @@ class FrameMeans:
     """
 
     def __init__(
-        self, renderer: Renderer, names: Iterable[str] = (), estimate: ErrorEstimate | None = None, *,
+        self,
+        renderer: Renderer,
+        names: Iterable[str] = (),
+        estimate: ErrorEstimate | None = None,
+        *,
         exposes: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._renderer, self._estimate = renderer, estimate
         self._raw = "raw_radiance" if "raw_radiance" in renderer.outputs else "radiance"
         light = [name for name in names if name in LIGHT] + ["radiance"] * (not exposes) + [self._raw] * bool(estimate)

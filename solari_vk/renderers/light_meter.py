@@ -34,10 +34,17 @@ class Illuminance(NamedTuple):
 
 @checked_keywords(who="solari_vk")
 def illuminance(
-    device: Device, scene: Scene | SceneBinder, points: ArrayLike, normals: ArrayLike = (0.0, 1.0, 0.0), *,
-    cylindrical: bool = False, samples: int = 4096, max_bounces: int = 16, seed: int = 0,
+    device: Device,
+    scene: Scene | SceneBinder,
+    points: ArrayLike,
+    normals: ArrayLike = (0.0, 1.0, 0.0),
+    *,
+    cylindrical: bool = False,
+    samples: int = 4096,
+    max_bounces: int = 16,
+    seed: int = 0,
     time_limit: float | None = None,
-) -> Illuminance:  # fmt: skip
+) -> Illuminance:
     """The illuminance at points of a scene, by path tracing from them: without bias, with a standard error each.
 
     points (..., 3) in meters and normals (..., 3) of any length are broadcast against each other. Planar illuminance is
@@ -72,9 +79,14 @@ class _PointTracer(PathTracer):
     """A path tracer whose pixels are points with normals (N, 6), row by row; the last row is filled up."""
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, points: NDArray[Any], cylindrical: bool, max_bounces: int,
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        points: NDArray[Any],
+        cylindrical: bool,
+        max_bounces: int,
         seed: int,
-    ) -> None:  # fmt: skip
+    ) -> None:
         width = math.ceil(math.sqrt(len(points)))
         size = width, math.ceil(len(points) / width)
         self._points = np.resize(points, (size[0] * size[1], 6))

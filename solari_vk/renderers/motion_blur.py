@@ -40,8 +40,10 @@ def checked_pose(scene: Scene, shutter: Any, pose: Any, who: str) -> Pose:
             f"{who}.render: shutter is a solari_vk.Shutter, not {quoted(shutter)}: Shutter(close=1/48) is one"
         )
     if pose is None and not len(scene.animations):
-        raise SolariError(f"{who}.render: {scene.describe()} has no animations: give pose, a function that poses "
-                          "the scene at a time, and may return the camera")  # fmt: skip
+        raise SolariError(
+            f"{who}.render: {scene.describe()} has no animations: give pose, a function that poses "
+            "the scene at a time, and may return the camera"
+        )
     if pose is not None and not callable(pose):
         raise SolariError(f"{who}.render: pose is a function of the time in seconds, not {quoted(pose)}")
     found: Pose = scene.animate if pose is None else pose
@@ -97,9 +99,15 @@ class ShutterRenderer(PosingRenderer):
         """Choose the next dispatches' size by the time that the latest finished one took."""
 
     def _expose(
-        self, camera: Camera, samples: int, shutter: Any, pose: Any, denoise: bool, time_limit: float | None,
+        self,
+        camera: Camera,
+        samples: int,
+        shutter: Any,
+        pose: Any,
+        denoise: bool,
+        time_limit: float | None,
         progress: Callable[[int], None] | None,
-    ) -> RenderedFrame:  # fmt: skip
+    ) -> RenderedFrame:
         """The picture of an exposure; the scene stays as in its middle. Arguments are those of `PathTracer.render`.
 
         What `progress` raises ends the exposure and is raised again, with the picture so far as the latest."""
@@ -174,9 +182,12 @@ class ExposureRenderer(PosingRenderer):
 
     @checked_keywords()
     def render(
-        self, camera: Camera | None = None, *, shutter: Shutter | None = None,
+        self,
+        camera: Camera | None = None,
+        *,
+        shutter: Shutter | None = None,
         pose: Callable[[float], Any] | None = None,
-    ) -> RenderedFrame:  # fmt: skip
+    ) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
         camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about

@@ -147,10 +147,17 @@ class PathTracer(ShutterRenderer):
 
     @checked_keywords()
     def render(
-        self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
-        progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,
-        shutter: Shutter | None = None, pose: Callable[[float], Any] | None = None,
-    ) -> RenderedFrame:  # fmt: skip
+        self,
+        camera: Camera | None = None,
+        samples: int = 256,
+        *,
+        time_limit: float | None = None,
+        progress: Callable[[int], None] | None = None,
+        denoise: bool = False,
+        target_error: float | None = None,
+        shutter: Shutter | None = None,
+        pose: Callable[[float], Any] | None = None,
+    ) -> RenderedFrame:
         """Refine the picture until it has `samples` samples per pixel, and return it.
 
         camera: by default the scene's. Samples of earlier calls count, unless the camera, the scene or the size has

@@ -200,8 +200,9 @@ class PictureRenderer(SceneUser, ABC):
             raise SolariError(f"{type(self).__name__}: render before asking for a transparent background")
         if frame.camera.aperture or frame.exposed:
             blurs = "an aperture: set that to 0" if frame.camera.aperture else "a shutter: leave it out"
-            raise SolariError(f"a transparent background: blurred edges have no alpha here, and "
-                              f"{frame.camera.describe()} has {blurs}")  # fmt: skip
+            raise SolariError(
+                f"a transparent background: blurred edges have no alpha here, and {frame.camera.describe()} has {blurs}"
+            )
         coverage = self.first_hits.read_coverage(frame._projection, self.size)
         environment = self.binder.scene.environment
         behind = 0.0 if environment is None else backdrop(environment, frame.camera, self.size)
@@ -228,8 +229,10 @@ class PictureRenderer(SceneUser, ABC):
         for scene in self._dark_scenes:
             shown = [instance.material for instance in scene if instance.visible]
             if shown and not any(material.unlit for material in shown):
-                warn(f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
-                     "studio_lights(scene), set scene.environment = Sky(), or add a light")  # fmt: skip
+                warn(
+                    f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
+                    "studio_lights(scene), set scene.environment = Sky(), or add a light"
+                )
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""

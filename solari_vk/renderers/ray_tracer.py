@@ -66,9 +66,15 @@ class RayTracer(SceneUser):
             self._mapped[name] = self._buffers[name].view(dtype)
 
     def trace(
-        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        any_hit: bool = False, seed: int = 0,
-    ) -> Hits:  # fmt: skip
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        any_hit: bool = False,
+        seed: int = 0,
+    ) -> Hits:
         """The nearest hit of each ray.
 
         origins (..., 3) are in meters; directions (..., 3) may have any length. t_min and t_max (...) bound the ray, in

@@ -166,8 +166,10 @@ class RenderedFrame(Hints):
         found = [other for other in instances if other.part_of == name] if name else []
         found = found or [other for other in instances if other.name == name]
         if not found and name in self.labels.values():
-            raise SolariError(f"mask: {quoted(name)} is a label, which several objects have: "
-                              f"frame.mask([one for one in scene if one.label == {quoted(name)}])")  # fmt: skip
+            raise SolariError(
+                f"mask: {quoted(name)} is a label, which several objects have: "
+                f"frame.mask([one for one in scene if one.label == {quoted(name)}])"
+            )
         return found or [self._renderer.binder.scene.instances[name]]
 
     @property
@@ -203,8 +205,9 @@ class RenderedFrame(Hints):
         except TypeError:
             column = row = -1
         if not (0 <= column < width and 0 <= row < height):
-            raise SolariError(f"pick: a pixel is two whole numbers, from 0, 0 to {width - 1}, {height - 1}, not "
-                              f"{quoted((x, y))}")  # fmt: skip
+            raise SolariError(
+                f"pick: a pixel is two whole numbers, from 0, 0 to {width - 1}, {height - 1}, not {quoted((x, y))}"
+            )
         return self.instances.get(int(self["instance_id"][row, column]))
 
     def image(self, *, exposure: float | str | None = None, tonemap: str | None = None) -> NDArray[np.uint8]:
@@ -231,8 +234,10 @@ class RenderedFrame(Hints):
         ev100 = getattr(camera, "_metered", camera.ev100) if exposure is None and not camera.has_exposure else None
         factor = exposure if exposure is not None else camera.exposure if ev100 is None else exposure_of(ev100)
         if (wrong := unseen(radiance * factor)) == "black":
-            warn("the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
-                 "with an emissive material, scene.environment, and studio_lights(scene)")  # fmt: skip
+            warn(
+                "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
+                "with an emissive material, scene.environment, and studio_lights(scene)"
+            )
         elif wrong and exposure is not None:
             warn(f'the picture is far too {wrong}: give another exposure, or "auto"')
         elif wrong or (ev100 is not None and (wrong := self._misexposed(radiance, factor, curve))):
@@ -240,8 +245,10 @@ class RenderedFrame(Hints):
             tried, shown = camera.ev100 if ev100 is None else ev100, self._renderer.auto_exposure(radiance)
             if ev100 is not None:
                 object.__setattr__(camera, "_metered", shown)  # so that the next pictures by this camera don't flicker
-            warn(f"the picture would be {far}too {wrong} with the camera's EV100, {tried:.4g}{unset}, and is "
-                 f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure")  # fmt: skip
+            warn(
+                f"the picture would be {far}too {wrong} with the camera's EV100, {tried:.4g}{unset}, and is "
+                f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure"
+            )
             return exposure_of(shown)
         return factor
 
@@ -275,9 +282,14 @@ class RenderedFrame(Hints):
 
     @checked_keywords()
     def save(
-        self, path: str | os.PathLike[str], layers: str | Sequence[str] = (), *, exposure: float | str | None = None,
-        tonemap: str | None = None, transparent: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        path: str | os.PathLike[str],
+        layers: str | Sequence[str] = (),
+        *,
+        exposure: float | str | None = None,
+        tonemap: str | None = None,
+        transparent: bool = False,
+    ) -> None:
         """Write the picture as a .png or .jpg, or radiance in cd/m^2 as an .exr, .npz or .npy.
 
         layers: the name of a further result, or several, which become channels of an .exr or arrays of an .npz,
@@ -303,8 +315,10 @@ class RenderedFrame(Hints):
             factor = self.camera.exposure if exposure is None else exposure
         if is_picture and Path(path).stem in layers:
             name = Path(path).stem
-            warn(f"{path} is the picture in color; {name} is in {name}.{name}.npy beside it. Pictures of numbers "
-                 "are debug views of the realtime renderer: set its view")  # fmt: skip
+            warn(
+                f"{path} is the picture in color; {name} is in {name}.{name}.npy beside it. Pictures of numbers "
+                "are debug views of the realtime renderer: set its view"
+            )
         alpha = None
         if transparent:
             renderer.check_latest(self, "transparent")

@@ -36,8 +36,10 @@ THIS_FRAME = (
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
-_GIVE_SETTINGS = ("give settings=Settings.preset('solari'), or settings=Settings(name=value), after the size as one "
-                  "pair, (width, height)")  # fmt: skip
+_GIVE_SETTINGS = (
+    "give settings=Settings.preset('solari'), or settings=Settings(name=value), after the size as one "
+    "pair, (width, height)"
+)
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
@@ -56,8 +58,14 @@ class Renderer(ExposureRenderer):
     as well. Raises SolariError for a size that the device can't hold, a wrong seed and an unknown option.
     """
 
-    OUTPUTS = ("radiance", "error", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES),
-               "display")  # fmt: skip
+    OUTPUTS = (
+        "radiance",
+        "error",
+        *pathtracer.FIRST_HIT_AOVS,
+        *LIGHT,
+        *(f"guides_{name}" for name in guides.IMAGES),
+        "display",
+    )
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
     _grid, _world_count = (1, 1), 1  # columns and rows of views in the frame's pictures; and of how many worlds
@@ -148,8 +156,16 @@ class Renderer(ExposureRenderer):
         """Have the next frame show the scene and the settings as they are."""
         self._frame.apply_edits()
         self._warn_of_darkness()
-        seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
-                self._has_lens, self._frame.uniforms.version)  # fmt: skip
+        seen = (
+            self.size,
+            self.settings,
+            self.settings.revision,
+            self.binder.version,
+            self._debug_view,
+            self._tonemap,
+            self._has_lens,
+            self._frame.uniforms.version,
+        )
         if seen != self._settings_seen:
             if self._built != self._build_key():
                 self._rebuild()
@@ -208,10 +224,17 @@ class Renderer(ExposureRenderer):
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
         self._this_frame.write(
-            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
-            self.binder.blended_changes != self._blended_changes, *offset, x - previous_x, y - previous_y,
+            self.frame_count & 0xFFFFFFFF,
+            self.seed,
+            history,
+            projection.exposure,
+            self._lights.change,
+            self.binder.blended_changes != self._blended_changes,
+            *offset,
+            x - previous_x,
+            y - previous_y,
             *((exposed.state, *exposed.rows) if exposed else (0, 0, 0)),
-        )  # fmt: skip
+        )
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
         self._has_history = True

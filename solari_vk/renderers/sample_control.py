@@ -52,8 +52,10 @@ class SampleControl:
         Only pictures that aren't denoised, with a target above 0, have pixels with different numbers of samples.
         """
         if limit is not None and self.samples > limit:
-            warn(f"the picture has {self.samples} samples of earlier calls, more than {limit}: call reset() before "
-                 "render for a new one")  # fmt: skip
+            warn(
+                f"the picture has {self.samples} samples of earlier calls, more than {limit}: call reset() before "
+                "render for a new one"
+            )
         if denoises != self.denoises:
             self.denoises = denoises
             self._begin_estimating()

@@ -58,26 +58,37 @@ class SceneFrame(SceneUser, Frame):
     """
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, stages: Sequence[Stage], *,
-        external: Mapping[str, Any] | None = None, **options: Any,
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        stages: Sequence[Stage],
+        *,
+        external: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> None:
         SceneUser.__init__(self, device, scene)
         try:
             self.binder.update(self)
             self._bound_version = self.binder.version
             self._replaced = frozenset(external or ())
             Frame.__init__(
-                self, device, stages, external=self._scene_resources | dict(external or {}),
-                features=self.binder.features, **options,
-            )  # fmt: skip
+                self,
+                device,
+                stages,
+                external=self._scene_resources | dict(external or {}),
+                features=self.binder.features,
+                **options,
+            )
         except BaseException:
             self._owned.close()
             raise
 
     def rebuild(
-        self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,
+        self,
+        stages: Sequence[Stage] | None = None,
+        external: Mapping[str, Any] | None = None,
         features: Collection[str] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """As `Frame.rebuild`; external resources are added to the scene's."""
         if external is not None:
             self._replaced = frozenset(external)

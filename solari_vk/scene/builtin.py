@@ -245,8 +245,12 @@ def lamp_gap(gap: float = 0.03) -> Scene:
     low, high = np.array((-2, 0, -2)), np.array((2, 3, 2))
     scene = Scene(name="lamp_gap")
     scene.add(shapes.box(low, high, inward=True), matte((0.6, 0.57, 0.5), "plaster"), name="room")
-    scene.add(shapes.box((-0.4, 0, -0.4), (0.4, 1.2, 0.4)), matte((0.6, 0.15, 0.1), "red"),
-              place(at=(0.5, 0, -0.5), turn=0.4), name="block")  # fmt: skip
+    scene.add(
+        shapes.box((-0.4, 0, -0.4), (0.4, 1.2, 0.4)),
+        matte((0.6, 0.15, 0.1), "red"),
+        place(at=(0.5, 0, -0.5), turn=0.4),
+        name="block",
+    )
     panel = shapes.quad((0, 3 - gap, -0.4), (0.6, 0, 0), (0, 0, 0.3), name="panel")
     scene.add(panel, lamp((20.0, 18.0, 15.0), double_sided=True), name="lamp")
     eye, target = (-1.3, 1.4, 1.9), (0.1, 1.6, -0.6)
@@ -257,10 +261,18 @@ def lamp_gap(gap: float = 0.03) -> Scene:
 SCENES: dict[str, Callable[..., Scene]] = {
     function.__name__: function
     for function in (
-        cornell_box, closed_box, many_lights, rooms, mirror_hall, thin_wall, sphere_grid, shiny_floor,
-        polished_floor, lamp_gap,
+        cornell_box,
+        closed_box,
+        many_lights,
+        rooms,
+        mirror_hall,
+        thin_wall,
+        sphere_grid,
+        shiny_floor,
+        polished_floor,
+        lamp_gap,
     )
-}  # fmt: skip
+}
 
 
 def builtin(name: str, **arguments: Any) -> Scene:

@@ -68,10 +68,16 @@ class Calibrated:
 
     @classmethod
     def from_opencv(
-        cls, K: ArrayLike, R: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)), t: ArrayLike = (0, 0, 0),
-        size: tuple[int, int] | None = None, distortion: ArrayLike = (), *, projection: str = "perspective",
+        cls,
+        K: ArrayLike,
+        R: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        t: ArrayLike = (0, 0, 0),
+        size: tuple[int, int] | None = None,
+        distortion: ArrayLike = (),
+        *,
+        projection: str = "perspective",
         **fields: Any,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """A camera as OpenCV's calibration gives it.
 
         K (3, 3): focal lengths and principal point in pixels of a picture of `size` (width, height), without skew; size
@@ -92,12 +98,16 @@ class Calibrated:
             rotation = rotation_about(turn, float(np.linalg.norm(turn))) if turn.any() else np.eye(3)
         width, height = _size(size)
         if skew or zero or last != [0, 0, 1] or not (fx > 0 and fy > 0):
-            raise SolariError("Camera.from_opencv: K is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 "
-                              f"and no skew, not {np.asarray(K).tolist()}")  # fmt: skip
+            raise SolariError(
+                "Camera.from_opencv: K is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 "
+                f"and no skew, not {np.asarray(K).tolist()}"
+            )
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if not off < ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise SolariError("Camera.from_opencv: R is a rotation from the world to the camera. The rows of this one "
-                              f"aren't perpendicular and of length 1, or it mirrors: {rotation.tolist()}")  # fmt: skip
+            raise SolariError(
+                "Camera.from_opencv: R is a rotation from the world to the camera. The rows of this one "
+                f"aren't perpendicular and of length 1, or it mirrors: {rotation.tolist()}"
+            )
         transform = np.eye(4)
         transform[:3, :3] = rotation.T @ FROM_OPENCV
         transform[:3, 3] = -rotation.T @ shift
@@ -105,9 +115,14 @@ class Calibrated:
         wide = {"fisheye": 2 * half, "equidistant": 2 * half, "stereographic": 4 * math.atan(half / 2)}
         fov = wide.get(projection, 2 * math.atan(half))
         camera = cls(
-            transform=transform, projection=projection, vertical_fov=fov, pixel_aspect=fx / fy,
-            principal_point=((cx + 0.5) / width, (cy + 0.5) / height), distortion=np.ravel(distortion), **fields,
-        )  # type: ignore[call-arg]  # fmt: skip
+            transform=transform,
+            projection=projection,
+            vertical_fov=fov,
+            pixel_aspect=fx / fy,
+            principal_point=((cx + 0.5) / width, (cy + 0.5) / height),
+            distortion=np.ravel(distortion),
+            **fields,
+        )  # type: ignore[call-arg]
         lens_of(camera, (width, height))
         return camera
 
@@ -119,9 +134,7 @@ class Calibrated:
         width, height = _size(size)
         fy = height / 2 / lens_of(self, (width, height)).half[1]
         (x, y), (dx, dy) = self.principal_point.tolist(), self.jitter.tolist()
-        return np.array([
-            [fy * self.pixel_aspect, 0, x * width - dx - 0.5], [0, fy, y * height - dy - 0.5], [0, 0, 1]
-        ])  # fmt: skip
+        return np.array([[fy * self.pixel_aspect, 0, x * width - dx - 0.5], [0, fy, y * height - dy - 0.5], [0, 0, 1]])
 
     def extrinsics(self) -> tuple[Floats, Floats]:
         """R (3, 3) and t (3,): a point of the world is at R @ point + t in OpenCV's camera frame."""

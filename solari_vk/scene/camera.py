@@ -180,10 +180,16 @@ class Camera(Checked, Placed, Calibrated, Exposed, Focused):
 
     @classmethod
     def framing(
-        cls, bounds: tuple[NDArray[np.float64], NDArray[np.float64]], direction: ArrayLike = (-0.45, -0.3, -1.0), *,
-        aspect: float = 1.0, vertical_fov: float = math.radians(35), margin: float = 1.1, orthographic: bool = False,
+        cls,
+        bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
+        direction: ArrayLike = (-0.45, -0.3, -1.0),
+        *,
+        aspect: float = 1.0,
+        vertical_fov: float = math.radians(35),
+        margin: float = 1.1,
+        orthographic: bool = False,
         **fields: Any,
-    ) -> Camera:  # fmt: skip
+    ) -> Camera:
         """A camera that looks along `direction` and sees the whole of a box, such as `scene.bounds`.
 
         bounds: the minimum and the maximum corner of the box, (3,) each, in meters. direction (3,) must not be
@@ -252,20 +258,27 @@ class Camera(Checked, Placed, Calibrated, Exposed, Focused):
     def _validate(self) -> None:
         kind = self.projection
         if kind == "perspective" and self.vertical_fov > math.pi - 1e-4:
-            raise SolariError(f"{self.describe()}: vertical_fov must be at most pi - 0.0001 radians in a perspective "
-                              f"camera, not {self.vertical_fov:g}; a fisheye sees more")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: vertical_fov must be at most pi - 0.0001 radians in a perspective "
+                f"camera, not {self.vertical_fov:g}; a fisheye sees more"
+            )
         if len(self.distortion) not in TERMS[kind]:
-            raise SolariError(f"{self.describe()}: distortion of a {kind} camera has {_listed(TERMS[kind])} numbers, "
-                              f"not {len(self.distortion)}")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: distortion of a {kind} camera has {_listed(TERMS[kind])} numbers, "
+                f"not {len(self.distortion)}"
+            )
         if self.has_lens and self.orthographic_height:
-            raise SolariError(f"{self.describe()}: a {kind} camera with a lens model isn't orthographic: set "
-                              "orthographic_height to 0")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: a {kind} camera with a lens model isn't orthographic: set orthographic_height to 0"
+            )
         unused = set(self.lens_fields()) & UNUSED[kind]
         if unused:
             raise SolariError(f"{self.describe()}: a {kind} camera has no {' or '.join(sorted(unused))}")
         if 0 < self.orthographic_height < MIN_HEIGHT:
-            raise SolariError(f"{self.describe()}: orthographic_height must be 0, which means perspective, or at least "
-                              f"{MIN_HEIGHT:g} m, not {self.orthographic_height:g}")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: orthographic_height must be 0, which means perspective, or at least "
+                f"{MIN_HEIGHT:g} m, not {self.orthographic_height:g}"
+            )
 
     def update(self, **fields: Any) -> None:
         """Assign several fields at once; nothing is changed if one of them is refused."""
@@ -298,17 +311,21 @@ def _listed(numbers: tuple[int, ...]) -> str:
 
 
 _PINHOLE = {
-    "projection": "perspective", "pixel_aspect": 1.0, "principal_point": [0.5, 0.5], "distortion": [],
-    "image_circle": 2 * math.pi, "eye_offset": 0.0,
-}  # fmt: skip
+    "projection": "perspective",
+    "pixel_aspect": 1.0,
+    "principal_point": [0.5, 0.5],
+    "distortion": [],
+    "image_circle": 2 * math.pi,
+    "eye_offset": 0.0,
+}
 UNUSED = {
-    "perspective": {"image_circle", "eye_offset"}, "fisheye": {"eye_offset"}, "stereographic": {"eye_offset"},
+    "perspective": {"image_circle", "eye_offset"},
+    "fisheye": {"eye_offset"},
+    "stereographic": {"eye_offset"},
     "equirectangular": {"image_circle", "pixel_aspect", "principal_point"},
     "cube": {"image_circle", "pixel_aspect", "principal_point", "eye_offset"},
-}  # fmt: skip
+}
 """The fields that would have no effect."""
 
-POSED = (
-    "near", "ev100", "orthographic_height", "aperture", "focus_distance", "aperture_blades", "aperture_rotation"
-)  # fmt: skip
+POSED = ("near", "ev100", "orthographic_height", "aperture", "focus_distance", "aperture_blades", "aperture_rotation")
 """The fields of a camera that a pose has under the same name."""

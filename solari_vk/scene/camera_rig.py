@@ -13,9 +13,13 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.placement import placed
 
 FACES = {
-    "+x": ((1, 0, 0), (0, 1, 0)), "-x": ((-1, 0, 0), (0, 1, 0)), "+y": ((0, 1, 0), (0, 0, 1)),
-    "-y": ((0, -1, 0), (0, 0, -1)), "+z": ((0, 0, 1), (0, 1, 0)), "-z": ((0, 0, -1), (0, 1, 0)),
-}  # fmt: skip
+    "+x": ((1, 0, 0), (0, 1, 0)),
+    "-x": ((-1, 0, 0), (0, 1, 0)),
+    "+y": ((0, 1, 0), (0, 0, 1)),
+    "-y": ((0, -1, 0), (0, 0, -1)),
+    "+z": ((0, 0, 1), (0, 1, 0)),
+    "-z": ((0, 0, -1), (0, 1, 0)),
+}
 """Where the faces of a cube look, and what is up in their pictures."""
 
 
@@ -53,8 +57,12 @@ class CameraRig(Hints):
         """A "left" and a "right" panorama whose eyes stay `baseline` meters apart across every direction in which they
         look, about the vertical axis of the body: omnidirectional stereo, as headsets show it. fields: further ones of
         Camera. Ishiguro, Yamamoto and Tsuji, "Omni-Directional Stereo" (1992)."""
-        return cls({name: Camera(projection="equirectangular", eye_offset=side * baseline / 2, **fields)
-                    for name, side in (("left", -1), ("right", 1))})  # fmt: skip
+        return cls(
+            {
+                name: Camera(projection="equirectangular", eye_offset=side * baseline / 2, **fields)
+                for name, side in (("left", -1), ("right", 1))
+            }
+        )
 
     @classmethod
     def cube(cls, **fields: Any) -> CameraRig:
@@ -66,9 +74,12 @@ class CameraRig(Hints):
         return cls({name: Camera.look_at((0, 0, 0), along, up, **given) for name, (along, up) in FACES.items()})
 
     def at(
-        self, transform: ArrayLike | None = None, *, position: ArrayLike | None = None,
+        self,
+        transform: ArrayLike | None = None,
+        *,
+        position: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
-    ) -> list[Camera]:  # fmt: skip
+    ) -> list[Camera]:
         """The cameras in the world, where the body is. Arguments are those of a Camera; by default the origin."""
         body = placed(transform, "CameraRig", position=position, rotation=rotation)
         return [_copy(camera, body @ camera.transform) for camera in self.cameras.values()]

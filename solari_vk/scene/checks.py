@@ -233,8 +233,10 @@ def object_name(value: Any) -> str:
     """The name of an object that has parts, one line."""
     if not isinstance(value, str):
         kind = type(value).__name__
-        raise TypeError(f"must be a string, the name that the parts of one object share, not {kind}; it is no parent: "
-                        "scene.group(...) moves objects together")  # fmt: skip
+        raise TypeError(
+            f"must be a string, the name that the parts of one object share, not {kind}; it is no parent: "
+            "scene.group(...) moves objects together"
+        )
     return line(value)
 
 

@@ -102,9 +102,13 @@ class Deformation:
     # ---- poses --------------------------------------------------------------------------------------
 
     def pose(
-        self, positions: FloatArray, normals: FloatArray | None, tangents: FloatArray | None,
-        joint_matrices: Floats | None, morph_weights: Floats | None,
-    ) -> tuple[Floats, Floats | None, Floats | None]:  # fmt: skip
+        self,
+        positions: FloatArray,
+        normals: FloatArray | None,
+        tangents: FloatArray | None,
+        joint_matrices: Floats | None,
+        morph_weights: Floats | None,
+    ) -> tuple[Floats, Floats | None, Floats | None]:
         """Positions, unit normals and tangents (N, 3 or 4) in a pose, computed in 64 bits."""
         rest = positions, normals, tangents
         moved: list[Any] = [None if part is None else part.astype(np.float64) for part in rest]

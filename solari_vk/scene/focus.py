@@ -38,8 +38,10 @@ class Focused:
         distance = float(np.linalg.norm(away) if wide else away @ back if given.shape == (3,) else given)
         has_none = self.orthographic_height or self.projection in ("equirectangular", "cube")
         if not distance > 0 or not f_number > 0 or has_none:
-            raise SolariError("Camera.focus_on: a camera with a focal length, a target before it and a positive "
-                              f"f-number are needed, not {distance:g} m and f/{f_number}")  # fmt: skip
+            raise SolariError(
+                "Camera.focus_on: a camera with a focal length, a target before it and a positive "
+                f"f-number are needed, not {distance:g} m and f/{f_number}"
+            )
         focal_length = sensor_height / 2 / lens_of(self, (1, 1)).half[1]
         self.update(focus_distance=distance, aperture=focal_length / f_number)
         return self

@@ -46,8 +46,10 @@ class Group(Scaled, Hints):
     def add(self, item: Any) -> Any:
         """Append an object, where it is, and return it. The scene isn't changed."""
         if not isinstance(item, (*KINDS, Group)):
-            raise SolariError(f"{self.describe()}: a group holds instances, lights with a place or direction, cameras "
-                              f"and other groups, not {type(item).__name__}")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: a group holds instances, lights with a place or direction, cameras "
+                f"and other groups, not {type(item).__name__}"
+            )
         if item is self or (isinstance(item, Group) and self in item._held()):
             raise SolariError(f"{self.describe()}: a group can't be in itself: leave {item.describe()} out")
         if item not in self._items:

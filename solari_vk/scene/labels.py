@@ -61,8 +61,10 @@ def find_labels(
             found[instance] = named[fitting[0]]
     if unused:
         names = sorted({instance.name for instance in instances if instance.name})
-        raise SolariError(f"{who}: no instance is named {quoted(next(iter(unused)))}; names are "
-                          f"{', '.join(map(quoted, names[:8]))}{', ...' if len(names) > 8 else ''}")  # fmt: skip
+        raise SolariError(
+            f"{who}: no instance is named {quoted(next(iter(unused)))}; names are "
+            f"{', '.join(map(quoted, names[:8]))}{', ...' if len(names) > 8 else ''}"
+        )
     return found
 
 
@@ -72,8 +74,10 @@ _FORM = 'give a class for each pattern of names, such as {"Chair*": "chair"}'
 def _class(pattern: Any, value: Any, who: str) -> Class:
     words = value if isinstance(value, Mapping) else {"label": value}
     if "label" not in words or not words.keys() <= set(Class._fields):
-        raise SolariError(f'{who}: {quoted(pattern)}: give a class, or {{"label": "chair", "part_of": "chair 1"}}, not '
-                          f"{quoted(value)}")  # fmt: skip
+        raise SolariError(
+            f'{who}: {quoted(pattern)}: give a class, or {{"label": "chair", "part_of": "chair 1"}}, not '
+            f"{quoted(value)}"
+        )
     if not all(isinstance(word, str) for word in (pattern, *words.values())):
         raise SolariError(f"{who}: {_FORM}, not {quoted(value)} for {quoted(pattern)}")
     try:

@@ -19,8 +19,12 @@ Floats = NDArray[np.float64]
 PROJECTIONS = ("perspective", "fisheye", "stereographic", "equirectangular", "cube")
 PINHOLE, BROWN_CONRADY, FISHEYE, STEREOGRAPHIC, EQUIRECTANGULAR, CUBE = KINDS = range(6)  # as in glsl/scene/lens.glsl
 TERMS = {
-    "perspective": (0, 4, 5, 8, 12), "fisheye": (0, 4), "stereographic": (0,), "equirectangular": (0,), "cube": (0,)
-}  # fmt: skip
+    "perspective": (0, 4, 5, 8, 12),
+    "fisheye": (0, 4),
+    "stereographic": (0,),
+    "equirectangular": (0,),
+    "cube": (0,),
+}
 """How many numbers a distortion may have: k1, k2, p1, p2, k3 to k6, s1 to s4; of a fisheye k1 to k4."""
 UNLIMITED = 1e30
 NEWTON_STEPS = 20
@@ -116,10 +120,15 @@ def distort(slopes: Floats, distortion: tuple[float, ...]) -> tuple[Floats, Floa
     v = y * scale + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
     across = 2 * x * y * slope + 2 * (p1 * x + p2 * y)
     first, second = s1 + 2 * s2 * r2, s3 + 2 * s4 * r2
-    derivative = np.stack([
-        scale + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x + 2 * x * first, across + 2 * y * first,
-        across + 2 * x * second, scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x + 2 * y * second,
-    ], -1).reshape(*x.shape, 2, 2)  # fmt: skip
+    derivative = np.stack(
+        [
+            scale + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x + 2 * x * first,
+            across + 2 * y * first,
+            across + 2 * x * second,
+            scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x + 2 * y * second,
+        ],
+        -1,
+    ).reshape(*x.shape, 2, 2)
     return np.stack([u, v], -1), derivative
 
 
@@ -162,9 +171,13 @@ def fisheye_angle(radius: Floats, distortion: tuple[float, ...], limit: float) -
 
 @lru_cache(maxsize=256)
 def make_lens(
-    projection: str, half: tuple[float, float], center: tuple[float, float], distortion: tuple[float, ...],
-    image_circle: float, size: tuple[int, int],
-) -> Lens:  # fmt: skip
+    projection: str,
+    half: tuple[float, float],
+    center: tuple[float, float],
+    distortion: tuple[float, ...],
+    image_circle: float,
+    size: tuple[int, int],
+) -> Lens:
     """The lens of a picture. half: half its size in focal lengths. center: the principal point in shares of it.
     distortion: of an equirectangular camera how far the eye is right, in meters.
 
@@ -190,10 +203,14 @@ def make_lens(
     if folds or not error < 1e-6:
         remedy = ": check the order of its numbers, k1, k2, p1, p2, k3, ..."
         if folds:
-            remedy = (f", beyond {math.degrees(lens.limit):.4g} degrees from the view axis: give image_circle, the "
-                      "angle in radians that the lens sees")  # fmt: skip
-        raise SolariError(f"the distortion {_shown(distortion)} isn't invertible in a picture of {size[0]}x{size[1]}, "
-                          f"where several directions have one place{remedy}")  # fmt: skip
+            remedy = (
+                f", beyond {math.degrees(lens.limit):.4g} degrees from the view axis: give image_circle, the "
+                "angle in radians that the lens sees"
+            )
+        raise SolariError(
+            f"the distortion {_shown(distortion)} isn't invertible in a picture of {size[0]}x{size[1]}, "
+            f"where several directions have one place{remedy}"
+        )
     return lens
 
 

@@ -16,10 +16,16 @@ FORMATS = (".gltf", ".glb", *UP_AXES)
 
 @checked_keywords(who="solari_vk")
 def load(
-    path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None,
-    up: str | None = None, unit: float | None = None, strict: bool = False, memory: int | None = None,
+    path: str | os.PathLike[str],
+    *,
+    scene: int | str | None = None,
+    variant: str | None = None,
+    up: str | None = None,
+    unit: float | None = None,
+    strict: bool = False,
+    memory: int | None = None,
     seconds: float | None = None,
-) -> Scene:  # fmt: skip
+) -> Scene:
     """Load a .gltf, .glb, .obj, .ply or .stl file as it is. `open` adds light to a file without, and an exposure.
 
     scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
@@ -38,9 +44,13 @@ def load(
 
 
 def _load(
-    path: str | os.PathLike[str], scene: int | str | None, variant: str | None, up: str | None, unit: float | None,
+    path: str | os.PathLike[str],
+    scene: int | str | None,
+    variant: str | None,
+    up: str | None,
+    unit: float | None,
     strict: bool,
-) -> Scene:  # fmt: skip
+) -> Scene:
     suffix = Path(path).suffix.lower()
     if suffix in UP_AXES:
         if scene is not None or variant is not None:
@@ -49,6 +59,7 @@ def _load(
     if up is not None or unit is not None:
         raise SolariError(f"{path}: only {', '.join(UP_AXES)} files need the axis that points up and the unit")
     if suffix not in FORMATS:
-        raise SolariError(f"{path}: {suffix or 'a file without an ending'} is not read: give a file of "
-                          f"{', '.join(FORMATS)}")  # fmt: skip
+        raise SolariError(
+            f"{path}: {suffix or 'a file without an ending'} is not read: give a file of {', '.join(FORMATS)}"
+        )
     return load_gltf(path, scene=scene, variant=variant, strict=strict)

@@ -113,11 +113,18 @@ def _texture(srgb: bool = False) -> Any:
 
 
 _OF_TRIMESH = {
-    "baseColorFactor": "base_color", "metallicFactor": "metallic", "roughnessFactor": "perceptual_roughness",
-    "emissiveFactor": "emissive", "alphaMode": "alpha_mode", "alphaCutoff": "alpha_cutoff",
-    "doubleSided": "double_sided", "baseColorTexture": "base_color_texture", "normalTexture": "normal_texture",
-    "metallicRoughnessTexture": "metallic_roughness_texture", "emissiveTexture": "emissive_texture",
-}  # fmt: skip
+    "baseColorFactor": "base_color",
+    "metallicFactor": "metallic",
+    "roughnessFactor": "perceptual_roughness",
+    "emissiveFactor": "emissive",
+    "alphaMode": "alpha_mode",
+    "alphaCutoff": "alpha_cutoff",
+    "doubleSided": "double_sided",
+    "baseColorTexture": "base_color_texture",
+    "normalTexture": "normal_texture",
+    "metallicRoughnessTexture": "metallic_roughness_texture",
+    "emissiveTexture": "emissive_texture",
+}
 
 
 @checked

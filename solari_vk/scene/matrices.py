@@ -59,8 +59,9 @@ def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
         if math.isnan(a + b + c):
             raise ValueError
     except (TypeError, ValueError, OverflowError):
-        raise SolariError(f"euler: takes three angles in degrees, such as euler(0, 90, 0), not "
-                          f"{quoted((x, y, z))}") from None  # fmt: skip
+        raise SolariError(
+            f"euler: takes three angles in degrees, such as euler(0, 90, 0), not {quoted((x, y, z))}"
+        ) from None
     return np.array((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
 
 

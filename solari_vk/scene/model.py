@@ -147,13 +147,23 @@ class Scene(Grouping, Dropping, Observable):
     ) -> Group: ...
     @overload
     def add(
-        self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = "",
+        self,
+        item: Any,
+        material: Material | None = None,
+        transform: ArrayLike | None = None,
+        *,
+        name: str = "",
         **parts: Any,
-    ) -> Instance: ...  # fmt: skip
+    ) -> Instance: ...
     def add(
-        self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = "",
+        self,
+        item: Any,
+        material: Material | None = None,
+        transform: ArrayLike | None = None,
+        *,
+        name: str = "",
         **parts: Any,
-    ) -> Any:  # fmt: skip
+    ) -> Any:
         """Add an object and return it; or add what is made of a mesh, a file or another scene.
 
         An instance, a light or a camera is added itself. Of a Mesh, or a mesh of trimesh, an Instance with a material,
@@ -226,8 +236,12 @@ class Scene(Grouping, Dropping, Observable):
         raise SolariError(f"a scene holds instances, lights and cameras, not {type(item).__name__}")
 
     def __repr__(self) -> str:
-        counts = {"instance": len(self._instances), "light": len(self._lights), "camera": len(self._cameras),
-                  "clip": len(self._animations)}  # fmt: skip
+        counts = {
+            "instance": len(self._instances),
+            "light": len(self._lights),
+            "camera": len(self._cameras),
+            "clip": len(self._animations),
+        }
         words = [f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count]
         return f"<{self.describe()}: {', '.join(words) or 'empty'}>"
 

@@ -29,8 +29,10 @@ from solari_vk.scene.placement import PARTS, Scaled, resolved
 
 def _positions(value: Any) -> FloatArray:
     if hasattr(value, "vertices") and hasattr(value, "faces"):
-        raise TypeError(f"must be an array (N, 3), not {type(value).__name__}: Mesh.from_trimesh(mesh) takes a mesh of "
-                        "trimesh, and so does scene.add(mesh)")  # fmt: skip
+        raise TypeError(
+            f"must be an array (N, 3), not {type(value).__name__}: Mesh.from_trimesh(mesh) takes a mesh of "
+            "trimesh, and so does scene.add(mesh)"
+        )
     found: FloatArray = checks.array(None, 3, max_abs=checks.LARGEST_COORDINATE)(value)
     if not len(found):
         raise ValueError("must be at least three points, but there are no positions")
@@ -113,8 +115,10 @@ class Mesh(OnDevice):
         try:
             normals = mesh.vertex_normals if smooth else None
         except ImportError as error:  # trimesh needs scipy for them
-            raise SolariError(f"Mesh.from_trimesh: smooth=True needs a library that isn't installed ({error}): install "
-                              "it by \"pip install scipy\", or leave smooth out") from None  # fmt: skip
+            raise SolariError(
+                f"Mesh.from_trimesh: smooth=True needs a library that isn't installed ({error}): install "
+                'it by "pip install scipy", or leave smooth out'
+            ) from None
         positions, triangles, colors = mesh.vertices, mesh.faces, None
         if mesh.visual.kind == "face":
             corners = mesh.faces.ravel()

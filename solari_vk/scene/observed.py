@@ -203,6 +203,8 @@ class _Default:
 def _with_defaults(init: Callable[..., None], defaults: Mapping[str, Any]) -> inspect.Signature:
     """A constructor's signature with the values that the factories of its fields make."""
     signature = inspect.signature(init)
-    shown = [one.replace(default=_Default(defaults[one.name])) if repr(one.default) == "<factory>" else one
-             for one in signature.parameters.values()]  # fmt: skip
+    shown = [
+        one.replace(default=_Default(defaults[one.name])) if repr(one.default) == "<factory>" else one
+        for one in signature.parameters.values()
+    ]
     return signature.replace(parameters=shown)

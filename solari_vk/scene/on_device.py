@@ -65,8 +65,10 @@ class OnDevice(Checked):
             if rows[name] is None:
                 rows[name] = host_array(values)
             if rows[name].shape[:1] != (len(objects),):
-                raise SolariError(f"{cls.__name__}.update_all: {name} must have {len(objects)} rows, one for each "
-                                  f"object, not the shape {rows[name].shape}")  # fmt: skip
+                raise SolariError(
+                    f"{cls.__name__}.update_all: {name} must have {len(objects)} rows, one for each "
+                    f"object, not the shape {rows[name].shape}"
+                )
         on_device = {name for name, given in rows.items() if not isinstance(given, np.ndarray)}
         on_host = dict[str, NDArray[Any]]()  # for objects that no device takes
         for index, item in enumerate(objects):

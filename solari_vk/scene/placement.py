@@ -26,9 +26,11 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
         return np.array(quaternion_rotation(*unit(given)))
     is_rotation = given.shape == (3, 3) and np.abs(given @ given.T - np.eye(3)).max() <= _ROTATION_ERROR
     if not is_rotation or not np.linalg.det(given) > 0:
-        raise ValueError("must be a quaternion (x, y, z, w), such as solari_vk.euler(0, 90, 0) gives for three angles "
-                         "in degrees, a rotation matrix (3, 3), which neither scales nor mirrors, or an angle in "
-                         "radians about +y")  # fmt: skip
+        raise ValueError(
+            "must be a quaternion (x, y, z, w), such as solari_vk.euler(0, 90, 0) gives for three angles "
+            "in degrees, a rotation matrix (3, 3), which neither scales nor mirrors, or an angle in "
+            "radians about +y"
+        )
     return given
 
 
@@ -55,8 +57,12 @@ def placed(
 
     Raises SolariError, with `who` at its start, for what is none of them.
     """
-    converters = {"transform": checks.affine_transform, "position": checks.array(3, dtype=np.float64),
-                  "rotation": rotation_matrix, "scale": _scale}  # fmt: skip
+    converters = {
+        "transform": checks.affine_transform,
+        "position": checks.array(3, dtype=np.float64),
+        "rotation": rotation_matrix,
+        "scale": _scale,
+    }
     given = {"transform": transform, "position": position, "rotation": rotation, "scale": scale}
     values: dict[str, NDArray[np.float64]] = {"transform": np.eye(4)}
     for name, value in given.items():
@@ -101,8 +107,10 @@ class Part(np.ndarray[Any, np.dtype[np.float64]]):
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not self.flags.writeable:
-            raise SolariError("elements of position, rotation and scale are read-only, and nothing moved: assign the "
-                              "whole, as in instance.position = (x, y, z), or add to it by +=")  # fmt: skip
+            raise SolariError(
+                "elements of position, rotation and scale are read-only, and nothing moved: assign the "
+                "whole, as in instance.position = (x, y, z), or add to it by +="
+            )
         super().__setitem__(key, value)
 
     def _in_place(self, function: Any, other: Any) -> Any:
@@ -116,8 +124,10 @@ class Part(np.ndarray[Any, np.dtype[np.float64]]):
     __ipow__ = partialmethod(_in_place, np.power)
 
     def __getattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "
-                             "in camera.position = (x, y, z)")  # fmt: skip
+        raise AttributeError(
+            f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "
+            "in camera.position = (x, y, z)"
+        )
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not hasattr(np.ndarray, name):

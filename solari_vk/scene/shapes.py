@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_attribute
 from solari_vk.scene.model import Mesh
 
-__all__ = [
-    "box", "capsule", "cone", "cylinder", "facing_quad", "plane", "polygons", "quad", "sphere", "torus",
-]  # fmt: skip
+__all__ = ["box", "capsule", "cone", "cylinder", "facing_quad", "plane", "polygons", "quad", "sphere", "torus"]
 
 
 def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
@@ -76,8 +74,10 @@ def box(low: ArrayLike | None = None, high: ArrayLike | None = None, inward: boo
     except (TypeError, ValueError):
         right = False
     if not right:
-        raise SolariError(f"shapes.box: takes its lowest and its highest corner, three numbers each, not {quoted(low)} "
-                          f"and {quoted(high)}; a cube of 2 m is box((-1, -1, -1), (1, 1, 1))")  # fmt: skip
+        raise SolariError(
+            f"shapes.box: takes its lowest and its highest corner, three numbers each, not {quoted(low)} "
+            f"and {quoted(high)}; a cube of 2 m is box((-1, -1, -1), (1, 1, 1))"
+        )
     center, half = (corner_low + corner_high) / 2, (corner_high - corner_low) / 2
     faces = []
     for axis in range(3):
@@ -131,9 +131,12 @@ def plane(width: float = 1.0, depth: float | None = None) -> Mesh:
     x, z = _sizes("plane", width=width, depth=width if depth is None else depth) / 2
     corners = np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)])
     return Mesh(
-        positions=corners * (x, 0, z), triangles=np.array([(0, 1, 2), (0, 2, 3)]),
-        normals=np.tile((0.0, 1.0, 0.0), (4, 1)), uvs=((corners[:, ::2] + 1) / 2).astype(np.float32), name="plane",
-    )  # fmt: skip
+        positions=corners * (x, 0, z),
+        triangles=np.array([(0, 1, 2), (0, 2, 3)]),
+        normals=np.tile((0.0, 1.0, 0.0), (4, 1)),
+        uvs=((corners[:, ::2] + 1) / 2).astype(np.float32),
+        name="plane",
+    )
 
 
 @checked_keywords(who="shapes")
@@ -222,8 +225,10 @@ def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) 
     return Mesh(
         positions=(points[:, None, [0, 1, 0]] * around).reshape(-1, 3),
         normals=(outward[:, None, [0, 1, 0]] * around).reshape(-1, 3),
-        uvs=np.stack([u, v], axis=-1).reshape(-1, 2), triangles=np.array(indices), name=name,
-    )  # fmt: skip
+        uvs=np.stack([u, v], axis=-1).reshape(-1, 2),
+        triangles=np.array(indices),
+        name=name,
+    )
 
 
 if not TYPE_CHECKING:  # or checkers would take any name

@@ -29,66 +29,113 @@ class Settings(SeparatePasses, Hints):
 
     # ---- what is computed
     lighting: str = _frame(
-        "paths", "How light is computed: by one path a pixel; or by separate passes for direct, indirect and specular "
-        "light (Solari in Bevy 0.19).", choices=("paths", "split"), rebuilds=True)  # fmt: skip
+        "paths",
+        "How light is computed: by one path a pixel; or by separate passes for direct, indirect and specular "
+        "light (Solari in Bevy 0.19).",
+        choices=("paths", "split"),
+        rebuilds=True,
+    )
     world_cache: bool = _frame(
-        True, "The radiance cache. Without it paths end after their last bounce, and with lighting=split indirect "
-        "light is one bounce of direct.")  # fmt: skip
+        True,
+        "The radiance cache. Without it paths end after their last bounce, and with lighting=split indirect "
+        "light is one bounce of direct.",
+    )
     jitter: bool = _frame(True, "Move samples within the pixel from frame to frame, for antialiasing.")
     frame_ms: float = _frame(
-        0.0, "Milliseconds that a frame is to take on the GPU, as the 95th percentile (0: no such aim), with "
+        0.0,
+        "Milliseconds that a frame is to take on the GPU, as the 95th percentile (0: no such aim), with "
         "lighting=paths, denoise=on and restir=off: pixels take no, one or several paths, by chance. More: less noise.",
-        low=0, high=1e4, rebuilds=True)  # fmt: skip
+        low=0,
+        high=1e4,
+        rebuilds=True,
+    )
     gbuffer: str = _frame(
-        "auto", "How the surface of a pixel is found: by rasterization or by rays. auto: by what is faster, which is "
+        "auto",
+        "How the surface of a pixel is found: by rasterization or by rays. auto: by what is faster, which is "
         "rays on GPUs and rasterization on software devices; by rasterization where instances have a ray_mesh.",
-        choices=("auto", "raster", "traced"), rebuilds=True)  # fmt: skip
+        choices=("auto", "raster", "traced"),
+        rebuilds=True,
+    )
     frustum_culling: bool = _frame(True, "Skip instances outside the view when rasterizing.", rebuilds=True)
     occlusion_culling: bool = _frame(True, "Skip instances that others hide when rasterizing.", rebuilds=True)
     layering: str = _frame(
-        "conserving", "How the specular layer dims the diffuse one below it: so that all energy is kept, or by a "
-        "product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True)  # fmt: skip
+        "conserving",
+        "How the specular layer dims the diffuse one below it: so that all energy is kept, or by a "
+        "product of Fresnel terms, which loses some (Solari).",
+        choices=LAYERINGS,
+        rebuilds=True,
+    )
     pure_metal: float = _frame(
-        0.9999, "Metallic above which a surface counts as having no diffuse lobe: guides show what it mirrors, and "
-        "paths don't end there in the world cache. Less: faster, less exact.", low=0, high=1)  # fmt: skip
+        0.9999,
+        "Metallic above which a surface counts as having no diffuse lobe: guides show what it mirrors, and "
+        "paths don't end there in the world cache. Less: faster, less exact.",
+        low=0,
+        high=1,
+    )
     lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
     primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror or clear glass shows.")
 
     # ---- the picture, from jittered samples
     antialiasing: bool = _taa(True, "Average samples at different positions in each pixel over frames (Solari: off).")
     upscale: float = _taa(
-        1.0, "Width of the picture over that of what is rendered. More: faster, less sharp.", low=1, high=3,
-        rebuilds=True)  # fmt: skip
+        1.0,
+        "Width of the picture over that of what is rendered. More: faster, less sharp.",
+        low=1,
+        high=3,
+        rebuilds=True,
+    )
 
     # ---- paths (lighting=paths)
     paths_bounces: int = _paths(
         16, "Rays of a path, those from mirrors not counted. More: truer in halls of shiny surfaces.", low=1, high=64
     )
     paths_candidates: int = _paths(
-        8, "Light samples from which a pixel's surface chooses one, at most one for each triangle of the lights. More: "
-        "less noise.", low=1, high=1024)  # fmt: skip
+        8,
+        "Light samples from which a pixel's surface chooses one, at most one for each triangle of the lights. More: "
+        "less noise.",
+        low=1,
+        high=1024,
+    )
     paths_later_candidates: int = _paths(
-        2, "The same for each further surface of a path. More: less noise.",
-        low=1, high=1024)  # fmt: skip
+        2, "The same for each further surface of a path. More: less noise.", low=1, high=1024
+    )
     paths_short_history_samples: int = _paths(
-        2, "Paths of a pixel with less than 8 frames of history, with denoise=on and restir=off. More: less noise "
-        "after cuts and where surfaces or light are new, slower there.", low=1, high=16, rebuilds=True)  # fmt: skip
+        2,
+        "Paths of a pixel with less than 8 frames of history, with denoise=on and restir=off. More: less noise "
+        "after cuts and where surfaces or light are new, slower there.",
+        low=1,
+        high=16,
+        rebuilds=True,
+    )
     paths_cache_roughness: float = _paths(
-        0.35, "Roughness (alpha, of GGX) from which the world cache stands for the specular lobe of a surface too. "
-        "More: sharper reflections of reflections, slower.", low=0, high=1)  # fmt: skip
+        0.35,
+        "Roughness (alpha, of GGX) from which the world cache stands for the specular lobe of a surface too. "
+        "More: sharper reflections of reflections, slower.",
+        low=0,
+        high=1,
+    )
     paths_regularization: float = _paths(
-        0.15, "Least roughness (alpha) of surfaces that a path meets after it left a diffuse one (0: off). More: less "
-        "noise, wider caustics.", low=0, high=1)  # fmt: skip
+        0.15,
+        "Least roughness (alpha) of surfaces that a path meets after it left a diffuse one (0: off). More: less "
+        "noise, wider caustics.",
+        low=0,
+        high=1,
+    )
 
     denoise: bool = _denoise(
-        True, "Average light over frames and pixels, as far as differences are noise. Less noise, slower.")
+        True, "Average light over frames and pixels, as far as differences are noise. Less noise, slower."
+    )
     denoise_max_history: int = _denoise(
         128, "Most frames in a pixel's mean. More: less noise, more lag.", low=1, high=4096
     )
 
     # ---- ReSTIR of paths (lighting=paths)
-    restir: bool = _restir(False, "Pixels reuse light that others found (ReSTIR). Less noise in some scenes, "
-                           "more in others, which the measured pages name; slower.", rebuilds=True)
+    restir: bool = _restir(
+        False,
+        "Pixels reuse light that others found (ReSTIR). Less noise in some scenes, "
+        "more in others, which the measured pages name; slower.",
+        rebuilds=True,
+    )
     restir_confidence_cap: float = _restir(
         8.0, "Largest confidence of history, in frames. More: noise that lasts.", low=1, high=1e4
     )
@@ -99,8 +146,12 @@ class Settings(SeparatePasses, Hints):
 
     # ---- reuse between pixels, in DI and GI (lighting=split), and with restir=on
     similarity_plane_distance: float = _reuse(
-        0.003, "Largest distance of a pixel from the tangent plane of another that reuses its samples, over the view "
-        "depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0)  # fmt: skip
+        0.003,
+        "Largest distance of a pixel from the tangent plane of another that reuses its samples, over the view "
+        "depth. More: less noise at small features, more blur of contact shadows.",
+        low=1e-6,
+        high=1.0,
+    )
     similarity_normal_cosine: float = _reuse(
         0.0, "Cosine of the largest angle between two normals. More: less blur, more noise.", low=-1, high=1
     )
@@ -110,8 +161,12 @@ class Settings(SeparatePasses, Hints):
 
     # ---- world cache
     world_cache_cells: int = _cache(
-        1 << 20, "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
-        low=1 << 10, high=1 << 26, rebuilds=True)  # fmt: skip
+        1 << 20,
+        "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
+        low=1 << 10,
+        high=1 << 26,
+        rebuilds=True,
+    )
     world_cache_cell_size: float = _cache(
         0.15, "Size of the finest cells in meters. Less: sharper, slower, noisier.", low=1e-6, high=1e6
     )
@@ -119,8 +174,11 @@ class Settings(SeparatePasses, Hints):
         15.0, "Distance in meters at which cells have twice the finest size. More: finer cells.", low=1e-6, high=1e9
     )
     world_cache_lod_sharpness: float = _cache(
-        3.0, "Exponent of the probability of the coarser level. More: finer cells, harder edges between levels.",
-        low=0.01, high=100)  # fmt: skip
+        3.0,
+        "Exponent of the probability of the coarser level. More: finer cells, harder edges between levels.",
+        low=0.01,
+        high=100,
+    )
     world_cache_lifetime: int = _cache(
         10, "Frames for which a cell lives without queries. More: steadier, more cells.", low=1, high=1000
     )
@@ -129,8 +187,11 @@ class Settings(SeparatePasses, Hints):
     )
     world_cache_max_samples: int = _cache(32, "Frames in a cell's mean. More: less noise, more lag.", low=1, high=4096)
     world_cache_change_exponent: float = _cache(
-        0.125, "Exponent of a cell's relative change in the adaptive blend. Less: forgets at smaller changes.",
-        low=0.01, high=10)  # fmt: skip
+        0.125,
+        "Exponent of a cell's relative change in the adaptive blend. Less: forgets at smaller changes.",
+        low=0.01,
+        high=10,
+    )
     world_cache_change_smoothing: float = _cache(
         0.125, "Weight of the newest frame in a cell's change. More: quicker, noisier.", low=0.001, high=1
     )
@@ -146,25 +207,39 @@ class Settings(SeparatePasses, Hints):
         50.0, "Length of a cell's rays in meters, with lighting=split. Less: faster, darker.", low=1e-3, high=1e9
     )
     world_cache_update_cap: int = _cache(
-        40_000, "Cells that are updated in a frame, at random and on average; in a batch for each world. Less: "
-        "faster, more lag.", low=1, high=1 << 26)  # fmt: skip
+        40_000,
+        "Cells that are updated in a frame, at random and on average; in a batch for each world. Less: "
+        "faster, more lag.",
+        low=1,
+        high=1 << 26,
+    )
     world_cache_updates_per_pixel: float = _cache(
-        0.25, "Cells that are updated for each pixel of the picture while lights don't change, at most as many as "
-        "world_cache_update_cap (Solari: no such bound). Less: faster, more noise.", low=1e-6, high=1e9)  # fmt: skip
+        0.25,
+        "Cells that are updated for each pixel of the picture while lights don't change, at most as many as "
+        "world_cache_update_cap (Solari: no such bound). Less: faster, more noise.",
+        low=1e-6,
+        high=1e9,
+    )
     world_cache_updates: str = _cache(
-        "asked", "Which cells are updated: those that the previous frame asked for, or all that live (Solari).",
-        choices=("asked", "all"))  # fmt: skip
+        "asked",
+        "Which cells are updated: those that the previous frame asked for, or all that live (Solari).",
+        choices=("asked", "all"),
+    )
     world_cache_jitter: float = _cache(
         0.5, "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
     )
     world_cache_leak_prevention: str = _cache(
-        "divided", "How light is kept from leaking through walls. finest: with lighting=split, rays shorter than a "
+        "divided",
+        "How light is kept from leaking through walls. finest: with lighting=split, rays shorter than a "
         "cell ask the finest cells (Solari); divided: cells that a wall divides aren't used either; none: in no way.",
-        choices=("divided", "finest", "none"))  # fmt: skip
+        choices=("divided", "finest", "none"),
+    )
     world_cache_surfaces: str = _cache(
-        "whole", "What surfaces are to the cache: their whole material, so that paths go on from mirrors and from what "
+        "whole",
+        "What surfaces are to the cache: their whole material, so that paths go on from mirrors and from what "
         "transmits light; or all diffuse, so that paths end at any of them (Solari).",
-        choices=("whole", "diffuse"))  # fmt: skip
+        choices=("whole", "diffuse"),
+    )
 
     revision = 0
     """A number that grows with each change."""
@@ -250,8 +325,10 @@ _init = Settings.__init__
 @functools.wraps(_init)
 def _init_by_current_names(self: Settings, *values: Any, **fields: Any) -> None:
     if values and isinstance(values[0], str):
-        raise SolariError(f"Settings: takes name=value, not {quoted(values[0])}: Settings.preset({quoted(values[0])}) "
-                          f"has the settings of a quality, {', '.join(QUALITIES)}")  # fmt: skip
+        raise SolariError(
+            f"Settings: takes name=value, not {quoted(values[0])}: Settings.preset({quoted(values[0])}) "
+            f"has the settings of a quality, {', '.join(QUALITIES)}"
+        )
     _init(self, *values, **{_current(name): value for name, value in fields.items()})
 
 

@@ -9,9 +9,16 @@ from __future__ import annotations
 from solari_vk.gpu.shaders.headers import enumeration
 from solari_vk.settings.settings import DEFAULTS, FIELDS, Settings
 
-PREFIXES = {"paths": "paths_", "denoise": "denoise_", "restir": "restir_", "light_tiles": "light_tile_",
-            "world_cache": "world_cache_", "restir_di": "di_", "restir_gi": "gi_",
-            "specular_gi": "specular_"}  # fmt: skip
+PREFIXES = {
+    "paths": "paths_",
+    "denoise": "denoise_",
+    "restir": "restir_",
+    "light_tiles": "light_tile_",
+    "world_cache": "world_cache_",
+    "restir_di": "di_",
+    "restir_gi": "gi_",
+    "specular_gi": "specular_",
+}
 # The host alone acts on these: what is built into pipelines, and the jitter, which moves the camera.
 _OF_THE_HOST = {"jitter"} | {name for name, field in FIELDS.items() if field.rebuilds}
 
@@ -32,9 +39,10 @@ def glsl_header() -> str:
         sections.setdefault(FIELDS[name].section, []).append(f"    {kind} {_member(name)};")
     blocks = [
         f"layout(set = 1, scalar) uniform {section.title().replace('_', '')}SettingsBlock {{\n"
-        + "\n".join(members) + f"\n}} {section}_settings;"
+        + "\n".join(members)
+        + f"\n}} {section}_settings;"
         for section, members in sections.items()
-    ]  # fmt: skip
+    ]
     choices = [enumeration(name, FIELDS[name].choices) for name in UNIFORMS if FIELDS[name].choices]
     return "\n".join((*choices, *blocks))
 

@@ -48,8 +48,10 @@ class SeparatePasses:
         False, "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos.", rebuilds=True
     )
     di_target: str = _di(
-        "brdf", "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",
-        choices=("brdf", "matte"))  # fmt: skip
+        "brdf",
+        "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",
+        choices=("brdf", "matte"),
+    )
     di_confidence_cap: float = _di(
         20.0, "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
@@ -67,28 +69,45 @@ class SeparatePasses:
         30.0, "Radius in pixels within which a neighbor is searched. More: fewer blotches.", low=1, high=1e4
     )
     gi_jacobian_limit: float = _gi(
-        10.0, "Largest Jacobian, or inverse of it, of a sample that is merged (Solari: 1.2). Less: more noise.",
-        low=1, high=1e6)  # fmt: skip
+        10.0,
+        "Largest Jacobian, or inverse of it, of a sample that is merged (Solari: 1.2). Less: more noise.",
+        low=1,
+        high=1e6,
+    )
     gi_skip_smooth_metals: bool = _gi(True, "Trace no diffuse ray for smooth metals, which have no diffuse lobe.")
     gi_visibility: str = _gi(
-        "both", "Which visibility a merge tests: that of each sample from both pixels; or only that of a neighbor's "
+        "both",
+        "Which visibility a merge tests: that of each sample from both pixels; or only that of a neighbor's "
         "sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
-        choices=("both", "neighbor"))  # fmt: skip
+        choices=("both", "neighbor"),
+    )
     gi_refresh: bool = _gi(
-        True, "Read the light of the previous frame's samples from their cells again, so that GI follows changes of "
-        "light as fast as the cache (Solari: off).")  # fmt: skip
+        True,
+        "Read the light of the previous frame's samples from their cells again, so that GI follows changes of "
+        "light as fast as the cache (Solari: off).",
+    )
 
     # ---- specular GI
     specular_bounces: int = _specular(
         3, "Surfaces that a path may visit before it ends in the cache. More: truer, slower.", low=1, high=64
     )
     specular_reuse_roughness: float = _specular(
-        0.4, "Roughness above which surfaces reuse the sample of ReSTIR GI, and up to which GI skips metals. More: "
-        "sharper reflections, slower.", low=0, high=1)  # fmt: skip
+        0.4,
+        "Roughness above which surfaces reuse the sample of ReSTIR GI, and up to which GI skips metals. More: "
+        "sharper reflections, slower.",
+        low=0,
+        high=1,
+    )
     specular_di_roughness: float = _specular(
-        0.0225, "Roughness up to which specular rays find the lights; above it DI shades them. More: noisier where "
-        "lights are small.", low=0, high=1)  # fmt: skip
+        0.0225,
+        "Roughness up to which specular rays find the lights; above it DI shades them. More: noisier where "
+        "lights are small.",
+        low=0,
+        high=1,
+    )
     specular_termination: str = _specular(
-        "spread", "A path ends in the cache when its cone is wider than a cell. The cone begins at the surface that "
+        "spread",
+        "A path ends in the cache when its cone is wider than a cell. The cone begins at the surface that "
         "the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
-        choices=("spread", "camera_spread"))  # fmt: skip
+        choices=("spread", "camera_spread"),
+    )

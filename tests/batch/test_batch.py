@@ -156,8 +156,10 @@ def expected_motion(batch, before, now, moved=None):
             pixels = np.isin(batch["instance_id"][index], rows)
             back = np.linalg.inv(transform)
             previous[pixels] = position[index][pixels] @ back[:3, :3].T + back[:3, 3]
-        places = (camera.project(points, batch.size) for camera, points in ((before[index], previous),
-                                                                            (now[index], position[index])))  # fmt: skip
+        places = (
+            camera.project(points, batch.size)
+            for camera, points in ((before[index], previous), (now[index], position[index]))
+        )
         motion.append(np.subtract(*places) / batch.size)
     return np.array(motion)
 
@@ -250,8 +252,9 @@ def test_arrays_give_the_numbers_of_cameras(kind):
     for index, camera in enumerate(cameras):
         if kind == "K":
             other = sv.Camera.from_opencv(K[index], np.eye(3), np.zeros(3), size)
-            camera.update(vertical_fov=other.vertical_fov, pixel_aspect=other.pixel_aspect,
-                          principal_point=other.principal_point)  # fmt: skip
+            camera.update(
+                vertical_fov=other.vertical_fov, pixel_aspect=other.pixel_aspect, principal_point=other.principal_point
+            )
         else:
             camera.update(fov=float(fov[index]))
         camera.update(transform=poses[index])
@@ -286,9 +289,11 @@ def test_any_array_will_do(three):
     depth = three.render(poses)["depth"]
     K = sv.Camera().intrinsics(SIZE)
     for cameras, options in (
-        (Tensor(poses), {"vertical_fov": np.float32(math.pi / 4)}), (poses.tolist(), {"fov": 45}),
-        (poses, {"K": K}), (poses, {"K": np.tile(K, (3, 1, 1)), "near": [0.01] * 3}),
-    ):  # fmt: skip
+        (Tensor(poses), {"vertical_fov": np.float32(math.pi / 4)}),
+        (poses.tolist(), {"fov": 45}),
+        (poses, {"K": K}),
+        (poses, {"K": np.tile(K, (3, 1, 1)), "near": [0.01] * 3}),
+    ):
         np.testing.assert_allclose(three.render(cameras, **options)["depth"], depth, rtol=1e-5)
     assert not np.array_equal(three.render(poses, near=1.5)["depth"], depth)
 
@@ -368,29 +373,32 @@ def changed(index, value):
     return poses
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    ({"cameras": POSES[:2]}, r"cameras must have the shape \(3, 4, 4\), not \(2, 4, 4\)"),
-    ({"cameras": "three"}, "cameras must be real numbers"),
-    ({"cameras": None}, "cameras must be real numbers"),
-    ({"cameras": changed((1, 0, 3), np.nan)}, r"cameras must be finite, but element \(1, 0, 3\) is nan"),
-    ({"cameras": changed((1, 3, 0), 1)}, "the pose of view 1 must be affine"),
-    ({"cameras": changed((slice(1, 3), 0, 0), 0)}, "the pose of view 1 must be invertible.*as of 1 more views"),
-    ({"cameras": changed((2, 0, 3), 1e13)}, "the pose of view 2 must lie within"),
-    ({"cameras": [sv.Camera()] * 2}, "give 3 cameras, one for each view; there are 2"),
-    ({"cameras": [sv.Camera(), sv.Camera(), 3]}, "one is 3"),
-    ({"cameras": [sv.Camera()] * 3, "fov": 3}, "have their own fov"),
-    ({"fov": 30, "K": np.eye(3)}, "give one of fov, K"),
-    ({"fov": [30, 200, 30]}, "field of view of view 1 must lie between"),
-    ({"fov": [30, 30]}, r"fov must have the shape \(3,\) or \(\)"),
-    ({"K": np.ones((3, 3))}, "K of view 0 must be .* no skew"),
-    ({"K": np.diag((1e9, 1.0, 1.0))}, "K of view 0 must have a principal point"),
-    ({"near": 0}, "near of view 0 must lie between"),
-    ({"reset": [True]}, r"reset is True, False or an array \(3,\)"),
-    ({"reset": 1}, "reset is True"),
-    ({"samples": 4}, "labels have no samples"),
-    ({"seeds": [1, 2, 3]}, "labels have no seeds"),
-    ({"exposure": 4}, "has no option 'exposure'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"cameras": POSES[:2]}, r"cameras must have the shape \(3, 4, 4\), not \(2, 4, 4\)"),
+        ({"cameras": "three"}, "cameras must be real numbers"),
+        ({"cameras": None}, "cameras must be real numbers"),
+        ({"cameras": changed((1, 0, 3), np.nan)}, r"cameras must be finite, but element \(1, 0, 3\) is nan"),
+        ({"cameras": changed((1, 3, 0), 1)}, "the pose of view 1 must be affine"),
+        ({"cameras": changed((slice(1, 3), 0, 0), 0)}, "the pose of view 1 must be invertible.*as of 1 more views"),
+        ({"cameras": changed((2, 0, 3), 1e13)}, "the pose of view 2 must lie within"),
+        ({"cameras": [sv.Camera()] * 2}, "give 3 cameras, one for each view; there are 2"),
+        ({"cameras": [sv.Camera(), sv.Camera(), 3]}, "one is 3"),
+        ({"cameras": [sv.Camera()] * 3, "fov": 3}, "have their own fov"),
+        ({"fov": 30, "K": np.eye(3)}, "give one of fov, K"),
+        ({"fov": [30, 200, 30]}, "field of view of view 1 must lie between"),
+        ({"fov": [30, 30]}, r"fov must have the shape \(3,\) or \(\)"),
+        ({"K": np.ones((3, 3))}, "K of view 0 must be .* no skew"),
+        ({"K": np.diag((1e9, 1.0, 1.0))}, "K of view 0 must have a principal point"),
+        ({"near": 0}, "near of view 0 must lie between"),
+        ({"reset": [True]}, r"reset is True, False or an array \(3,\)"),
+        ({"reset": 1}, "reset is True"),
+        ({"samples": 4}, "labels have no samples"),
+        ({"seeds": [1, 2, 3]}, "labels have no seeds"),
+        ({"exposure": 4}, "has no option 'exposure'"),
+    ],
+)
 def test_wrong_input_is_named(three, arguments, said):
     three.render(POSES)
     before = three["depth"]
@@ -407,12 +415,16 @@ def test_wrong_options_are_named(device, binder, three):
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
         ({"renderer": "reference", "sead": 4}, "did you mean 'seed'"),
         ({"renderer": "reference", "seed": -1}, "seed must lie between"),
-        ({"outputs": ["depht"]}, "did you mean 'depth'"), ({"outputs": 5}, "outputs is a list of names, not 5"),
-        ({"views": 0}, "views is 0"), ({"views": most + 1}, f"at most {most:,} views of this size"),
+        ({"outputs": ["depht"]}, "did you mean 'depth'"),
+        ({"outputs": 5}, "outputs is a list of names, not 5"),
+        ({"views": 0}, "views is 0"),
+        ({"views": most + 1}, f"at most {most:,} views of this size"),
         ({"views": records + 1, "size": (2, 2)}, f"at most {records:,} views of this size"),
-        ({"outputs": []}, "outputs names nothing"), ({"outputs": [["depth"]]}, "there is no output"),
-        ({"size": (64, 0)}, "hold none of this size"), ({"size": 64}, "two whole numbers"),
-    ):  # fmt: skip
+        ({"outputs": []}, "outputs names nothing"),
+        ({"outputs": [["depth"]]}, "there is no output"),
+        ({"size": (64, 0)}, "hold none of this size"),
+        ({"size": 64}, "two whole numbers"),
+    ):
         with pytest.raises(sv.SolariError, match=said):
             sv.Batch(device, binder, **{"size": (64, 64), "views": 3, **options})
     with pytest.raises(sv.SolariError, match="no result 'radiance'"):
@@ -434,8 +446,15 @@ def test_bench(lent_device, tmp_path, monkeypatch):
     words = ["--views", "2", "--size", "8x8", "--worlds", "--tensors", "--markdown", str(page)]
     assert main(["bench", "batch", *words]) == 0
     rows = [line.split("|")[1].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
-    assert rows == ["labels, 2", "labels, worlds, 2", "reference, 2", "reference, worlds, 2", "realtime, moving, 2",
-                    "realtime, cut, 2", "realtime, worlds, 2"]  # fmt: skip
+    assert rows == [
+        "labels, 2",
+        "labels, worlds, 2",
+        "reference, 2",
+        "reference, worlds, 2",
+        "realtime, moving, 2",
+        "realtime, cut, 2",
+        "realtime, worlds, 2",
+    ]
     one_view = [line.split("|")[-3].strip() for line in page.read_text().splitlines() if ", 2 |" in line]
     assert all(cell == "-" if "worlds" in row else float(cell) > 0 for row, cell in zip(rows, one_view, strict=True))
     spreads = [float(line.split("|")[-2]) for line in page.read_text().splitlines() if ", 2 |" in line]

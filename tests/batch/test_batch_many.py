@@ -20,8 +20,15 @@ OPTIONS = {
 
 
 def poses_of(frames=FRAMES):
-    return np.stack([[sv.Camera.look_at((0.7 + 0.5 * view, 1 + 0.02 * frame, -2.5), (1, 0.8, 1)).transform
-                      for view in range(VIEWS)] for frame in range(frames)])  # fmt: skip
+    return np.stack(
+        [
+            [
+                sv.Camera.look_at((0.7 + 0.5 * view, 1 + 0.02 * frame, -2.5), (1, 0.8, 1)).transform
+                for view in range(VIEWS)
+            ]
+            for frame in range(frames)
+        ]
+    )
 
 
 @pytest.fixture
@@ -176,16 +183,22 @@ def test_frames_have_tensors_where_memory_is_not_mapped(device):
         np.testing.assert_array_equal(many.tensor("depth"), many["depth"])
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    ({"frames": 0}, "frames is 0"), ({"frames": 4}, r"must have the shape \(2, 4, 4\) or \(4, 2, 4, 4\)"),
-    ({"outputs": ["radience"]}, "no result 'radience'"), ({"reset": np.zeros((3, 2))}, r"\(2,\) or \(5, 2\)"),
-    ({"outputs": 3}, "outputs is a list of names, not 3"), ({"seeds": np.zeros(3)}, "seeds must have the shape"),
-    ({"transforms": {"short block": np.eye(4)}}, r"transforms of short block must have the shape \(5, 1, 4, 4\)"),
-    ({"cameras": [[sv.Camera()] * 2] * 3}, "give 5 lists of cameras, one for each frame, not 3"),
-    ({"cameras": np.zeros((5, 2, 4, 4))}, "the pose of view 0 must be affine"),
-    ({"transforms": [1]}, r"transforms is a dictionary of arrays by instance, not \[1\]"),
-    ({"reset_cache": np.array([True, False])}, "reset_cache is True or False, not"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"frames": 0}, "frames is 0"),
+        ({"frames": 4}, r"must have the shape \(2, 4, 4\) or \(4, 2, 4, 4\)"),
+        ({"outputs": ["radience"]}, "no result 'radience'"),
+        ({"reset": np.zeros((3, 2))}, r"\(2,\) or \(5, 2\)"),
+        ({"outputs": 3}, "outputs is a list of names, not 3"),
+        ({"seeds": np.zeros(3)}, "seeds must have the shape"),
+        ({"transforms": {"short block": np.eye(4)}}, r"transforms of short block must have the shape \(5, 1, 4, 4\)"),
+        ({"cameras": [[sv.Camera()] * 2] * 3}, "give 5 lists of cameras, one for each frame, not 3"),
+        ({"cameras": np.zeros((5, 2, 4, 4))}, "the pose of view 0 must be affine"),
+        ({"transforms": [1]}, r"transforms is a dictionary of arrays by instance, not \[1\]"),
+        ({"reset_cache": np.array([True, False])}, "reset_cache is True or False, not"),
+    ],
+)
 def test_wrong_frames_are_named(device, options, said):
     with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, renderer="realtime", outputs=()) as batch:
         with pytest.raises(sv.SolariError, match=said):

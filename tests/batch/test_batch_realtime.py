@@ -85,10 +85,12 @@ def test_cameras_of_any_kind_and_upscaling(device, first):
     def frame(index):
         fields = {"transform": sv.Camera.look_at((1, 1, 0.3 - 0.02 * index), (1, 1, 1)).transform}
         return [
-            sv.Camera(**fields, **first), sv.Camera(**fields, orthographic_height=1.5, jitter=(0.3 * index, -2)),
-            sv.Camera.look_at((1, 1, -2.4), (1, 1 + 0.02 * index, 0), principal_point=(0.4, 0.7), ev100=-1,
-                              aperture=0.2),
-        ]  # fmt: skip
+            sv.Camera(**fields, **first),
+            sv.Camera(**fields, orthographic_height=1.5, jitter=(0.3 * index, -2)),
+            sv.Camera.look_at(
+                (1, 1, -2.4), (1, 1 + 0.02 * index, 0), principal_point=(0.4, 0.7), ev100=-1, aperture=0.2
+            ),
+        ]
 
     frames = [(frame(index), {}, False) for index in range(3)]
     check_views(device, lambda: sv.builtin("cornell_box"), (14, 9), 3, frames, ALONE | {"upscale": 1.5})
@@ -143,8 +145,9 @@ def test_a_white_neighbor_leaves_no_trace(device, settings):
     scene.add(sv.shapes.box((-1, -1, -3), (1, 1, -2)), black)
     scene.add(sv.shapes.box((-1, -1, 2), (1, 1, 3)), lamp)
     away, towards = np.eye(4), np.diag((-1.0, 1, -1, 1))
-    with sv.Batch(device, scene, (16, 16), 5, renderer="realtime", outputs=(),
-                  settings=Settings(world_cache=False, **settings)) as batch:  # fmt: skip
+    with sv.Batch(
+        device, scene, (16, 16), 5, renderer="realtime", outputs=(), settings=Settings(world_cache=False, **settings)
+    ) as batch:
         pictures = []
         for others in (away, towards):
             batch.render([others, others, away, others, others], reset=True)
@@ -196,15 +199,19 @@ def test_tensors_and_pictures(device):
             batch.tensor("display")
 
 
-@pytest.mark.parametrize(("options", "arguments", "said"), [
-    ({"settings": Settings(lighting="split")}, {}, "the setting lighting=paths"),
-    ({"settings": Settings(gbuffer="raster")}, {}, "the setting gbuffer=traced"),
-    ({"settings": 3}, {}, "settings must be a Settings, not 3"), ({"max_bounces": 3}, {}, "no option 'max_bounces'"),
-    ({}, {"samples": 3}, "the realtime renderer takes no samples"),
-    ({}, {"cameras": [sv.Camera(auto_exposure=True)] * 2}, "set auto_exposure to False"),
-    ({}, {"cameras": np.tile(np.eye(4), (2, 1, 1)), "ev100": [0, 101]}, "ev100 of view 1 must lie between"),
-    ({"views": 100_000_000}, {}, "at most .* views of this size"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "arguments", "said"),
+    [
+        ({"settings": Settings(lighting="split")}, {}, "the setting lighting=paths"),
+        ({"settings": Settings(gbuffer="raster")}, {}, "the setting gbuffer=traced"),
+        ({"settings": 3}, {}, "settings must be a Settings, not 3"),
+        ({"max_bounces": 3}, {}, "no option 'max_bounces'"),
+        ({}, {"samples": 3}, "the realtime renderer takes no samples"),
+        ({}, {"cameras": [sv.Camera(auto_exposure=True)] * 2}, "set auto_exposure to False"),
+        ({}, {"cameras": np.tile(np.eye(4), (2, 1, 1)), "ev100": [0, 101]}, "ev100 of view 1 must lie between"),
+        ({"views": 100_000_000}, {}, "at most .* views of this size"),
+    ],
+)
 def test_wrong_input_is_named(device, options, arguments, said):
     options = {"views": 2, "renderer": "realtime", **options}
     with pytest.raises(sv.SolariError, match=said):  # noqa: SIM117

@@ -18,7 +18,7 @@ OPTIONS = {
     "labels": {"outputs": [name for name in sv.Batch.OUTPUTS if name != "material_id"]},
     "reference": {"seed": 3, "outputs": ["instance_id"]},
     "realtime": {"seed": 3, "settings": Settings(world_cache=False), "outputs": ["depth"]},
-}  # fmt: skip
+}
 
 
 def checkers():
@@ -90,9 +90,9 @@ def three():
     return scenes
 
 
-@pytest.mark.parametrize("renderer", [
-    "labels", *(pytest.param(name, marks=pytest.mark.slow) for name in ("reference", "realtime")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "renderer", ["labels", *(pytest.param(name, marks=pytest.mark.slow) for name in ("reference", "realtime"))]
+)
 def test_each_world_shows_its_scene(device, renderer):
     options = {"renderer": renderer, **OPTIONS[renderer]}
     a, b, c = three()
@@ -151,12 +151,17 @@ def test_equal_meshes_textures_and_environments_are_on_the_device_once(device):
     assert (depth[0] != depth[1]).any()
 
 
-@pytest.mark.parametrize(("scenes", "options", "said"), [
-    ("", {}, "the list of scenes is empty"), ("a3", {}, "the scene of world 1 is '3': give a solari_vk.Scene"),
-    ("aba", {}, "4 views are no multiple of 3 worlds"), ("ab", {"worlds": 4}, "worlds=4 goes with one scene"),
-    (None, {"worlds": ["a", "b"]}, "give a list of scenes in its place"),
-    ("ab", {"worlds": np.arange(2)}, "give a list of scenes in its place"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scenes", "options", "said"),
+    [
+        ("", {}, "the list of scenes is empty"),
+        ("a3", {}, "the scene of world 1 is '3': give a solari_vk.Scene"),
+        ("aba", {}, "4 views are no multiple of 3 worlds"),
+        ("ab", {"worlds": 4}, "worlds=4 goes with one scene"),
+        (None, {"worlds": ["a", "b"]}, "give a list of scenes in its place"),
+        ("ab", {"worlds": np.arange(2)}, "give a list of scenes in its place"),
+    ],
+)
 def test_wrong_lists_are_named(device, scenes, options, said):
     known = {"a": sv.builtin("cornell_box"), "b": sv.Scene()}
     given = known["a"] if scenes is None else [known.get(letter, letter) for letter in scenes]

@@ -15,15 +15,18 @@ SIZE, WORLDS = (13, 9), 3
 MOVED = ("short block", "tall block")
 CAMERAS = np.stack([sv.Camera.look_at(place, (1, 0.8, 1)).transform for place in ((0.7, 1, -2.5), (1.2, 1.3, -2.3))])
 OPTIONS = {
-    "labels": {"outputs": sv.Batch.OUTPUTS}, "reference": {"seed": 3, "outputs": ["instance_id"]},
+    "labels": {"outputs": sv.Batch.OUTPUTS},
+    "reference": {"seed": 3, "outputs": ["instance_id"]},
     "realtime": {"seed": 3, "settings": Settings(world_cache=False), "outputs": ["depth"]},
-}  # fmt: skip
+}
 
 
 def transforms(frame, name, scene):
     """Of an instance in all worlds."""
-    moves = [sv.Camera.look_at((0.1 * world + 0.02 * frame, 0, 0.05 * world), (world + 1, 0, -5)).transform
-             for world in range(WORLDS)]  # fmt: skip
+    moves = [
+        sv.Camera.look_at((0.1 * world + 0.02 * frame, 0, 0.05 * world), (world + 1, 0, -5)).transform
+        for world in range(WORLDS)
+    ]
     return np.stack(moves) @ scene.instances[name].transform
 
 
@@ -314,17 +317,20 @@ def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everyth
                     np.testing.assert_array_equal(of_views, expected[name], f"{name}, world {world}, frame {frame}")
 
 
-@pytest.mark.parametrize(("use", "said"), [
-    (lambda batch: batch.transforms.__setitem__("blok", np.tile(np.eye(4), (2, 1, 1))), "no instance 'blok'"),
-    (lambda batch: batch.transforms.__setitem__(3, np.eye(4)), "name of an instance or an Instance, not 3"),
-    (lambda batch: batch.transforms.__setitem__("short block", np.eye(4)), r"must have the shape \(2, 4, 4\)"),
-    (lambda batch: batch.transforms.__setitem__("short block", np.zeros((2, 4, 4))), "of world 0 must be affine"),
-    (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material()]), "list of 2 .* not 1"),
-    (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material(), 3]), "world 1 of .* not 3"),
-    (lambda batch: batch.world_materials.__setitem__("short block", sv.Material()), "takes a list of 2"),
-    (lambda batch: batch.world_lights.__setitem__("sun", [None, None]), "no light 'sun'"),
-    (lambda batch: batch.world_lights.__setitem__("lamp", []), "no light 'lamp'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("use", "said"),
+    [
+        (lambda batch: batch.transforms.__setitem__("blok", np.tile(np.eye(4), (2, 1, 1))), "no instance 'blok'"),
+        (lambda batch: batch.transforms.__setitem__(3, np.eye(4)), "name of an instance or an Instance, not 3"),
+        (lambda batch: batch.transforms.__setitem__("short block", np.eye(4)), r"must have the shape \(2, 4, 4\)"),
+        (lambda batch: batch.transforms.__setitem__("short block", np.zeros((2, 4, 4))), "of world 0 must be affine"),
+        (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material()]), "list of 2 .* not 1"),
+        (lambda batch: batch.world_materials.__setitem__("short block", [sv.Material(), 3]), "world 1 of .* not 3"),
+        (lambda batch: batch.world_materials.__setitem__("short block", sv.Material()), "takes a list of 2"),
+        (lambda batch: batch.world_lights.__setitem__("sun", [None, None]), "no light 'sun'"),
+        (lambda batch: batch.world_lights.__setitem__("lamp", []), "no light 'lamp'"),
+    ],
+)
 def test_what_worlds_do_not_take_is_named(device, use, said):
     with (
         sv.Batch(device, sv.builtin("cornell_box"), SIZE, 2, worlds=2) as batch,
@@ -338,10 +344,11 @@ def test_wrong_worlds_are_named(device, monkeypatch):
     assert world_cache.most_worlds((1 << 27) + 3) == 2048
     monkeypatch.setattr(world_cache, "most_worlds", lambda largest_buffer: 2)
     for options, said in (
-        ({"views": 3, "worlds": 2}, "3 views are no multiple of 2 worlds"), ({"worlds": 0}, "worlds is 0"),
+        ({"views": 3, "worlds": 2}, "3 views are no multiple of 2 worlds"),
+        ({"worlds": 0}, "worlds is 0"),
         ({"views": 200_000, "worlds": 200_000, "size": (1, 1)}, "this device holds at most [0-9,]+: share"),
         ({"views": 3, "worlds": 3, "renderer": "realtime"}, "3 worlds: .* of the world cache for at most 2: share"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(sv.SolariError, match=said):
             sv.Batch(device, scene, **{"size": SIZE, "views": 2, **options})
     with sv.Batch(device, scene, SIZE, 2) as batch, pytest.raises(sv.SolariError, match="has one world"):
@@ -380,9 +387,10 @@ def test_blended_instances_of_worlds_count_when_they_change(device):
             (lambda: scene.instances["short block"].update(position=(0.1, 0, 0)), False),
             (lambda: batch.transforms.update({"short block": moved}), False),
             (lambda: scene.instances["tall block"].update(position=(0.1, 0, 0)), True),
-            (lambda: batch.transforms.update({"tall block": moved}), True), (lambda: None, False),
+            (lambda: batch.transforms.update({"tall block": moved}), True),
+            (lambda: None, False),
             (lambda: batch.world_materials.clear(), True),
-        ):  # fmt: skip
+        ):
             before = batch.binder.blended_changes
             step()
             batch.render(poses)

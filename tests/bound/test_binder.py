@@ -88,13 +88,18 @@ def assert_mirrors(binder, scene):
     info = table(binder, "scene_infos")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]
     assert info["light_count"] == len(emissive) + len(scene.lights)
-    portals, suns, skies = ([light for light in scene.lights if isinstance(light, kind)]
-                            for kind in (Portal, DirectionalLight, Environment))  # fmt: skip
+    portals, suns, skies = (
+        [light for light in scene.lights if isinstance(light, kind)] for kind in (Portal, DirectionalLight, Environment)
+    )
     assert info["first_portal"] == len(emissive)
     assert info["first_pass_through_light"] == info["first_light_at_infinity"] == len(emissive) + len(portals)
     assert not skies or info["first_environment"] == info["light_count"] - len(skies)
-    counts = {"emissive_mesh": len(emissive), "portal": len(portals), "directional": len(suns),
-              "environment": len(skies)}  # fmt: skip
+    counts = {
+        "emissive_mesh": len(emissive),
+        "portal": len(portals),
+        "directional": len(suns),
+        "environment": len(skies),
+    }
     kinds = np.repeat([KIND_INDEX[name] for name in counts], list(counts.values()))
     np.testing.assert_array_equal(sources["kind"][: info["light_count"]], kinds)
     flux = sum(sky.flux for sky in skies)
@@ -165,8 +170,10 @@ class Edits(RuleBasedStateMachine):
         self.binder, self.other = SceneBinder(device, self.scene), SceneBinder(device, self.scene)
         self.meshes = [make_mesh(rng, triangles) for triangles in (1, 2, 5)]
         self.textures = [None, *(make_texture(rng) for _ in range(3))]
-        self.materials = [Material(base_color=rng.random(3), emissive=light, base_color_texture=texture)
-                          for light, texture in zip((0, 0, 2, 2), self.textures, strict=True)]  # fmt: skip
+        self.materials = [
+            Material(base_color=rng.random(3), emissive=light, base_color_texture=texture)
+            for light, texture in zip((0, 0, 2, 2), self.textures, strict=True)
+        ]
 
     def instance(self, number):
         return self.scene.instances[number % len(self.scene.instances)]
@@ -174,10 +181,14 @@ class Edits(RuleBasedStateMachine):
     @rule(mesh=ANY, ray_mesh=ANY, material=ANY, rng=RNGS, count=st.integers(1, 20))
     def add(self, mesh, ray_mesh, material, rng, count):
         for _ in range(count):
-            self.scene.add(Instance(
-                mesh=self.meshes[mesh % 3], material=self.materials[material % 4], transform=make_transform(rng),
-                ray_mesh=[None, None, *self.meshes][ray_mesh % 5],
-            ))  # fmt: skip
+            self.scene.add(
+                Instance(
+                    mesh=self.meshes[mesh % 3],
+                    material=self.materials[material % 4],
+                    transform=make_transform(rng),
+                    ray_mesh=[None, None, *self.meshes][ray_mesh % 5],
+                )
+            )
 
     @HAS_INSTANCES
     @rule(number=ANY, count=st.integers(1, 20), again=st.booleans())
@@ -195,8 +206,11 @@ class Edits(RuleBasedStateMachine):
     @HAS_INSTANCES
     @rule(number=ANY, mesh=ANY, ray_mesh=ANY, material=ANY)
     def exchange(self, number, mesh, ray_mesh, material):
-        self.instance(number).update(mesh=self.meshes[mesh % 3], ray_mesh=[None, *self.meshes][ray_mesh % 4],
-                                     material=self.materials[material % 4])  # fmt: skip
+        self.instance(number).update(
+            mesh=self.meshes[mesh % 3],
+            ray_mesh=[None, *self.meshes][ray_mesh % 4],
+            material=self.materials[material % 4],
+        )
 
     @rule(number=ANY, emissive=st.sampled_from([0.0, 3.0]), texture=ANY, double_sided=st.booleans())
     def edit_material(self, number, emissive, texture, double_sided):

@@ -30,8 +30,15 @@ def modules(path: str, **options):
     return tuple(reflect(compile_shader(path, features=features, **options), path) for features in (False, True))
 
 
-OF_FEATURES = {"evaluate_coat", "prepare_glass", "film_fresnel", "sample_wavelength",
-               "environment_radiance", "intersect_sphere", "intersect_portal_plane"}
+OF_FEATURES = {
+    "evaluate_coat",
+    "prepare_glass",
+    "film_fresnel",
+    "sample_wavelength",
+    "environment_radiance",
+    "intersect_sphere",
+    "intersect_portal_plane",
+}
 
 
 def functions(module) -> set[str]:

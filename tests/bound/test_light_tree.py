@@ -12,8 +12,16 @@ from solari_vk.bound.table import Table
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte
 
-RECORD = np.dtype([("center", "f4", 3), ("half_size", "f4", 3), ("power", "f4"), ("child_count", "u4"),
-                   ("first", "u4"), ("parent", "u4")])  # fmt: skip
+RECORD = np.dtype(
+    [
+        ("center", "f4", 3),
+        ("half_size", "f4", 3),
+        ("power", "f4"),
+        ("child_count", "u4"),
+        ("first", "u4"),
+        ("parent", "u4"),
+    ]
+)
 
 
 def random_lights(count, seed=1):

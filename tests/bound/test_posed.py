@@ -219,9 +219,11 @@ class Poses(RuleBasedStateMachine):
     def pose(self, number, skin, angle, weights):
         mesh, rest = self.skins[skin % 2]
         self.instance(number).update(
-            mesh=mesh, ray_mesh=None, joint_matrices=None if angle is None else bent(rest, angle),
+            mesh=mesh,
+            ray_mesh=None,
+            joint_matrices=None if angle is None else bent(rest, angle),
             morph_weights=weights if mesh.deformation.target_count else None,
-        )  # fmt: skip
+        )
 
     @HAS_INSTANCES
     @rule(number=NUMBERS)

@@ -12,9 +12,12 @@ RNG = np.random.default_rng(0)
 
 @pytest.mark.parametrize(
     "points",
-    [*(RNG.normal(size=(count, 3)) for count in (0, 1, 2, 3, 5, 16, 17, 4097)), np.zeros((50, 3)),
-     np.tile([[0, 0, 1], [1e30, 0, 0]], (25, 1))],
-)  # fmt: skip
+    [
+        *(RNG.normal(size=(count, 3)) for count in (0, 1, 2, 3, 5, 16, 17, 4097)),
+        np.zeros((50, 3)),
+        np.tile([[0, 0, 1], [1e30, 0, 0]], (25, 1)),
+    ],
+)
 def test_it_is_a_permutation_also_of_points_that_coincide(points):
     np.testing.assert_array_equal(np.sort(spatial_order(points)), np.arange(len(points)))
 

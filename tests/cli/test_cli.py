@@ -195,8 +195,11 @@ def test_environments_of_files(render, model, tmp_path):
     np.testing.assert_allclose(lit[0, 0], 0.4, rtol=2e-3)
     assert 1000 < sky[0, 0, 2] < 50_000
     assert not dark.any()
-    for more, text in ((["none", "--environment-rotation", "9"], "there is no environment"),
-                       (["x.hdr"], "no such file"), (["x"], "not ''")):  # fmt: skip
+    for more, text in (
+        (["none", "--environment-rotation", "9"], "there is no environment"),
+        (["x.hdr"], "no such file"),
+        (["x"], "not ''"),
+    ):
         assert text in render(*SAMPLES, "--environment", *more, source=file, output="refused.png", code=2)[0]
 
 
@@ -250,10 +253,13 @@ def test_a_time_limit_ends_early(render, arguments):
     assert pixels(path).std() > 5
 
 
-@pytest.mark.parametrize(("arguments", "unit"), [
-    pytest.param([*SAMPLES, "--samples", "100000000"], "100000000 samples", marks=pytest.mark.slow),
-    ([*FRAMES, "--frames", "100000000"], "100000002 frames"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "unit"),
+    [
+        pytest.param([*SAMPLES, "--samples", "100000000"], "100000000 samples", marks=pytest.mark.slow),
+        ([*FRAMES, "--frames", "100000000"], "100000002 frames"),
+    ],
+)
 def test_ctrl_c_keeps_what_there_is(any_device, tmp_path, arguments, unit):
     path: Path = tmp_path / "picture.npy"
     command = [sys.executable, "-u", "-m", "solari_vk", "render", "builtin:cornell_box", "-o", str(path), *arguments]
@@ -310,14 +316,17 @@ def job_of(*words):
     return make_job(parse(COMMANDS, ["render", BOX, "-o", "picture.png", *words])[1])
 
 
-@pytest.mark.parametrize(("words", "mode", "denoises"), [
-    (["--samples", "2"], "reference", True),
-    (["--samples", "2", "--no-denoise"], "reference", False),
-    (["--aov", "variance"], "reference", True),
-    (["--aov", "guides_depth"], "realtime", False),
-    (["--frames", "3"], "realtime", False),
-    ([], None, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "mode", "denoises"),
+    [
+        (["--samples", "2"], "reference", True),
+        (["--samples", "2", "--no-denoise"], "reference", False),
+        (["--aov", "variance"], "reference", True),
+        (["--aov", "guides_depth"], "realtime", False),
+        (["--frames", "3"], "realtime", False),
+        ([], None, True),
+    ],
+)
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_mode_follows_from_options_and_oidn(oidn_that, words, mode, denoises, installed):
     """On the processor, without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
@@ -429,19 +438,27 @@ def test_an_mp4_without_ffmpeg_says_so(render, monkeypatch, tmp_path):
 PICTURE = ["render", "a.glb", "-o", "b.png"]
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ([], ["COMMAND"]), (["render", "a.glb"], ["--output"]), (["renderr", "a.glb"], ["did you mean 'render'?"]),
-    ([*PICTURE, "--size", "0x5"], ["1x1"]),
-    ([*PICTURE, "--size", "big"], ["big"]),
-    ([*PICTURE, "--samples", "0"], ["at least 1"]),
-    ([*PICTURE, "--samples", "9" * 5000], ["999...999"]),
-    ([*PICTURE, "--mode", "9" * 5000], ["999...999", "choose from"]),
-    (["9" * 5000], ["999...999", "there are render, view"]),
-    (["bench", "lod"], ["did you mean 'load'?"]), (["dataset", "a.glb", "-o", "b", "--coco"], ["--annotations coco"]),
-    ([*PICTURE, "--environment-intensity", "-1"], ["not be negative"]),
-    (["compare", "a.png", "b.png", "--heatmap=--"], ["./--"]), ([*PICTURE, "--tonemap", "sepia"], ["sepia", "agx"]),
-    (["view", "a.glb", "--view", "smell"], ["smell", "base_color"]),
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], ["COMMAND"]),
+        (["render", "a.glb"], ["--output"]),
+        (["renderr", "a.glb"], ["did you mean 'render'?"]),
+        ([*PICTURE, "--size", "0x5"], ["1x1"]),
+        ([*PICTURE, "--size", "big"], ["big"]),
+        ([*PICTURE, "--samples", "0"], ["at least 1"]),
+        ([*PICTURE, "--samples", "9" * 5000], ["999...999"]),
+        ([*PICTURE, "--mode", "9" * 5000], ["999...999", "choose from"]),
+        (["9" * 5000], ["999...999", "there are render, view"]),
+        (["bench", "lod"], ["did you mean 'load'?"]),
+        (["dataset", "a.glb", "-o", "b", "--coco"], ["--annotations coco"]),
+        ([*PICTURE, "--environment-intensity", "-1"], ["not be negative"]),
+        (["compare", "a.png", "b.png", "--heatmap=--"], ["./--"]),
+        ([*PICTURE, "--tonemap", "sepia"], ["sepia", "agx"]),
+        (["view", "a.glb", "--view", "smell"], ["smell", "base_color"]),
+    ],
+    ids=str,
+)
 def test_wrong_usage_is_exit_code_2(arguments, words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
@@ -492,14 +509,22 @@ def test_numbers_that_are_no_lens(tmp_path, capsys, lens):
     assert re.fullmatch(r"solari-vk: --cameras .*json: it lacks a field .*\n", capsys.readouterr().err)
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (("render", "nothing.glb", "-o", "x.png"), "nothing.glb: there is no such file: check the path"),
-    (("view", "nothing.glb"), "nothing.glb: there is no such file: check the path"),
-    (("render", BOX, "-o", "x.foo"), "x.foo: pictures are written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.foo'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("render", "nothing.glb", "-o", "x.png"), "nothing.glb: there is no such file: check the path"),
+        (("view", "nothing.glb"), "nothing.glb: there is no such file: check the path"),
+        (
+            ("render", BOX, "-o", "x.foo"),
+            "x.foo: pictures are written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.foo'",
+        ),
+    ],
+)
 def test_wrong_paths_are_answered_before_anything_large_is_imported(words, said):
-    program = (f"import sys; from solari_vk.cli import main; code = main({list(words)!r}); "
-               "sys.exit(code + 10 * ('vulkan' in sys.modules or 'solari_vk.scene.model' in sys.modules))")  # fmt: skip
+    program = (
+        f"import sys; from solari_vk.cli import main; code = main({list(words)!r}); "
+        "sys.exit(code + 10 * ('vulkan' in sys.modules or 'solari_vk.scene.model' in sys.modules))"
+    )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (2, f"solari-vk: {said}\n")
 
@@ -558,13 +583,18 @@ def test_info_names_what_there_is_what_is_missing_and_the_command(any_device, mo
     assert main(["doctor"]) == 0
     said = capsys.readouterr().out
     for words in (
-        "device 0", "compiler", "usable", "--rays query: ", "--rays pipeline: ", "gbuffer=auto: ",
+        "device 0",
+        "compiler",
+        "usable",
+        "--rays query: ",
+        "--rays pipeline: ",
+        "gbuffer=auto: ",
         f"cache: {tmp_path}, shaders: 2, pipeline caches: 1, 1.5 MB\n",
         f"meshes of Draco: installed, but it doesn't work: OSError: {tmp_path}/DracoPy.so: ",
         "meshes of meshopt: installed, but it doesn't work: it ends Python with code 9\n",
         "\nwindows: GLFW does not start (without a display: xvfb-run",
         *(f": missing: pip install 'solari-vk[{extra}]'\n" for extra in ("oidn", "video", "cluster")),
-    ):  # fmt: skip
+    ):
         assert words in said
     assert said.count(": missing: ") == 3
     project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]

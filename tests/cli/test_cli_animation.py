@@ -74,13 +74,16 @@ def test_pictures_of_a_moment(render, moving, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--animate", "file", "--clip", "jump"], ["jump", "slide"]), (["--animate", "file", "--clip", "7"], ["7"]),
-        (["--clip", "9" * 5000, "--time", "1"], ["grow", "slide"]), (["--scene", "9" * 5000], ["scene"]),
+        (["--animate", "file", "--clip", "jump"], ["jump", "slide"]),
+        (["--animate", "file", "--clip", "7"], ["7"]),
+        (["--clip", "9" * 5000, "--time", "1"], ["grow", "slide"]),
+        (["--scene", "9" * 5000], ["scene"]),
         (["--animate", "slide"], ["--animate slide: is a clip", "--animate file --clip 'slide'"]),
-        (["--clip", "slide"], ["--clip slide", "--time"]), (["--time", "nan"], ["finite"]),
+        (["--clip", "slide"], ["--clip slide", "--time"]),
+        (["--time", "nan"], ["finite"]),
         (["--animate", "file", "--time", "1"], ["--time 1", "--animate file"]),
     ],
-)  # fmt: skip
+)
 def test_wrong_options(render, moving, arguments, words):
     code, said = render(moving, *arguments)
     assert code == 2

@@ -40,8 +40,23 @@ def test_a_picture_with_raw_numbers(run, tmp_path, mode):
 
 def test_a_data_set_with_raw_numbers_and_flow(run, lent_device, tmp_path):
     (tmp_path / "sensor.json").write_text(SENSOR)
-    code, said = run("dataset", *BOX, "--samples", 2, "--views", 3, "--format", "npy", "--exposure", 2, "--sensor",
-                     tmp_path / "sensor.json", "--aov", "optical_flow,optical_flow_back", output="views")  # fmt: skip
+    code, said = run(
+        "dataset",
+        *BOX,
+        "--samples",
+        2,
+        "--views",
+        3,
+        "--format",
+        "npy",
+        "--exposure",
+        2,
+        "--sensor",
+        tmp_path / "sensor.json",
+        "--aov",
+        "optical_flow,optical_flow_back",
+        output="views",
+    )
     assert code == 0, said
     scene = sv.builtin("cornell_box")
     cameras = cameras_for("orbit", scene, scene.camera_for(1.5), 3, 1.5, 3)
@@ -66,20 +81,40 @@ def test_a_data_set_with_raw_numbers_and_flow(run, lent_device, tmp_path):
 REALTIME = ["realtime", "--average", 3, "--warm-up", 2]
 
 
-@pytest.mark.parametrize(("mode", "exposed"), [
-    (["reference", "--samples", 8], 0.05), (["reference", "--samples", 8], 0.0),
-    pytest.param(REALTIME, 0.05, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("mode", "exposed"),
+    [
+        (["reference", "--samples", 8], 0.05),
+        (["reference", "--samples", 8], 0.0),
+        pytest.param(REALTIME, 0.05, marks=pytest.mark.slow),
+    ],
+)
 def test_an_orbit_with_a_shutter(run, lent_device, tmp_path, mode, exposed):
     """Each picture is exposed from its time on, while the camera goes on along its way."""
-    code, said = run("render", *BOX, "--mode", *mode, "--animate", "orbit:60", "--frames", 3, "--fps", 10, "--shutter",
-                     f"{exposed},0.03", "--exposure", 2)  # fmt: skip
+    code, said = run(
+        "render",
+        *BOX,
+        "--mode",
+        *mode,
+        "--animate",
+        "orbit:60",
+        "--frames",
+        3,
+        "--fps",
+        10,
+        "--shutter",
+        f"{exposed},0.03",
+        "--exposure",
+        2,
+    )
     assert code == 0, said
     scene = sv.builtin("cornell_box")
     first, second, _ = orbit(scene.camera_for(1.5), scene.bounds.center, 3, 60.0)
     first.ev100 = second.ev100 = 2.0
-    exposure = {"shutter": sv.Shutter(close=exposed, readout=0.03),
-                "pose": lambda time: between(first, second, time / 0.1)}  # fmt: skip
+    exposure = {
+        "shutter": sv.Shutter(close=exposed, readout=0.03),
+        "pose": lambda time: between(first, second, time / 0.1),
+    }
     kind = sv.PathTracer if mode[0] == "reference" else sv.Renderer
     with kind(lent_device, scene, SIZE, seed=3) as renderer:
         if kind is sv.Renderer:
@@ -91,9 +126,9 @@ def test_an_orbit_with_a_shutter(run, lent_device, tmp_path, mode, exposed):
     assert np.load(tmp_path / "picture.0001.npy").shape == (16, 24, 3)
 
 
-@pytest.mark.parametrize("mode", [
-    ["reference", "--samples", 32], pytest.param(["realtime", "--frames", 32], marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "mode", [["reference", "--samples", 32], pytest.param(["realtime", "--frames", 32], marks=pytest.mark.slow)]
+)
 def test_a_moment_with_a_shutter(run, tmp_path, moving, mode):
     """The triangle's edges are less steep the longer it is exposed."""
     slopes = []
@@ -107,8 +142,22 @@ def test_a_moment_with_a_shutter(run, tmp_path, moving, mode):
 
 
 def test_an_exposure_that_ends_early_is_written(run, tmp_path, moving):
-    code, said = run("render", moving, "--size", "24x16", "--mode", "reference", "--time", 0.3, "--samples", 32,
-                     "--shutter", "0.4,0.1", "--time-limit", 1e-9)  # fmt: skip
+    code, said = run(
+        "render",
+        moving,
+        "--size",
+        "24x16",
+        "--mode",
+        "reference",
+        "--time",
+        0.3,
+        "--samples",
+        32,
+        "--shutter",
+        "0.4,0.1",
+        "--time-limit",
+        1e-9,
+    )
     assert code == 0, said
     assert "the time limit is over" in said
     assert np.isfinite(np.load(tmp_path / "picture.npy")).all()
@@ -121,18 +170,24 @@ def test_a_large_picture_has_no_shutter(run, moving, monkeypatch):
     assert "--shutter: a picture in bands" in said
 
 
-@pytest.mark.parametrize(("words", "message"), [
-    (["--sensor", '{"isso": 1}'], "a sensor has no 'isso'"),
-    (["--sensor", "none.json"], "none.json: there is no such file"),
-    (["--mode", "reference", "--shutter", "0.1"], "nothing moves in a still picture: give --time"),
-    (["--mode", "reference", "--shutter", "a"], "'a' is not a number"),
-    (["--mode", "reference", "--animate", "orbit", "--shutter", "0.5"], "longer than a picture at --fps 24"),
-    (["--mode", "realtime", "--shutter", "0.1"], "nothing moves in a still picture: give --time"),
-    (["--mode", "reference", "--shutter", "0.1", "--target-error", "0.1"], "a picture with --shutter has --samples"),
-    (["--mode", "realtime", "--shutter", "0.1", "--target-error", "0.1"], "a picture with --shutter has --frames"),
-    (["--mode", "realtime", "--shutter", "0.1", "--average", "3"], "a picture with --shutter is the mean of its"),
-    (["--mode", "realtime", "--shutter", "0.1", "--view", "depth"], "--shutter: a debug view shows one moment"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--sensor", '{"isso": 1}'], "a sensor has no 'isso'"),
+        (["--sensor", "none.json"], "none.json: there is no such file"),
+        (["--mode", "reference", "--shutter", "0.1"], "nothing moves in a still picture: give --time"),
+        (["--mode", "reference", "--shutter", "a"], "'a' is not a number"),
+        (["--mode", "reference", "--animate", "orbit", "--shutter", "0.5"], "longer than a picture at --fps 24"),
+        (["--mode", "realtime", "--shutter", "0.1"], "nothing moves in a still picture: give --time"),
+        (
+            ["--mode", "reference", "--shutter", "0.1", "--target-error", "0.1"],
+            "a picture with --shutter has --samples",
+        ),
+        (["--mode", "realtime", "--shutter", "0.1", "--target-error", "0.1"], "a picture with --shutter has --frames"),
+        (["--mode", "realtime", "--shutter", "0.1", "--average", "3"], "a picture with --shutter is the mean of its"),
+        (["--mode", "realtime", "--shutter", "0.1", "--view", "depth"], "--shutter: a debug view shows one moment"),
+    ],
+)
 def test_wrong_options(run, words, message, capsys):
     try:
         code, said = run("render", *BOX, *words)
@@ -144,7 +199,8 @@ def test_wrong_options(run, words, message, capsys):
 
 def test_flow_of_what_changes_is_refused(run, tmp_path):
     (tmp_path / "random.yaml").write_text("cameras: {fov: [35, 50]}\n")
-    code, said = run("dataset", *BOX, "--views", 2, "--aov", "optical_flow", "--randomize", tmp_path / "random.yaml",
-                     output="views")  # fmt: skip
+    code, said = run(
+        "dataset", *BOX, "--views", 2, "--aov", "optical_flow", "--randomize", tmp_path / "random.yaml", output="views"
+    )
     assert code == 2
     assert "--aov optical_flow: leads from one view to the next of one scene" in said

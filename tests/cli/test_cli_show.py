@@ -105,7 +105,7 @@ def test_render_shows_its_picture_by_kitty_s_protocol(any_device, tmp_path):
 
 
 def test_sixels_fill_the_terminal(picture):
-    (width, height), = re.findall(rb'\x1bP[^q]*q"\d+;\d+;(\d+);(\d+)#.*?\x1b\\', shown(picture, SIXEL), re.DOTALL)
+    ((width, height),) = re.findall(rb'\x1bP[^q]*q"\d+;\d+;(\d+);(\d+)#.*?\x1b\\', shown(picture, SIXEL), re.DOTALL)
     assert 0 < int(width) <= COLUMNS * CELL[0]
     assert (ROWS // 2) * CELL[1] < int(height) <= (ROWS - terminal.SPARE_LINES) * CELL[1]
 
@@ -125,9 +125,11 @@ def test_what_cannot_be_shown_is_told_before_rendering(monkeypatch, tmp_path, ca
     for words, why in (
         (["--show", "-o", "a.exr"], "a.exr can't be shown in a terminal: write a .png or a .gif"),
         (["--show", "--animate", "orbit", "-o", "a.png"], "--show: numbered pictures are many files: write a .gif"),
-        (["--open", "--animate", "orbit", "-o", "a.png"],
-         "--open: numbered pictures are many files: write a .gif or an .mp4"),
-    ):  # fmt: skip
+        (
+            ["--open", "--animate", "orbit", "-o", "a.png"],
+            "--open: numbered pictures are many files: write a .gif or an .mp4",
+        ),
+    ):
         assert main([*TINY[:2], *words]) == 2
         assert capsys.readouterr().err.endswith(f"{why}\n")
     monkeypatch.setattr(terminal, "find_spec", lambda name: None)

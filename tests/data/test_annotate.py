@@ -91,8 +91,9 @@ def test_half_hidden_and_half_outside(device):
 def test_parts_of_an_object_have_one_silhouette(device):
     """That of a mesh of both, partly hidden and partly outside; a part with another label is apart."""
     shifted = BLOCK.positions + np.float32(0.4)
-    joined = sv.Mesh(np.concatenate([BLOCK.positions, shifted]),
-                     np.concatenate([BLOCK.triangles, BLOCK.triangles + len(shifted)]))  # fmt: skip
+    joined = sv.Mesh(
+        np.concatenate([BLOCK.positions, shifted]), np.concatenate([BLOCK.triangles, BLOCK.triangles + len(shifted)])
+    )
     looking, found = sv.Camera(position=(0.7, 0, 4), vertical_fov=0.5), []
     for meshes in ([BLOCK, sv.Mesh(shifted, BLOCK.triangles)], [joined]):
         scene = sv.Scene()
@@ -169,9 +170,12 @@ def test_boxes_are_around_what_is_seen():
         assert np.linalg.det(box.rotation) == pytest.approx(1)
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         expected = cv2.projectPoints(
-            signs * box.size / 2, cv2.Rodrigues(box.rotation)[0], box.center, looking.intrinsics(SIZE),
+            signs * box.size / 2,
+            cv2.Rodrigues(box.rotation)[0],
+            box.center,
+            looking.intrinsics(SIZE),
             looking.distortion,
-        )[0][:, 0]  # fmt: skip
+        )[0][:, 0]
         np.testing.assert_allclose(box.pixels, expected, atol=1e-5)
 
 
@@ -191,14 +195,19 @@ def test_keypoints(device, tmp_path):
     left, right = (scene.add(BLOCK, name=f"block {n}", position=(x, 0, 0)) for n, x in ((1, -0.8), (2, 0.8)))
     scene.add(BLOCK, name="before", position=(-0.55, 0.2, 2), scale=0.3)
     looking = sv.Camera(position=(0, 0, 5), vertical_fov=0.6)
-    points = {"block 1": {"front": [0.3, -0.3, 0.5], "behind": [0, 0.3, 0.5], "back": [0, 0, -0.5], "middle": [0] * 3},
-              "block*": {"front": [0, 0, 0.5], "far off": [9, 0, 0], "corner": 0}}  # fmt: skip
+    points = {
+        "block 1": {"front": [0.3, -0.3, 0.5], "behind": [0, 0.3, 0.5], "back": [0, 0, -0.5], "middle": [0] * 3},
+        "block*": {"front": [0, 0, 0.5], "far off": [9, 0, 0], "corner": 0},
+    }
     (tmp_path / "points.json").write_text(json.dumps(points))
     with sv.RayTracer(device, scene) as tracer:
         found = sv.keypoints(tracer, looking, SIZE, points)
         assert {name: point.state for name, point in found[left].items()} == {
-            "front": 2, "behind": 1, "back": 1, "middle": 1,
-        }  # fmt: skip
+            "front": 2,
+            "behind": 1,
+            "back": 1,
+            "middle": 1,
+        }
         assert {name: point.state for name, point in found[right].items()} == {"front": 2, "far off": 0, "corner": 2}
         np.testing.assert_array_equal(found[right]["corner"].position, BLOCK.positions[0] + (0.8, 0, 0))
         np.testing.assert_array_equal(found[right]["front"].pixel, looking.project((0.8, 0, 0.5), SIZE))
@@ -257,8 +266,10 @@ def test_flow_leads_to_the_next_picture(device):
             batch.render([camera])
             pictures.append({name: batch[name][0] for name in batch})
     grid = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), -1)
-    for flow, (here, there), camera, time in ((forward, pictures, cameras[1], 0.9),
-                                              (backward, pictures[::-1], cameras[0], 0.2)):  # fmt: skip
+    for flow, (here, there), camera, time in (
+        (forward, pictures, cameras[1], 0.9),
+        (backward, pictures[::-1], cameras[0], 0.2),
+    ):
         pose(time)
         at = grid + flow.flow
         seen = flow.state == 0
@@ -314,8 +325,9 @@ def test_the_background_turns_with_the_camera(device):
     first, second = (sv.Camera(position=(0, 0, 4), rotation=turn, vertical_fov=0.8) for turn in (0.0, 0.1))
     with sv.RayTracer(device, scene) as tracer:
         forward, _ = sv.optical_flow(tracer, (first, second), (33, 33))
-    assert forward.flow[16, 0] == pytest.approx(second.project(first.rays((0, 16), (33, 33))[1] * 1e6, (33, 33))
-                                                - (0, 16), abs=1e-3)  # fmt: skip
+    assert forward.flow[16, 0] == pytest.approx(
+        second.project(first.rays((0, 16), (33, 33))[1] * 1e6, (33, 33)) - (0, 16), abs=1e-3
+    )
     assert np.isnan(forward.scene_flow[16, 0]).all()
     assert forward.state[16, 32] in (0, 2)
     assert math.isfinite(forward.flow[16, 16, 0])

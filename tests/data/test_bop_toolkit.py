@@ -29,8 +29,11 @@ def objects():
     scene.add(ring, name="ring 2", position=(1.35, 0.1, 0.2), rotation=0.4)
     scene.add(sv.shapes.cone(), name="block", position=(-0.1, -0.2, 0.6), scale=(0.4, 0.7, 0.2), rotation=0.3)
     scene.add(block, name="hidden block", position=(-0.16, -0.25, -0.5), scale=0.12)
-    scene.add(sv.Mesh(ring.positions + np.float32(0.1), ring.triangles), name="mirrored ring",
-              transform=np.diag((-0.6, 0.6, 0.6, 1)) + np.eye(4)[3] * np.array([[-0.9, 0.4, 0.2, 0]]).T)  # fmt: skip
+    scene.add(
+        sv.Mesh(ring.positions + np.float32(0.1), ring.triangles),
+        name="mirrored ring",
+        transform=np.diag((-0.6, 0.6, 0.6, 1)) + np.eye(4)[3] * np.array([[-0.9, 0.4, 0.2, 0]]).T,
+    )
     scene.add(block, name="block behind", position=(0, 0, 9), scale=0.4)
     mug = sv.shapes.cylinder(0.2, 0.4, 16), sv.shapes.torus(0.12, 0.04, 12)
     for mesh, x, scale in zip(mug, (0.4, 0.6), ((1, 1, 1), (1, 1, 0.5)), strict=True):
@@ -57,12 +60,18 @@ def info_of(large, distance, seen, size):
     own = large[height : 2 * height, width : 2 * width] > 0
     boxes = [[-1] * 4] * 2
     if seen.any():
-        boxes = [misc.calc_2d_bbox(*(places - corner for places, corner in zip(mask.nonzero()[::-1], low, strict=True)))
-                 for mask, low in ((large > 0, size), (seen, (0, 0)))]  # fmt: skip
+        boxes = [
+            misc.calc_2d_bbox(*(places - corner for places, corner in zip(mask.nonzero()[::-1], low, strict=True)))
+            for mask, low in ((large > 0, size), (seen, (0, 0)))
+        ]
     return {
-        "px_count_all": (large > 0).sum(), "px_count_valid": (distance[own] > 0).sum(), "px_count_visib": seen.sum(),
-        "visib_fract": seen.sum() / max((large > 0).sum(), 1), "bbox_obj": boxes[0], "bbox_visib": boxes[1],
-    }  # fmt: skip
+        "px_count_all": (large > 0).sum(),
+        "px_count_valid": (distance[own] > 0).sum(),
+        "px_count_visib": seen.sum(),
+        "visib_fract": seen.sum() / max((large > 0).sum(), 1),
+        "bbox_obj": boxes[0],
+        "bbox_visib": boxes[1],
+    }
 
 
 @pytest.mark.parametrize(("kind", "split_type"), [("png", None), ("jpg", "pbr")])

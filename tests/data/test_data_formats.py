@@ -39,8 +39,9 @@ def test_flow_for_kitti(tmp_path):
     assert read[..., 0].sum() == 4  # the first one isn't finite
     for wrong, valid, words in (
         (flow + 20, None, "hold -512 to 511.984 pixels, not -492 to 531.*valid="),
-        (flow[..., 0], None, "not \\(5, 7\\)"), (flow, np.ones((5, 7)), "array of bool"),
-    ):  # fmt: skip
+        (flow[..., 0], None, "not \\(5, 7\\)"),
+        (flow, np.ones((5, 7)), "array of bool"),
+    ):
         with pytest.raises(SolariError, match=words):
             sv.save_kitti_flow(tmp_path / "wrong.png", wrong, valid)
     assert not (tmp_path / "wrong.png").exists()
@@ -66,8 +67,18 @@ def test_shards_are_read_by_webdataset(tmp_path):
     webdataset = pytest.importorskip("webdataset")
     picture = np.random.default_rng(1).integers(0, 256, (4, 5, 3), np.uint8)
     (tmp_path / "note.txt").write_text("a file")
-    samples = [(f"{n:05}", {"png": png_bytes(picture), "depth.npy": np.full((4, 5), n, np.float32), "json": {"n": n},
-                            "txt": tmp_path / "note.txt"}) for n in range(5)]  # fmt: skip
+    samples = [
+        (
+            f"{n:05}",
+            {
+                "png": png_bytes(picture),
+                "depth.npy": np.full((4, 5), n, np.float32),
+                "json": {"n": n},
+                "txt": tmp_path / "note.txt",
+            },
+        )
+        for n in range(5)
+    ]
     paths = sv.save_shards(tmp_path / "shards", samples, per_shard=2)
     assert [path.name for path in paths] == ["000000.tar", "000001.tar", "000002.tar"]
     read = list(webdataset.WebDataset([str(path) for path in paths], shardshuffle=False).decode("rgb8"))
@@ -86,9 +97,12 @@ def test_shards_are_read_by_webdataset(tmp_path):
     assert [path.name for path in (tmp_path / "again").iterdir()] == ["000000.tar"]
     read = list(webdataset.WebDataset(str(again[0]), shardshuffle=False).decode())
     assert (read[-1]["__key__"], read[-1]["json"], read[-1]["cls"]) == ("k" * 120, {"n": 0.5}, 3)
-    for wrong, words in (([("a.b", {})], "a dot or a slash"), ([("a", {}), ("a", {})], "is there already"),
-                         ([("a", {"txt": tmp_path / "none"})], "can't be read"),
-                         ([("a", {"x": object()})], "a.x: object can't be written as JSON")):  # fmt: skip
+    for wrong, words in (
+        ([("a.b", {})], "a dot or a slash"),
+        ([("a", {}), ("a", {})], "is there already"),
+        ([("a", {"txt": tmp_path / "none"})], "can't be read"),
+        ([("a", {"x": object()})], "a.x: object can't be written as JSON"),
+    ):
         with pytest.raises(SolariError, match=words):
             sv.save_shards(tmp_path / "wrong", wrong)
     assert not list((tmp_path / "wrong").glob("*.tar"))
@@ -118,8 +132,9 @@ def silhouette(*, shift=0):
 def read_bop(folder):
     """The tables as bop_toolkit_lib.inout reads them: matrices by rows."""
     scene = folder / "train" / "000000"
-    cameras, poses, infos = (json.loads((scene / f"scene_{name}.json").read_text())
-                             for name in ("camera", "gt", "gt_info"))  # fmt: skip
+    cameras, poses, infos = (
+        json.loads((scene / f"scene_{name}.json").read_text()) for name in ("camera", "gt", "gt_info")
+    )
     for row in cameras.values():
         row["cam_K"], row["cam_R_w2c"] = (np.reshape(row[name], (3, 3)) for name in ("cam_K", "cam_R_w2c"))
     for row in (row for rows in poses.values() for row in rows):
@@ -163,9 +178,13 @@ def test_bop_models_are_where_the_instances_are(tmp_path):
     np.testing.assert_allclose(cameras["3"]["cam_R_w2c"], rotation)
     np.testing.assert_allclose(cameras["3"]["cam_t_w2c"], shift * 1000)
     assert infos["3"][1] == {
-        "px_count_all": 50, "px_count_visib": 20, "visib_fract": 0.4, "bbox_obj": [1, 4, 9, 4],
-        "bbox_visib": [3, 4, 3, 4], "px_count_valid": 40,
-    }  # fmt: skip
+        "px_count_all": 50,
+        "px_count_visib": 20,
+        "visib_fract": 0.4,
+        "bbox_obj": [1, 4, 9, 4],
+        "bbox_visib": [3, 4, 3, 4],
+        "px_count_valid": 40,
+    }
     for kind, expected in (("mask", silhouette().mask), ("mask_visib", silhouette().visible)):
         assert np.array_equal(np.asarray(Image.open(folder / kind / "000003_000001.png")), expected * 255)
 

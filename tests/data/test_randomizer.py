@@ -62,8 +62,10 @@ def state(scene):
         return {"name": value.name, "points": value.positions.tobytes()} if isinstance(value, sv.Mesh) else value
 
     objects = [*scene.instances, *scene.lights, *(instance.material for instance in scene.instances)]
-    return [(type(item).__name__, [plain(getattr(item, name)) for name in type(item)._names
-                                   if name != "material"]) for item in objects]  # fmt: skip
+    return [
+        (type(item).__name__, [plain(getattr(item, name)) for name in type(item)._names if name != "material"])
+        for item in objects
+    ]
 
 
 def test_a_number_means_one_scene(make):
@@ -158,16 +160,22 @@ def test_parts_of_an_object_move_together(make):
     scene = sv.Scene()
     for number in range(2):
         for part, x in enumerate((0.0, 2.0)):
-            scene.add(sv.shapes.box(), name=f"chair {number}/{part}", position=(x + 9 * number, 0, 0), scale=1 + part,
-                      part_of=f"chair {number}")  # fmt: skip
+            scene.add(
+                sv.shapes.box(),
+                name=f"chair {number}/{part}",
+                position=(x + 9 * number, 0, 0),
+                scale=1 + part,
+                part_of=f"chair {number}",
+            )
     before = [instance.transform for instance in scene.instances]
     recipe = "instances: {'chair ?': {scale: {log: [0.5, 2]}, offset: [[0, 1, 0], [0, 2, 0]], turn: [10, 350]}}"
     for text, turned in ((recipe, False), ("instances: {'chair*': {turn: [10, 350], visible: false}}", True)):
         randomizer = make(text)
         randomizer.prepare(scene)
         with randomizer.applied(scene, 3):
-            moves = [instance.transform @ np.linalg.inv(was)
-                     for instance, was in zip(scene.instances, before, strict=True)]  # fmt: skip
+            moves = [
+                instance.transform @ np.linalg.inv(was) for instance, was in zip(scene.instances, before, strict=True)
+            ]
             visible = [instance.visible for instance in scene.instances]
         np.testing.assert_allclose(moves[0], moves[1], atol=1e-9)
         np.testing.assert_allclose(moves[2], moves[3], atol=1e-9)
@@ -192,36 +200,45 @@ def test_a_further_key_leaves_the_others_values(make):
         assert not np.allclose(scene.instances["short block"].rotation, scene.instances["tall block"].rotation)
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("camera: {fov: 1}", "random.yaml: there is no key 'camera'; did you mean 'cameras'"),
-    ("cameras: {fow: 1}", "random.yaml: cameras: there is no key 'fow'; did you mean 'fov'"),
-    ("instances: {'*block': {positon: 1}}", r"instances: \*block: there is no key 'positon'; did you mean 'position'"),
-    ("materials: {red: {rougness: 1}}", "materials: red: there is no key 'rougness'; did you mean 'roughness'"),
-    ("distractors: {cout: 1}", "distractors: there is no key 'cout'; did you mean 'count'"),
-    ("distractors: {shapes: [bal]}", "distractors: shapes: there is no shape 'bal'"),
-    ("materials: {red: {roughness: [1, 0]}}", None),
-    ("materials: {red: {roughness: {logs: [1, 2]}}}", "roughness: there is no way to draw 'logs'; did you mean 'log'"),
-    ("materials: {red: {roughness: {log: [0, 1]}}}", "log takes two numbers above 0"),
-    ("materials: {red: {base_color: [[0, 0, 0], [1, 1]]}}", "give a value, two numbers or two vectors"),
-    ("materials: [red]", 'must have patterns of names, such as "Chair'),
-    ("cameras: 3", "cameras: must have keys and values, not 3"),
-    ("seed: -1", "seed: must be a whole number"),
-    ("materials: {red: {base_color_texture: c.png}}", "c.png: there is no such file"),
-    ("a: [", "random.yaml: isn't YAML"),
-    ("- a", "must have keys such as cameras"),
-    ("materials: {red: {base_color_texture: {log: [1, 2]}}}", "red: base_color_texture: takes names of files, not"),
-    ("environment: {image: [1, 2]}", "environment: image: takes names of files, not"),
-    ("instances: {7: {turn: 3}}", "instances: a pattern of names is text, not 7"),
-    ("materials: {1: {roughness: 1}}", "materials: a pattern of names is text, not 1"),
-    ("cameras:\n  fov: 2020-13-45", "isn't YAML: '2020-13-45' isn't of the kind timestamp.*line 2, column 8: fov"),
-    ("seed: !!int x", "isn't YAML: 'x' isn't of the kind int.*line 1"),
-    ("seed: !!bool x", "isn't YAML: 'x' isn't of the kind bool"),
-    ("cameras: {fov: 40}\ncameras: {roll: 1}", "isn't YAML: the key 'cameras' is there twice.* line 2, column 1"),
-    ("seed: true", "seed: must be a whole number from 0 on, not True"),
-    ("distractors: {count: true}", "distractors: count: is a number up to 1000, not True"),
-    ("distractors: {count: {choose: [2, x]}}", "distractors: count: is a number up to 1000"),
-    ("distractors: {count: [3, 1]}", "distractors: count: is a number up to 1000"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("camera: {fov: 1}", "random.yaml: there is no key 'camera'; did you mean 'cameras'"),
+        ("cameras: {fow: 1}", "random.yaml: cameras: there is no key 'fow'; did you mean 'fov'"),
+        (
+            "instances: {'*block': {positon: 1}}",
+            r"instances: \*block: there is no key 'positon'; did you mean 'position'",
+        ),
+        ("materials: {red: {rougness: 1}}", "materials: red: there is no key 'rougness'; did you mean 'roughness'"),
+        ("distractors: {cout: 1}", "distractors: there is no key 'cout'; did you mean 'count'"),
+        ("distractors: {shapes: [bal]}", "distractors: shapes: there is no shape 'bal'"),
+        ("materials: {red: {roughness: [1, 0]}}", None),
+        (
+            "materials: {red: {roughness: {logs: [1, 2]}}}",
+            "roughness: there is no way to draw 'logs'; did you mean 'log'",
+        ),
+        ("materials: {red: {roughness: {log: [0, 1]}}}", "log takes two numbers above 0"),
+        ("materials: {red: {base_color: [[0, 0, 0], [1, 1]]}}", "give a value, two numbers or two vectors"),
+        ("materials: [red]", 'must have patterns of names, such as "Chair'),
+        ("cameras: 3", "cameras: must have keys and values, not 3"),
+        ("seed: -1", "seed: must be a whole number"),
+        ("materials: {red: {base_color_texture: c.png}}", "c.png: there is no such file"),
+        ("a: [", "random.yaml: isn't YAML"),
+        ("- a", "must have keys such as cameras"),
+        ("materials: {red: {base_color_texture: {log: [1, 2]}}}", "red: base_color_texture: takes names of files, not"),
+        ("environment: {image: [1, 2]}", "environment: image: takes names of files, not"),
+        ("instances: {7: {turn: 3}}", "instances: a pattern of names is text, not 7"),
+        ("materials: {1: {roughness: 1}}", "materials: a pattern of names is text, not 1"),
+        ("cameras:\n  fov: 2020-13-45", "isn't YAML: '2020-13-45' isn't of the kind timestamp.*line 2, column 8: fov"),
+        ("seed: !!int x", "isn't YAML: 'x' isn't of the kind int.*line 1"),
+        ("seed: !!bool x", "isn't YAML: 'x' isn't of the kind bool"),
+        ("cameras: {fov: 40}\ncameras: {roll: 1}", "isn't YAML: the key 'cameras' is there twice.* line 2, column 1"),
+        ("seed: true", "seed: must be a whole number from 0 on, not True"),
+        ("distractors: {count: true}", "distractors: count: is a number up to 1000, not True"),
+        ("distractors: {count: {choose: [2, x]}}", "distractors: count: is a number up to 1000"),
+        ("distractors: {count: [3, 1]}", "distractors: count: is a number up to 1000"),
+    ],
+)
 def test_wrong_recipes(make, text, words):
     if words is None:  # a vector of two
         make(text)
@@ -284,11 +301,14 @@ def test_distractors_are_none_of_the_scenes_objects(make):
         assert scene.instances["distractor 0"].visible
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("instances: {'Chair*': {turn: 3}}", r"random.yaml: instances: nothing is named 'Chair\*'"),
-    ("lights: {key: {lumen: 3}}", "lights: key: there is no key 'lumen'; did you mean 'lumens'"),
-    ("materials: {red: {roughness: [3, 4]}}", "random.yaml: materials/red/0: .*roughness"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("instances: {'Chair*': {turn: 3}}", r"random.yaml: instances: nothing is named 'Chair\*'"),
+        ("lights: {key: {lumen: 3}}", "lights: key: there is no key 'lumen'; did you mean 'lumens'"),
+        ("materials: {red: {roughness: [3, 4]}}", "random.yaml: materials/red/0: .*roughness"),
+    ],
+)
 def test_recipes_that_do_not_fit_the_scene(make, text, words):
     scene, randomizer = box(), make(text)
     before = state(scene)
@@ -338,9 +358,28 @@ def test_python_recipes(make):
         assert state(scene) == before
 
 
-JUNK = (None, 3, -1, 1e300, True, "x", "a.png", [], [1], [1, 2], [[0, 0], [1, 1]], [[0, 0, 0], [1, 1, 1]], {}, {1: 2},
-        {"choose": [None]}, {"choose": ["x", [1, 2, 3]]}, {"log": [1, 2]}, float("inf"), [[None]],
-        {"choose": {}})  # fmt: skip
+JUNK = (
+    None,
+    3,
+    -1,
+    1e300,
+    True,
+    "x",
+    "a.png",
+    [],
+    [1],
+    [1, 2],
+    [[0, 0], [1, 1]],
+    [[0, 0, 0], [1, 1, 1]],
+    {},
+    {1: 2},
+    {"choose": [None]},
+    {"choose": ["x", [1, 2, 3]]},
+    {"log": [1, 2]},
+    float("inf"),
+    [[None]],
+    {"choose": {}},
+)
 
 
 def mutants(value, path=()):

@@ -60,8 +60,11 @@ def test_frames_have_the_barriers_that_they_need(frames, bound_device):
 def test_missing_barriers_are_noticed(frames, bound_device):
     with closing(BUFFERS["made_frames"](bound_device)) as made:
         _, frame = next(made)
-        numbers = [number for number, barrier in enumerate(frame._barriers)
-                   if barrier is not None and "taa" in frame._accesses[number].name]  # fmt: skip
+        numbers = [
+            number
+            for number, barrier in enumerate(frame._barriers)
+            if barrier is not None and "taa" in frame._accesses[number].name
+        ]
         assert numbers
         for number in numbers:
             without = [*frame._barriers[:number], None, *frame._barriers[number + 1 :]]
@@ -79,8 +82,10 @@ def test_the_common_layout_has_what_frames_bind(frames):
 
 def test_docstrings_of_stages_name_inputs_and_outputs(accessed):
     assert len(accessed) == 19
-    wrong = {f"{source.file}: {source.docstring[:40]}": list(differences(source.docstring, names))
-             for source, names in accessed.items()}  # fmt: skip
+    wrong = {
+        f"{source.file}: {source.docstring[:40]}": list(differences(source.docstring, names))
+        for source, names in accessed.items()
+    }
     assert not {stage: found for stage, found in wrong.items() if found}
 
 

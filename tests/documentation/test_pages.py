@@ -30,9 +30,12 @@ ELSEWHERE = ("ray_tracing.md", "driver_faults.md", "guides/clusters.md", "guides
 RUN_ELSEWHERE = {DOCS / name for name in ELSEWHERE}
 # Pictures as small as possible, and few frames: each pattern must be on some page.
 SMALLER = {
-    r"\((640, 360|320, 180|160, 90)\)": "(16, 9)", r"\b64, 64\)(?=, 16|$)": "8, 8)", r"range\((24|32)\)": "range(2)",
-    r"samples=\d+": "samples=2", r"frames=16\b": "frames=2",
-}  # fmt: skip
+    r"\((640, 360|320, 180|160, 90)\)": "(16, 9)",
+    r"\b64, 64\)(?=, 16|$)": "8, 8)",
+    r"range\((24|32)\)": "range(2)",
+    r"samples=\d+": "samples=2",
+    r"frames=16\b": "frames=2",
+}
 
 SCAN = """ply
 format ascii 1.0

@@ -48,8 +48,11 @@ def test_every_page_is_there(site):
 
 
 def test_every_public_name_has_its_place(site):
-    anchors = {anchor for page in (site / "reference").glob("*.html")
-               for anchor in re.findall(r'id="(solari_vk\.[\w.]+)"', page.read_text(encoding="utf-8"))}  # fmt: skip
+    anchors = {
+        anchor
+        for page in (site / "reference").glob("*.html")
+        for anchor in re.findall(r'id="(solari_vk\.[\w.]+)"', page.read_text(encoding="utf-8"))
+    }
     for name in set(sv.__all__) - {"__version__"}:
         value = getattr(sv, name)
         home = value.__name__ if inspect.ismodule(value) else f"{value.__module__}.{name}"
@@ -109,8 +112,16 @@ def served(site):
 
 def test_only_this_machine_is_served_and_only_the_site(served):
     assert served("/index.html")[0] == served("/start/../index.html")[0] == 200
-    for way in ("/../secret.html", "/%2e%2e/secret.html", "/..%2fsecret.html", "/start/../../secret.html",
-                "//secret.html", "/..\\secret.html", "//etc/passwd", f"/{ROOT}/README.md"):  # fmt: skip
+    for way in (
+        "/../secret.html",
+        "/%2e%2e/secret.html",
+        "/..%2fsecret.html",
+        "/start/../../secret.html",
+        "//secret.html",
+        "/..\\secret.html",
+        "//etc/passwd",
+        f"/{ROOT}/README.md",
+    ):
         assert served(way)[0] == 404, way
 
 

@@ -18,8 +18,11 @@ from solari_vk.gpu.device.device import Device
 
 HIT_FIELDS = ("t", "position", "primitive")
 SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.py"))
-SMALLER = {r"\((320, ?180|320, ?240|64, ?64|3840, ?2160)\)": "(32, 24)", r"range\((8|12|10|20|30|32)\)": "range(2)",
-           r"samples=\d+": "samples=16"}  # fmt: skip
+SMALLER = {
+    r"\((320, ?180|320, ?240|64, ?64|3840, ?2160)\)": "(32, 24)",
+    r"range\((8|12|10|20|30|32)\)": "range(2)",
+    r"samples=\d+": "samples=16",
+}
 
 
 @pytest.mark.slow
@@ -50,20 +53,29 @@ def test_a_script_runs(lent_device, tmp_path, monkeypatch, path):
                 value.close()
 
 
-@pytest.mark.parametrize(("line", "message"), [
-    ("t.render(4)", "the number of samples is given by its name, samples="),
-    ("t.render(t.binder.scene)", "the scene was given when the renderer was made"),
-    ("t.render(samples=1).save('a.jpg', quality=50)", "a .jpg has 95"),
-    ("setattr(t, 'max_bounces', 3)", "PathTracer has no attribute 'max_bounces'"),
-    ("sv.PathTracer(t.device, t.binder.scene, 320, 180)", r"\(device, scene, size\) without .* not 4 .* one pair"),
-    ("sv.Renderer(t.device, t.binder.scene, 320, 180)", r"not 180; .* size as one pair, \(width, height\)"),
-    ("t.save('a.png')", r"tracer.render\(samples=256\).save\(path\)"),
-    ("t.render(samples=1)['segmentation']", r"frame.mask\(name\) is where an object is seen"),
-    ("sv.illuminance(t.binder.scene, (0, 1, 0), (0, 1, 0))", "^illuminance: the device is .* give a solari_vk.Device"),
-    ("sv.illuminance(t.device, t.binder.scene)", "illuminance needs points: it takes .device, scene, points, normals"),
-    ("t.render(samples=1).pick((1, 2))", r"pick needs y: it takes \(x, y\)"),
-    ("sv.Batch(t.device, t.binder.scene, (4, 4), 1)['radiance']", 'renderer="reference" gives a batch radiance'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("t.render(4)", "the number of samples is given by its name, samples="),
+        ("t.render(t.binder.scene)", "the scene was given when the renderer was made"),
+        ("t.render(samples=1).save('a.jpg', quality=50)", "a .jpg has 95"),
+        ("setattr(t, 'max_bounces', 3)", "PathTracer has no attribute 'max_bounces'"),
+        ("sv.PathTracer(t.device, t.binder.scene, 320, 180)", r"\(device, scene, size\) without .* not 4 .* one pair"),
+        ("sv.Renderer(t.device, t.binder.scene, 320, 180)", r"not 180; .* size as one pair, \(width, height\)"),
+        ("t.save('a.png')", r"tracer.render\(samples=256\).save\(path\)"),
+        ("t.render(samples=1)['segmentation']", r"frame.mask\(name\) is where an object is seen"),
+        (
+            "sv.illuminance(t.binder.scene, (0, 1, 0), (0, 1, 0))",
+            "^illuminance: the device is .* give a solari_vk.Device",
+        ),
+        (
+            "sv.illuminance(t.device, t.binder.scene)",
+            "illuminance needs points: it takes .device, scene, points, normals",
+        ),
+        ("t.render(samples=1).pick((1, 2))", r"pick needs y: it takes \(x, y\)"),
+        ("sv.Batch(t.device, t.binder.scene, (4, 4), 1)['radiance']", 'renderer="reference" gives a batch radiance'),
+    ],
+)
 def test_errors_of_renderers_lead_to_the_answer(device, line, message):
     with sv.PathTracer(device, sv.builtin("cornell_box"), (16, 9)) as t:
         with pytest.raises((sv.SolariError, AttributeError), match=message):
@@ -72,35 +84,41 @@ def test_errors_of_renderers_lead_to_the_answer(device, line, message):
         assert t.render(samples=1)["radiance"].shape == (6, 8, 3)
 
 
-@pytest.mark.parametrize(("line", "message"), [
-    ("sv.rt.trace", r"solari_vk.RayTracer\(device, scene\) traces arrays of rays"),
-    ("sv.Scene().animate('Run', time=0.3)", r"no option 'time': write scene.animate\(seconds, clip\)"),
-    ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), vertical_fov=60)", r"6.28319 radians \(fov takes degrees\), not 60"),
-    ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), orthographic=2)", "orthographic_height is in meters"),
-    ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), fov=1, vertical_fov=1)", "fov is vertical_fov in degrees: give one"),
-    ("sv.Camera.from_file", "Camera has no attribute 'from_file'; did you mean 'from_pose'"),
-    ("sv.Camera().moved", "or call place"),
-    ("sv.Material(albedo=1)", "it is called base_color here"),
-    ("sv.Material(base_color_texture='none.png')", "none.png: there is no such file"),
-    ("sv.shapes.sphere(r=1)", "shapes.sphere has no option 'r'; there are radius, segments"),
-    ("sv.load('Fox.glb', hdri='map.hdr')", r"open\(path, environment=...\) lights a file"),
-    ("sv.Material(base_color=(0.8, 0.2, 0.1, 1))", "alpha is a field of its own"),
-    ("sv.DirectionalLight((1, 0.9, 0.8), 3)", r"takes \(direction\) without names, not 2 .*: illuminance="),
-    ("sv.PointLight((0, 1, 0), 200)", r"takes \(position\) without names, not 2 .*: intensity="),
-    ("sv.Environment(color=(1, 1, 1))", r"image takes one color too: Environment\("),
-    ("sv.Camera().position.set(0, 1, 3)", r"no 'set': assign them, as in camera.position = \(x, y, z\)"),
-    ("setattr(sv.Camera().position, 'y', 2)", r"no 'y': assign them, as in camera.position = \(x, y, z\)"),
-    ("sv.Settings('high')", r"Settings.preset\('high'\) has the settings of a quality"),
-    ("sv.Mesh(__import__('trimesh').Trimesh())", r"Mesh.from_trimesh\(mesh\) takes a mesh of trimesh"),
-    ("sv.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))", "there are no positions"),
-    ("sv.Camera.from_opencv(np.eye(3))", r"give size=\(width, height\)"),
-    ("setattr(sv.Scene(), 'environment', 'none.hdr')", "none.hdr: there is no such file"),
-    ("setattr(sv.Scene(), 'background', (1, 1, 1))", r"Environment\(\(0.9, 0.9, 1\)\) .*backdrop is the floor"),
-    ("sv.tonemap(np.ones((1, 1, 3)), ev100=3)", r"exposure=Camera\(ev100=12\).exposure"),
-    ("sv.save_image(np.ones((1, 1, 3)), 'a.png')", "the path of a file comes first"),
-    ("sv.label_instances(sv.Scene())", r"needs classes: it takes \(scene, classes\)"),
-    ("sv.Material(base_color=np.zeros((4, 4, 3)))", "an image belongs in a field for textures, such as base_color_tex"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("sv.rt.trace", r"solari_vk.RayTracer\(device, scene\) traces arrays of rays"),
+        ("sv.Scene().animate('Run', time=0.3)", r"no option 'time': write scene.animate\(seconds, clip\)"),
+        ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), vertical_fov=60)", r"6.28319 radians \(fov takes degrees\), not 60"),
+        ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), orthographic=2)", "orthographic_height is in meters"),
+        ("sv.Camera.look_at((0, 1, 0), (0, 0, 1), fov=1, vertical_fov=1)", "fov is vertical_fov in degrees: give one"),
+        ("sv.Camera.from_file", "Camera has no attribute 'from_file'; did you mean 'from_pose'"),
+        ("sv.Camera().moved", "or call place"),
+        ("sv.Material(albedo=1)", "it is called base_color here"),
+        ("sv.Material(base_color_texture='none.png')", "none.png: there is no such file"),
+        ("sv.shapes.sphere(r=1)", "shapes.sphere has no option 'r'; there are radius, segments"),
+        ("sv.load('Fox.glb', hdri='map.hdr')", r"open\(path, environment=...\) lights a file"),
+        ("sv.Material(base_color=(0.8, 0.2, 0.1, 1))", "alpha is a field of its own"),
+        ("sv.DirectionalLight((1, 0.9, 0.8), 3)", r"takes \(direction\) without names, not 2 .*: illuminance="),
+        ("sv.PointLight((0, 1, 0), 200)", r"takes \(position\) without names, not 2 .*: intensity="),
+        ("sv.Environment(color=(1, 1, 1))", r"image takes one color too: Environment\("),
+        ("sv.Camera().position.set(0, 1, 3)", r"no 'set': assign them, as in camera.position = \(x, y, z\)"),
+        ("setattr(sv.Camera().position, 'y', 2)", r"no 'y': assign them, as in camera.position = \(x, y, z\)"),
+        ("sv.Settings('high')", r"Settings.preset\('high'\) has the settings of a quality"),
+        ("sv.Mesh(__import__('trimesh').Trimesh())", r"Mesh.from_trimesh\(mesh\) takes a mesh of trimesh"),
+        ("sv.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))", "there are no positions"),
+        ("sv.Camera.from_opencv(np.eye(3))", r"give size=\(width, height\)"),
+        ("setattr(sv.Scene(), 'environment', 'none.hdr')", "none.hdr: there is no such file"),
+        ("setattr(sv.Scene(), 'background', (1, 1, 1))", r"Environment\(\(0.9, 0.9, 1\)\) .*backdrop is the floor"),
+        ("sv.tonemap(np.ones((1, 1, 3)), ev100=3)", r"exposure=Camera\(ev100=12\).exposure"),
+        ("sv.save_image(np.ones((1, 1, 3)), 'a.png')", "the path of a file comes first"),
+        ("sv.label_instances(sv.Scene())", r"needs classes: it takes \(scene, classes\)"),
+        (
+            "sv.Material(base_color=np.zeros((4, 4, 3)))",
+            "an image belongs in a field for textures, such as base_color_tex",
+        ),
+    ],
+)
 def test_errors_lead_to_the_answer(line, message):
     with pytest.raises((sv.SolariError, AttributeError), match=message):
         eval(line, {"sv": sv, "np": np})

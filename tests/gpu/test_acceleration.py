@@ -190,10 +190,12 @@ def test_tlas_mistakes_are_refused(device: Device, made: Any) -> None:
             Tlas(device, count, name="many")
     tlas = made(Tlas(device, 4, name="four", update_mode=UpdateMode.PREFER_UPDATE))
     for message, address, count, update in (
-        ("5 instances, but it was made for 4", 64, 5, False), ("-1 instances", 64, -1, False),
-        ("is not a multiple of 16", 8, 1, False), ("is not a multiple of 16", 0, 1, False),
+        ("5 instances, but it was made for 4", 64, 5, False),
+        ("-1 instances", 64, -1, False),
+        ("is not a multiple of 16", 8, 1, False),
+        ("is not a multiple of 16", 0, 1, False),
         ("it was never built", 64, 1, True),
-    ):  # fmt: skip
+    ):
         with pytest.raises(SolariError, match=f"of Tlas four: .*{message}"):
             tlas.record_build(raw.NULL, address, count, update=update)
     device.run(lambda cmd: tlas.record_build(cmd, 0, 0))

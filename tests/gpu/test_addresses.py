@@ -47,9 +47,11 @@ COUNT = 21
 REALTIME = 155_000, 34_000, 45
 # Instructions of modules for scenes with any features. One place for each lobe, light sample and ray counts most.
 WITH_FEATURES = {
-    "passes/paths/first_ray.comp": 137_000, "passes/paths/later_rays.comp": 116_000,
-    "passes/world_cache/sample.comp": 111_000, "passes/pathtracer/trace.comp": 28_000,
-}  # fmt: skip
+    "passes/paths/first_ray.comp": 137_000,
+    "passes/paths/later_rays.comp": 116_000,
+    "passes/world_cache/sample.comp": 111_000,
+    "passes/pathtracer/trace.comp": 28_000,
+}
 
 
 def compiled(shaders):
@@ -142,10 +144,13 @@ def frames(device, scene):
         return [renderer.render()["radiance"].copy() for _ in range(3)]
 
 
-@pytest.mark.parametrize(("pictures", "name"), [
-    (picture, "cornell_box"),
-    *(pytest.param(frames, name, marks=pytest.mark.slow) for name in ("cornell_box", "sphere_grid")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("pictures", "name"),
+    [
+        (picture, "cornell_box"),
+        *(pytest.param(frames, name, marks=pytest.mark.slow) for name in ("cornell_box", "sphere_grid")),
+    ],
+)
 def test_pictures_are_the_same(device, pictures, name):
     """Those of a device under validation, whose shaders have bound buffers, bit by bit."""
     with sv.Device(validation=False) as other:

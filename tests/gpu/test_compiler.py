@@ -127,9 +127,12 @@ def test_a_header_that_no_module_makes_is_an_error_with_file_and_line(shaders, m
 def test_enumerations_and_constants_are_exact():
     assert headers.enumeration("order", ("0.18", "a-b")) == "const uint ORDER_0_18 = 0u;\nconst uint ORDER_A_B = 1u;"
     assert headers.constants(A=True, B=-1, C=2**32 - 1, D=0.1, E=1e-12).splitlines() == [
-        "const bool A = true;", "const int B = -1;", "const uint C = 4294967295u;", "const float D = 0.1;",
+        "const bool A = true;",
+        "const int B = -1;",
+        "const uint C = 4294967295u;",
+        "const float D = 0.1;",
         "const float E = 1e-12;",
-    ]  # fmt: skip
+    ]
     for name, value in (("A B", 1), ("A", 2**32), ("A", float("nan")), ("A", float("inf"))):
         with pytest.raises(ValueError, match="A"):
             headers.constants(**{name: value})
@@ -319,10 +322,21 @@ def libshaderc(tmp_path_factory):
              "SPIRV-Tools-opt", "SPIRV-Tools")  # fmt: skip
     whole = tmp_path_factory.mktemp("libshaderc") / "libshaderc_whole.so"
     subprocess.run(
-        ["ld", "-shared", "-o", whole, "--defsym=__dso_handle=0", "-L", folder, "--no-as-needed", f"-l:{name}",
-         "--whole-archive", *(folder / f"lib{part}.a" for part in parts)],
+        [
+            "ld",
+            "-shared",
+            "-o",
+            whole,
+            "--defsym=__dso_handle=0",
+            "-L",
+            folder,
+            "--no-as-needed",
+            f"-l:{name}",
+            "--whole-archive",
+            *(folder / f"lib{part}.a" for part in parts),
+        ],
         check=True,
-    )  # fmt: skip
+    )
     return str(whole)
 
 

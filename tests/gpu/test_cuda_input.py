@@ -23,8 +23,11 @@ from solari_vk.gpu.device.device import Device
 
 SIZE, WORLDS = (12, 8), 3
 BOXES = ["short block", "tall block"]
-OPTIONS = {"labels": {"outputs": sv.Batch.OUTPUTS}, "reference": {"outputs": ["motion_vectors"]},
-           "realtime": {"outputs": [], "settings": sv.Settings(world_cache=False)}}  # fmt: skip
+OPTIONS = {
+    "labels": {"outputs": sv.Batch.OUTPUTS},
+    "reference": {"outputs": ["motion_vectors"]},
+    "realtime": {"outputs": [], "settings": sv.Settings(world_cache=False)},
+}
 
 
 class CudaLibrary(Library):
@@ -36,9 +39,13 @@ class CudaLibrary(Library):
         threading.Thread(target=self._stream, daemon=True).start()
 
     known = Library.known | {
-        "cuSignalExternalSemaphoresAsync", "cuWaitExternalSemaphoresAsync", "cuDeviceGetCount", "cuDeviceGetUuid_v2",
-        "cuDestroyExternalSemaphore", "cuStreamQuery",
-    }  # fmt: skip
+        "cuSignalExternalSemaphoresAsync",
+        "cuWaitExternalSemaphoresAsync",
+        "cuDeviceGetCount",
+        "cuDeviceGetUuid_v2",
+        "cuDestroyExternalSemaphore",
+        "cuStreamQuery",
+    }
 
     def __getattr__(self, name):
         return super().__getattr__(cuda._HIP.get(name, name))
@@ -72,14 +79,19 @@ class CudaLibrary(Library):
         return 0
 
     def _cuSignalExternalSemaphoresAsync(self, semaphores, signals, *_):
-        info = raw.struct("VkSemaphoreSignalInfo", semaphore=self.timelines[_number(semaphores[0])],
-                          value=signals.params.value)  # fmt: skip
+        info = raw.struct(
+            "VkSemaphoreSignalInfo", semaphore=self.timelines[_number(semaphores[0])], value=signals.params.value
+        )
         self._work.put(lambda: self._device.vk.vkSignalSemaphore(self._device.handle, info))
         return 0
 
     def _cuWaitExternalSemaphoresAsync(self, semaphores, waits, *_):
-        info = raw.struct("VkSemaphoreWaitInfo", semaphoreCount=1, pSemaphores=[self.timelines[_number(semaphores[0])]],
-                          pValues=[waits.params.value])  # fmt: skip
+        info = raw.struct(
+            "VkSemaphoreWaitInfo",
+            semaphoreCount=1,
+            pSemaphores=[self.timelines[_number(semaphores[0])]],
+            pValues=[waits.params.value],
+        )
         self._work.put(lambda: self._device.vk.vkWaitSemaphores(self._device.handle, info, 10**9))
         return 0
 
@@ -144,8 +156,9 @@ def gpu(request):
 
 
 def poses(frame):
-    return np.stack([sv.Camera.look_at((0.7 + 0.1 * view + 0.03 * frame, 1, -2.5), (1, 0.8, 1)).transform
-                     for view in range(WORLDS)])  # fmt: skip
+    return np.stack(
+        [sv.Camera.look_at((0.7 + 0.1 * view + 0.03 * frame, 1, -2.5), (1, 0.8, 1)).transform for view in range(WORLDS)]
+    )
 
 
 def bulb(x):
@@ -159,9 +172,10 @@ def moved(frame):
     return places
 
 
-@pytest.mark.parametrize(("renderer", "dtype"), [
-    ("labels", np.float32), ("labels", np.float64), ("reference", np.float64), ("realtime", np.float32)
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("renderer", "dtype"),
+    [("labels", np.float32), ("labels", np.float64), ("reference", np.float64), ("realtime", np.float32)],
+)
 def test_tensors_show_what_arrays_show(gpu, renderer, dtype):
     """Bit by bit, frame by frame, with cuts, and with arrays and tensors one after the other."""
     shown = []
@@ -264,8 +278,10 @@ def test_tensors_use_memory_again(gpu):
     if gpu.cuda.cuda.waits_for_timelines:
         [copy] = [at for at, (name, *_) in enumerate(calls) if name == "hipMemcpyDtoDAsync"][-1:]
         assert [name for name, *_ in calls[copy - 3 :] if "Semaphores" in name] == [
-            "cuWaitExternalSemaphoresAsync", "cuWaitExternalSemaphoresAsync", "cuSignalExternalSemaphoresAsync"
-        ]  # fmt: skip
+            "cuWaitExternalSemaphoresAsync",
+            "cuWaitExternalSemaphoresAsync",
+            "cuSignalExternalSemaphoresAsync",
+        ]
     assert inputs.take(GpuTensor(gpu, np.zeros((5, 4, 4), np.float16))) is None
     many = [inputs.take(GpuTensor(gpu, np.ones((5, 4, 4), np.float32))) for _ in range(7)]
     assert len(inputs._ways) >= 7

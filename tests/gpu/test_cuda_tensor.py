@@ -193,16 +193,27 @@ def test_given_tensors_stay_on_the_device(device, cuda):
     """Poses and transforms show what arrays show; no host waits for a late stream, and no later change is seen."""
     boxes, worlds, taken = ["short block", "tall block"], 4, []
     rng = np.random.default_rng(1)
-    poses = np.stack([[sv.Camera.look_at((1 + 0.1 * view + 0.02 * frame, 1, -2.5), (1, 1, 1)).transform
-                       for view in range(worlds)] for frame in range(6)]).astype(np.float32)  # fmt: skip
+    poses = np.stack(
+        [
+            [sv.Camera.look_at((1 + 0.1 * view + 0.02 * frame, 1, -2.5), (1, 1, 1)).transform for view in range(worlds)]
+            for frame in range(6)
+        ]
+    ).astype(np.float32)
     moves = np.tile(np.eye(4, dtype=np.float32), (6, worlds, 2, 1, 1))
     moves[..., :3, 3] = rng.uniform(-0.3, 0.3, (6, worlds, 2, 3))
     for on_card in (False, True):
         with (
             cuda.cuda.stream(cuda.cuda.Stream()),
-            sv.Batch(device, sv.builtin("cornell_box"), SIZE, worlds, renderer="reference", worlds=worlds,
-                     outputs=("depth", "motion_vectors")) as batch,
-        ):  # fmt: skip
+            sv.Batch(
+                device,
+                sv.builtin("cornell_box"),
+                SIZE,
+                worlds,
+                renderer="reference",
+                worlds=worlds,
+                outputs=("depth", "motion_vectors"),
+            ) as batch,
+        ):
             for frame in range(6):
                 pose, move = poses[frame], moves[frame]
                 if on_card:
@@ -283,9 +294,10 @@ class _shown:
 
     def read(self):
         names = {
-            "batch": self._frame, "reference": ("radiance", "depth"),
+            "batch": self._frame,
+            "reference": ("radiance", "depth"),
             "realtime": ("radiance", "depth", "shading_normal", "guides_motion"),
-        }  # fmt: skip
+        }
         return {name: self._frame[name] for name in names[self._kind]}
 
 

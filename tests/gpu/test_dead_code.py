@@ -94,9 +94,11 @@ void see(inout bool seen) { seen = YES; }
 void main()"""
 
 
-@pytest.mark.parametrize(("body", "stays"), [*((body, False) for body in CONSTANT.values()),
-                                             *((body, True) for body in CHANGING.values())],
-                         ids=[*CONSTANT, *CHANGING])  # fmt: skip
+@pytest.mark.parametrize(
+    ("body", "stays"),
+    [*((body, False) for body in CONSTANT.values()), *((body, True) for body in CHANGING.values())],
+    ids=[*CONSTANT, *CHANGING],
+)
 def test_blocks_that_constant_conditions_never_run_are_gone(shaders, body, stays):
     spirv = compiled(shaders, body, CONDITIONS)
     assert ("gone" in reflect(spirv).bindings) == stays
@@ -111,10 +113,15 @@ layout(constant_id = 8) const bool LAST = false;
 void main()"""
 
 
-@pytest.mark.parametrize(("condition", "stays"), [
-    ("!ON || OFF || COUNT == 3u", (False, True)), ("(OTHER || LAST) && ON", (False, False)),
-    ("ON != OFF && COUNT != 3u", (True, False)), ("COUNT == 4u && !LAST", (False, True)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("condition", "stays"),
+    [
+        ("!ON || OFF || COUNT == 3u", (False, True)),
+        ("(OTHER || LAST) && ON", (False, False)),
+        ("ON != OFF && COUNT != 3u", (True, False)),
+        ("COUNT == 4u && !LAST", (False, True)),
+    ],
+)
 def test_what_specialization_constants_switch_off_is_gone(shaders, condition, stays):
     module = reflect(compiled(shaders, f"if ({condition}) {{ kept.at[1] = dead(); }}", SWITCHES))
     for values, expected in zip(({}, {"ON": False, "COUNT": 4, "unknown": 1}), stays, strict=True):

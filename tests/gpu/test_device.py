@@ -52,9 +52,18 @@ MACHINE = [
 
 @pytest.mark.parametrize(
     ("select", "index"),
-    [(None, 3), (0, 0), ("1", 1), ("LLVM", 0), ("card", 3), ("00000004-0000-0000-0000-000000000004", 4),
-     ("00000001000000000000000000000001", 1), ("cpu", 0), ("gpu", 3)],
-)  # fmt: skip
+    [
+        (None, 3),
+        (0, 0),
+        ("1", 1),
+        ("LLVM", 0),
+        ("card", 3),
+        ("00000004-0000-0000-0000-000000000004", 4),
+        ("00000001000000000000000000000001", 1),
+        ("cpu", 0),
+        ("gpu", 3),
+    ],
+)
 def test_choice_by_nothing_index_name_kind_and_uuid(select: str | int | None, index: int) -> None:
     assert physical.choose(MACHINE, select).index == index
 
@@ -95,9 +104,13 @@ def test_why_the_processor_renders(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("vendor", "kind", "words"),
-    [("0x10de", "0x030200", "of NVIDIA.*--gpus all"), ("0x1002", "0x038000", "of AMD.*--device /dev/dri"),
-     ("0x8086", "0x020000", None), ("0x1af4", "0x030000", None)],
-)  # fmt: skip
+    [
+        ("0x10de", "0x030200", "of NVIDIA.*--gpus all"),
+        ("0x1002", "0x038000", "of AMD.*--device /dev/dri"),
+        ("0x8086", "0x020000", None),
+        ("0x1af4", "0x030000", None),
+    ],
+)
 def test_a_card_that_no_driver_shows(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, vendor: str, kind: str, words: str | None
 ) -> None:
@@ -472,8 +485,10 @@ def test_names_reach_vulkan_with_the_kind_of_object(device, kind, monkeypatch):
         device.vk, "vkSetDebugUtilsObjectNameEXT", lambda _, info: named.append((info.objectType, info.objectHandle))
     )
     device.name_object(kind, raw.ffi.cast("VkImageView", 1234), "a name")
-    types = {"ImageView": raw.VK_OBJECT_TYPE_IMAGE_VIEW,
-             "AccelerationStructureKHR": raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR}  # fmt: skip
+    types = {
+        "ImageView": raw.VK_OBJECT_TYPE_IMAGE_VIEW,
+        "AccelerationStructureKHR": raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR,
+    }
     assert named == [(types[kind], 1234)]
 
 

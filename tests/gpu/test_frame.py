@@ -96,8 +96,11 @@ def test_a_buffer_within_that_of_the_previous_frame(device, root, shaders):
     declared = START + "layout(set = 1, scalar) buffer PreviousABlock { uint at[]; } previous_a;\n"
     shaders.write("swap", declared + "void main() { " + INDEX + "a.at[i] = previous_a.at[i] + 1u; }\n")
     shaders.write("fill_b", START + "void main() { " + INDEX + "b.at[i] = 100u; }\n")
-    stage = Stage("x", buffers={"a": History(64), "b": Aliased("previous_a", 64)},
-                  passes=[Pass("swap", threads=64), Pass("fill_b", threads=64)])  # fmt: skip
+    stage = Stage(
+        "x",
+        buffers={"a": History(64), "b": Aliased("previous_a", 64)},
+        passes=[Pass("swap", threads=64), Pass("fill_b", threads=64)],
+    )
     with Frame(device, [stage], glsl_root=root) as frame:
         for expected_a in (1, 2, 3):
             frame.submit()
@@ -297,11 +300,26 @@ def number_fields(records: np.ndarray, first: int) -> int:
 def picked(r: np.ndarray) -> list[float]:
     """The values that put_record writes."""
     values = [
-        r["scalar"], r["two"][1], r["three"][2], r["four"][3], r["whole"], r["wholes"][2], r["number"],
-        r["m2"][1, 0], r["m3"][2, 1], r["m4"][3, 2], r["m43"][3, 1], r["m23"][1, 2], r["list"][4], r["places"][1, 1],
-        r["inner"]["position"][2], r["inner"]["big"], r["inners"][2]["position"][0], r["inners"][1]["big"],
+        r["scalar"],
+        r["two"][1],
+        r["three"][2],
+        r["four"][3],
+        r["whole"],
+        r["wholes"][2],
+        r["number"],
+        r["m2"][1, 0],
+        r["m3"][2, 1],
+        r["m4"][3, 2],
+        r["m43"][3, 1],
+        r["m23"][1, 2],
+        r["list"][4],
+        r["places"][1, 1],
+        r["inner"]["position"][2],
+        r["inner"]["big"],
+        r["inners"][2]["position"][0],
+        r["inners"][1]["big"],
         r["transforms"][1, 2, 3],
-    ]  # fmt: skip
+    ]
     assert len(set(values)) == len(values)
     return [float(value) for value in values]
 
@@ -323,8 +341,15 @@ def test_every_member_type_arrives_in_the_shader(device, shaders):
         frame.submit()
         small = smalls[1]
         found = frame["results"]
-        expected = [2, *picked(records[1]), *picked(frame.uniforms["uniforms.record"]),
-                    small["byte"], small["small"], small["bytes"][2], small["last"]]  # fmt: skip
+        expected = [
+            2,
+            *picked(records[1]),
+            *picked(frame.uniforms["uniforms.record"]),
+            small["byte"],
+            small["small"],
+            small["bytes"][2],
+            small["last"],
+        ]
         np.testing.assert_array_equal(found[: len(expected)], expected)
         np.testing.assert_array_equal(frame["records"], records)
 
@@ -425,8 +450,10 @@ def with_a(item: Pass) -> Stage:
         (Stage("s", buffers={"a": 4, "q": 4}, passes=[FILL]), "stage s declares q, which none"),
         (Stage("s", buffers={"a": 0}, passes=[FILL]), "a needs a whole number of elements above 0"),
         (Stage("s", buffers={"a": 4, "b": Aliased("a", 5)}, passes=[Pass("a_to_b", 1)]), "b needs 20 bytes within a"),
-        (Stage("s", buffers={"a": History(4), "b": Aliased("a", 1)}, passes=[Pass("a_to_b", 1)]),
-         "previous_NAME of one"),
+        (
+            Stage("s", buffers={"a": History(4), "b": Aliased("a", 1)}, passes=[Pass("a_to_b", 1)]),
+            "previous_NAME of one",
+        ),
         (Stage("s", buffers={"a": 4}, images={"picture": 3}, passes=[FILL]), "declares picture"),
         (Stage("s", buffers={"picture": 4}, passes=[Pass("accumulate", threads=1)]), "picture is a storage_image"),
         (Stage("s", images={"picture": History((0, 4))}, passes=[Pass("accumulate", threads=1)]), "size of picture is"),
@@ -439,7 +466,7 @@ def with_a(item: Pass) -> Stage:
         (with_a(Pass("nothing", threads=1)), r"no shader passes/nothing\.comp"),
         (Stage("s", passes=[]), "at least one pass"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_told_plainly(device, root, stage, message):
     assert device.pipeline_cache.handle  # made for the first pipelines, and kept
     with leaves_nothing(device), pytest.raises(SolariError, match=message):

@@ -83,9 +83,10 @@ def test_wrong_numbers_are_said_later_and_not_shown(gpu):  # noqa: F811
 
 
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
-@pytest.mark.parametrize(("fields", "name"), [
-    ({}, "clearcoat"), ({"transmission": 1}, "roughness"), ({}, "ior"), ({}, "emissive"), ({}, "alpha")
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "name"),
+    [({}, "clearcoat"), ({"transmission": 1}, "roughness"), ({}, "ior"), ({}, "emissive"), ({}, "alpha")],
+)
 def test_what_the_host_needs_goes_by_the_host(gpu, fields, name):  # noqa: F811
     scene, paint = with_ball(**fields)
     given = np.array(1.25 if name == "ior" else 0.25)

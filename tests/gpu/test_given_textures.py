@@ -45,9 +45,16 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
         tracer.render(CAMERA, samples=1)
         version = tracer.binder.version
         read = Taken.copy
-        for seed, (channels, dtype) in enumerate([
-            ((4,), np.uint8), ((3,), np.float32), ((), np.float64), ((3,), np.uint8), ((), np.uint8), ((4,), np.float32)
-        ]):  # fmt: skip
+        for seed, (channels, dtype) in enumerate(
+            [
+                ((4,), np.uint8),
+                ((3,), np.float32),
+                ((), np.float64),
+                ((3,), np.uint8),
+                ((), np.uint8),
+                ((4,), np.float32),
+            ]
+        ):
             given = random_pixels((*size, *channels), dtype, seed)
             if dtype == np.float32:
                 given.flat[:3] = 1, -0.0, 0.5 / 255
@@ -81,10 +88,18 @@ def frames_of(kind, device, scene):
             yield {name: batch[name] for name in batch}
 
 
-@pytest.mark.parametrize(("gpu", "kind"), [
-    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "scenes"), ("cuda", "reference"),
-    pytest.param("cuda", "realtime", marks=pytest.mark.slow),
-], indirect=["gpu"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("gpu", "kind"),
+    [
+        ("cuda", "batch"),
+        ("hip", "batch"),
+        ("cuda", "worlds"),
+        ("cuda", "scenes"),
+        ("cuda", "reference"),
+        pytest.param("cuda", "realtime", marks=pytest.mark.slow),
+    ],
+    indirect=["gpu"],
+)
 def test_tensors_show_what_arrays_show(gpu, kind):  # noqa: F811
     shown, by_tensor = [], (1, 1, 0, 1)
     for wrap in (lambda _: np.asarray, lambda frame: partial(GpuTensor, gpu) if by_tensor[frame] else np.asarray):

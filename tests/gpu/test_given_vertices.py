@@ -74,10 +74,18 @@ def assert_shown_alike(expected, found):
             np.testing.assert_array_equal(of_tensors[name], values, f"{name}, frame {index}")
 
 
-@pytest.mark.parametrize(("gpu", "kind"), [
-    ("cuda", "batch"), ("hip", "batch"), ("cuda", "worlds"), ("cuda", "reference"), ("cuda", "raster"),
-    pytest.param("cuda", "realtime", marks=pytest.mark.slow),
-], indirect=["gpu"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("gpu", "kind"),
+    [
+        ("cuda", "batch"),
+        ("hip", "batch"),
+        ("cuda", "worlds"),
+        ("cuda", "reference"),
+        ("cuda", "raster"),
+        pytest.param("cuda", "realtime", marks=pytest.mark.slow),
+    ],
+    indirect=["gpu"],
+)
 def test_tensors_show_what_arrays_show(gpu, kind, monkeypatch):  # noqa: F811
     """Bit by bit, with arrays and tensors one after the other, and more of them than a structure is refitted for."""
     read, shown = Taken.copy, []

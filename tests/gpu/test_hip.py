@@ -92,9 +92,13 @@ def amd(device, monkeypatch):
 
 def test_structures_have_the_sizes_of_hip():
     """Those of hip_runtime_api.h on x86-64, which are CUDA's."""
-    sizes = {"CUDA_EXTERNAL_MEMORY_HANDLE_DESC": 104, "CUDA_EXTERNAL_MEMORY_BUFFER_DESC": 88,
-             "CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC": 96, "CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS": 144,
-             "CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS": 144}  # fmt: skip
+    sizes = {
+        "CUDA_EXTERNAL_MEMORY_HANDLE_DESC": 104,
+        "CUDA_EXTERNAL_MEMORY_BUFFER_DESC": 88,
+        "CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC": 96,
+        "CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS": 144,
+        "CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS": 144,
+    }
     assert {name: cuda._ffi.sizeof(name) for name in sizes} == sizes
 
 
@@ -128,10 +132,13 @@ def test_tensors_by_hip(device, amd):
     assert amd.names[-4:] == ["hipFree", "hipDestroyExternalMemory", "hipDeviceGet", "hipDevicePrimaryCtxRelease"]
 
 
-@pytest.mark.parametrize(("failing", "said"), [
-    ("hipDeviceGetByPCIBusId", f"HIP shows no device at the PCI address {ADDRESS}: .*out of order"),
-    ("hipDevicePrimaryCtxRetain", "hipDevicePrimaryCtxRetain: out of order"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("failing", "said"),
+    [
+        ("hipDeviceGetByPCIBusId", f"HIP shows no device at the PCI address {ADDRESS}: .*out of order"),
+        ("hipDevicePrimaryCtxRetain", "hipDevicePrimaryCtxRetain: out of order"),
+    ],
+)
 def test_what_hip_lacks_is_said(device, amd, failing, said):
     amd._failing = failing
     with pytest.raises(sv.DeviceError, match=said):

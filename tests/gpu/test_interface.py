@@ -27,16 +27,28 @@ def module(shaders, name: str, text: str) -> Module:
 @pytest.mark.parametrize(
     ("other", "use", "message"),
     [
-        ("layout(set = 1, binding = 0, scalar) buffer V { float at[]; } values;", "values.at[0] = 1.0;",
-         r"values differs between one and two: element is uint32 and float32"),
-        ("layout(set = 1, binding = 0, r32ui) uniform uimage2D values;", "imageStore(values, ivec2(0), uvec4(0));",
-         r"values differs between one and two: kind is storage_buffer and storage_image"),
-        ("layout(set = 0, scalar) buffer V { uint at[]; } values;", "values.at[0] = 1u;",
-         r"values differs between one and two: set is 1 and 0"),
-        ("layout(set = 2, binding = 0, scalar) buffer W { uint at[]; } more;", "more.at[0] = 1u;",
-         r"more of two is in set 2"),
+        (
+            "layout(set = 1, binding = 0, scalar) buffer V { float at[]; } values;",
+            "values.at[0] = 1.0;",
+            r"values differs between one and two: element is uint32 and float32",
+        ),
+        (
+            "layout(set = 1, binding = 0, r32ui) uniform uimage2D values;",
+            "imageStore(values, ivec2(0), uvec4(0));",
+            r"values differs between one and two: kind is storage_buffer and storage_image",
+        ),
+        (
+            "layout(set = 0, scalar) buffer V { uint at[]; } values;",
+            "values.at[0] = 1u;",
+            r"values differs between one and two: set is 1 and 0",
+        ),
+        (
+            "layout(set = 2, binding = 0, scalar) buffer W { uint at[]; } more;",
+            "more.at[0] = 1u;",
+            r"more of two is in set 2",
+        ),
     ],
-)  # fmt: skip
+)
 def test_conflicts_name_both_modules(shaders, other, use, message):
     one = module(shaders, "one", VALUES + "void main() { values.at[0] = 1u; }\n")
     two = module(shaders, "two", other + "void main() { " + use + " }\n")
@@ -58,10 +70,17 @@ def test_numbers_follow_from_names(shaders):
     """Declared numbers mean nothing: modules agree by names, and an array without a length comes last."""
     lone = "layout(set = 0, binding = 9, scalar) readonly buffer W { uint at[]; } lone;\n"
     first = module(shaders, "first", lone + VALUES + "void main() { values.at[0] = lone.at[0]; }\n")
-    second = module(shaders, "second", BINDLESS.replace(" binding = 0,", "").replace("set = 0, binding = 4", "set = 0")
-                    .replace("void main", "layout(set = 0, scalar) buffer X { uint at[]; } extra;\nvoid main")
-                    .replace("uint i =", "extra.at[0] = 1u; uint i =").replace("vec4 at", "uint at")
-                    .replace("textureLod", "uint(textureLod").replace("0.0);", "0.0).x);"))  # fmt: skip
+    second = module(
+        shaders,
+        "second",
+        BINDLESS.replace(" binding = 0,", "")
+        .replace("set = 0, binding = 4", "set = 0")
+        .replace("void main", "layout(set = 0, scalar) buffer X { uint at[]; } extra;\nvoid main")
+        .replace("uint i =", "extra.at[0] = 1u; uint i =")
+        .replace("vec4 at", "uint at")
+        .replace("textureLod", "uint(textureLod")
+        .replace("0.0);", "0.0).x);"),
+    )
     merged = numbered(merge_bindings([first, second]))
     places = {name: (binding.set, binding.binding) for name, binding in merged.items()}
     assert places == {"lone": (0, 0), "values": (1, 0), "extra": (0, 1), "textures": (0, 2)}
@@ -100,8 +119,10 @@ def test_bindless_textures_grow_while_frames_run(device, shaders):
         frame.submit()
         frame.submit()
         np.testing.assert_allclose(frame["values"][:3, 0], [2 / 255, 1 / 255, 0], atol=1e-6)
-        frame.rebuild([Stage("look", buffers={"values": 100}, passes=[Pass("look", threads=100)])],
-                      {"textures": [(image, sampler) for image in images]})  # fmt: skip
+        frame.rebuild(
+            [Stage("look", buffers={"values": 100}, passes=[Pass("look", threads=100)])],
+            {"textures": [(image, sampler) for image in images]},
+        )
         frame.submit()
         np.testing.assert_allclose(frame["values"][:, 0], np.arange(100) / 255, atol=1e-6)
     for image in images:

@@ -199,15 +199,23 @@ def test_frames_share_pipelines_though_they_bind_different_buffers(own_device, s
     created = []
     watch(own_device, monkeypatch, lambda real, *arguments: created.append(1) or real(*arguments))
     for shader, place, name, kind, value in (
-        ("one", 1, "radiance", "vec3", 1), ("two", 1, "emission", "vec3", 2), ("three", 1, "emission", "float", 3),
+        ("one", 1, "radiance", "vec3", 1),
+        ("two", 1, "emission", "vec3", 2),
+        ("three", 1, "emission", "float", 3),
         ("four", 0, "depth", "float", 4),
-    ):  # fmt: skip
-        shaders.write(shader, "layout(local_size_x = 1) in;\n"
-                      f"layout(set = {place}, scalar) buffer B {{ {kind} at[]; }} {name};\n"
-                      f"void main() {{ {name}.at[0] = {kind}({value}); }}\n")  # fmt: skip
+    ):
+        shaders.write(
+            shader,
+            "layout(local_size_x = 1) in;\n"
+            f"layout(set = {place}, scalar) buffer B {{ {kind} at[]; }} {name};\n"
+            f"void main() {{ {name}.at[0] = {kind}({value}); }}\n",
+        )
     counts = []
     for other, name, value in (
-        (None, "radiance", 1.0), ("two", "emission", 2.0), ("three", "emission", 3.0), ("four", "depth", 4.0)
+        (None, "radiance", 1.0),
+        ("two", "emission", 2.0),
+        ("three", "emission", 3.0),
+        ("four", "depth", 4.0),
     ):
         created.clear()
         passes = [Pass(shader, threads=1) for shader in (other, "one") if shader]

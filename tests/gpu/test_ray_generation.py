@@ -13,10 +13,14 @@ from solari_vk.gpu.shaders import ray_generation, shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 from solari_vk.gpu.shaders.spirv import reflect
 
-PATHS = sorted(path.relative_to(glsl_root()).as_posix() for path in glsl_root().rglob("*")
-               if path.suffix.lstrip(".") in shaderc.STAGES)  # fmt: skip
-OWN_QUERIES = {path for path in PATHS
-               if re.match(r"passes/conformance/(positions|probe|probe_debug|trace)\.(comp|frag)", path)}  # fmt: skip
+PATHS = sorted(
+    path.relative_to(glsl_root()).as_posix()
+    for path in glsl_root().rglob("*")
+    if path.suffix.lstrip(".") in shaderc.STAGES
+)
+OWN_QUERIES = {
+    path for path in PATHS if re.match(r"passes/conformance/(positions|probe|probe_debug|trace)\.(comp|frag)", path)
+}
 CLOSEST, ANY, FRONT = 0x1, 0x5, 0x11  # opaque; and terminate on the first hit; or cull back faces
 VISIBILITY = 0xD  # opaque, terminate on the first hit, skip the closest-hit shader
 TRACE_RAY = 4445

@@ -164,9 +164,18 @@ def test_only_passes_that_trace_wait_for_structures(ray_device, root, tlas, shad
 def test_table_fits_other_alignments(ray_device, root, tlas, monkeypatch, properties):
     """NVIDIA wants 32-byte strides and 64-byte bases; larger alignments must give the same results."""
     real = ray_device.properties
-    changed = SimpleNamespace(**{name: getattr(real.ray_pipelines, name) for name in (
-        "shaderGroupHandleSize", "shaderGroupHandleAlignment", "shaderGroupBaseAlignment",
-        "maxRayDispatchInvocationCount")} | properties)  # fmt: skip
+    changed = SimpleNamespace(
+        **{
+            name: getattr(real.ray_pipelines, name)
+            for name in (
+                "shaderGroupHandleSize",
+                "shaderGroupHandleAlignment",
+                "shaderGroupBaseAlignment",
+                "maxRayDispatchInvocationCount",
+            )
+        }
+        | properties
+    )
     monkeypatch.setattr(ray_device, "properties", dataclasses.replace(real, ray_pipelines=changed))
     tables = []
     make = ray_pipelines.ShaderBindingTable.__init__
@@ -263,10 +272,13 @@ def test_indirect_launches_need_thread_counts(ray_device, root, tlas):
 
 
 def test_a_constant_of_the_local_size_is_refused_with_the_reason(ray_device, shaders, tlas):
-    shaders.write("sized", "#include \"scene/trace.glsl\"\nlayout(local_size_x_id = 3) in;\n"
+    shaders.write(
+        "sized",
+        '#include "scene/trace.glsl"\nlayout(local_size_x_id = 3) in;\n'
         "layout(constant_id = 3) const uint SIZE = 8u;\n"
         "layout(set = 1, binding = 0, scalar) buffer FoundBlock { uint at[]; } found;\n"
-        "void main() { found.at[0] = uint(trace_visibility(vec3(0), vec3(1), 1.0)); }\n")  # fmt: skip
+        "void main() { found.at[0] = uint(trace_visibility(vec3(0), vec3(1), 1.0)); }\n",
+    )
     stage = Stage("sized", buffers={"found": 1}, passes=[Pass("sized", threads=1, constants={"SIZE": 4})])
     with pytest.raises(SolariError, match=r"^pass sized: .* no specialization constant SIZE; .*without a local size"):
         Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=shaders.root)

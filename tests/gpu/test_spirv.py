@@ -69,10 +69,17 @@ Big copy() { Big big; for (int i = 0; i < 4; i++) big.x[i] = c.at[i]; return big
         ("imageAtomicMax(image, ivec2(0), 3u);", "image", "image"),
         ("a.at[0] = uint(imageSize(image).x + textureSize(sampled, 0).x);", "", "a"),
         ("a.at[0] = uint(textureLod(sampled, vec2(0.5), 0.0).x);", "sampled", "a"),
-        ("a.at[0] = uint(textureGather(sampled, vec2(0.5)).x + texelFetch(many[u.value], ivec2(0), 0).x);",
-         "sampled many u", "a"),
-        ("rayQueryEXT q; rayQueryInitializeEXT(q, tlas, 0u, 255u, vec3(0), 0.0, vec3(1), 9.0); "
-         "while (rayQueryProceedEXT(q)) {} a.at[0] = rayQueryGetIntersectionTypeEXT(q, true);", "tlas", "a"),
+        (
+            "a.at[0] = uint(textureGather(sampled, vec2(0.5)).x + texelFetch(many[u.value], ivec2(0), 0).x);",
+            "sampled many u",
+            "a",
+        ),
+        (
+            "rayQueryEXT q; rayQueryInitializeEXT(q, tlas, 0u, 255u, vec3(0), 0.0, vec3(1), 9.0); "
+            "while (rayQueryProceedEXT(q)) {} a.at[0] = rayQueryGetIntersectionTypeEXT(q, true);",
+            "tlas",
+            "a",
+        ),
         ("float whole; a.at[0] = uint(modf(c.wide.x, whole)) + uint(whole);", "c", "a"),
         ("for (uint i = 0u; i < b.at[0]; i++) { uint local[4]; local[i & 3u] = i; a.at[i] = local[0]; }", "b", "a"),
         ("if (u.value > 3u) { return; } else { a.at[0] = 1u; }", "u", "a"),
@@ -82,7 +89,7 @@ Big copy() { Big big; for (int i = 0; i < 4; i++) big.x[i] = c.at[i]; return big
         ("a.at[0] = uint(look(sampled).x + look(many[1]).y);", "sampled many", "a"),
         ("Big big = copy(); big.x[1] = 3u; a.at[0] = big.x[u.value];", "c u", "a"),
     ],
-)  # fmt: skip
+)
 def test_accesses(shaders, body, reads, writes, optimization):
     scoped = "atomicLoad" in body or "atomicStore" in body
     before = "#extension GL_KHR_memory_scope_semantics : require\n" if scoped else ""
@@ -123,11 +130,18 @@ layout(set = 0, binding = 1, r32f) writeonly uniform image2D w;
     assert access == {"a": (False, False), "r": (True, False), "w": (False, True)}
     kinds = {name: (binding.kind, binding.count) for name, binding in found.items()}
     assert kinds == {
-        "a": ("storage_buffer", 1), "b": ("storage_buffer", 1), "c": ("storage_buffer", 1), "D": ("storage_buffer", 1),
-        "u": ("uniform_buffer", 1), "image": ("storage_image", 1), "sampled": ("combined_image_sampler", 1),
-        "many": ("combined_image_sampler", 0), "tlas": ("acceleration_structure", 1),
-        "r": ("storage_buffer", 1), "w": ("storage_image", 1),
-    }  # fmt: skip
+        "a": ("storage_buffer", 1),
+        "b": ("storage_buffer", 1),
+        "c": ("storage_buffer", 1),
+        "D": ("storage_buffer", 1),
+        "u": ("uniform_buffer", 1),
+        "image": ("storage_image", 1),
+        "sampled": ("combined_image_sampler", 1),
+        "many": ("combined_image_sampler", 0),
+        "tlas": ("acceleration_structure", 1),
+        "r": ("storage_buffer", 1),
+        "w": ("storage_image", 1),
+    }
     assert found["image"].image_format == "R32_UINT"
     assert (found["u"].set, found["u"].binding) == (1, 6)
     c = found["c"]
@@ -138,9 +152,11 @@ layout(set = 0, binding = 1, r32f) writeonly uniform image2D w;
 
 @pytest.mark.parametrize(
     ("layout", "member", "message"),
-    [("std140", "vec3 at[];", r"demo: .*outer.*layout\(scalar\)"),
-     ("std430", "mat3 m;", r"outer\.m must be column-major in a layout\(scalar\)")],
-)  # fmt: skip
+    [
+        ("std140", "vec3 at[];", r"demo: .*outer.*layout\(scalar\)"),
+        ("std430", "mat3 m;", r"outer\.m must be column-major in a layout\(scalar\)"),
+    ],
+)
 def test_other_layouts_are_refused(shaders, layout, member, message):
     declared = f"layout(set = 0, binding = 0, {layout}) buffer O {{ {member} }} outer;\n"
     with pytest.raises(SolariError, match=message):
@@ -158,9 +174,7 @@ void main() { if (FLAG) a.at[uint(COUNT)] = uint(SCALE) * ROWS; }
 """
     found = module(shaders, declared)
     constants = {name: (c.id, c.dtype.str[1:], c.default) for name, c in found.constants.items()}
-    assert constants == {
-        "FLAG": (0, "u4", True), "COUNT": (1, "i4", -4), "SCALE": (2, "f4", 1.5), "ROWS": (3, "u4", 4),
-    }  # fmt: skip
+    assert constants == {"FLAG": (0, "u4", True), "COUNT": (1, "i4", -4), "SCALE": (2, "f4", 1.5), "ROWS": (3, "u4", 4)}
     assert found.local_size() in {(8, 1, 2), (8, 4, 2)}
     assert found.local_size({"ROWS": 16}) == (8, 16, 2)
     assert module(shaders, "void main() { a.at[0] = 1u; }\n").local_size() == (8, 1, 1)

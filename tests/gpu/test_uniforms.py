@@ -106,12 +106,14 @@ def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
     given.destroy()
 
 
-RECORD = np.dtype({
-    "names": ["matrix", "count", "place", "far", "address"],
-    "formats": [("<f4", (4, 3)), "<u4", ("<f4", (2,)), "<i4", "<u8"],
-    "offsets": [0, 48, 52, 64, 72],
-    "itemsize": 80,
-})  # fmt: skip
+RECORD = np.dtype(
+    {
+        "names": ["matrix", "count", "place", "far", "address"],
+        "formats": [("<f4", (4, 3)), "<u4", ("<f4", (2,)), "<i4", "<u8"],
+        "offsets": [0, 48, 52, 64, 72],
+        "itemsize": 80,
+    }
+)
 
 
 def test_packs_as_numpy_does():
@@ -120,9 +122,11 @@ def test_packs_as_numpy_does():
     expected["matrix"][0], expected["count"], expected["place"][0] = matrix, 2**32 - 1, (0.1, -2)
     expected["far"], expected["address"] = -5, 1 << 50
     for names, values in (
-        (["matrix", "count"], [*matrix.ravel().tolist(), 2**32 - 1]), (["place"], [0.1, -2]), (["far"], [-5]),
+        (["matrix", "count"], [*matrix.ravel().tolist(), 2**32 - 1]),
+        (["place"], [0.1, -2]),
+        (["far"], [-5]),
         (["address"], [1 << 50]),
-    ):  # fmt: skip
+    ):
         fields, begin = packing(RECORD, names)
         fields.pack_into(packed.view(np.uint8).data, begin, *values)
     assert packed.tobytes() == expected.tobytes()

@@ -46,8 +46,14 @@ def test_page_has_all_figures(device, capsys, monkeypatch, tmp_path):
     assert boxes == ["| box | 1.5 |", "| box | 1 | 2 |", "| box | 3 | 4 |"]
     assert [line[: line.index(":")] for line in lines[4:8]] == ["- date", "- commit", "- command", "- device"]
     assert lines[:3] == ["# Speed", "", "What it is."]
-    for line in ("| a speed | 1,234.568 rays/s | aim 2 |", "| a size | 1,234,567 bytes |  |", "## More", "A note.",
-                "| scene | ms |", "| --- | ---: |"):  # fmt: skip
+    for line in (
+        "| a speed | 1,234.568 rays/s | aim 2 |",
+        "| a size | 1,234,567 bytes |  |",
+        "## More",
+        "A note.",
+        "| scene | ms |",
+        "| --- | ---: |",
+    ):
         assert line in lines
     assert device.name in "".join(lines)
     assert device.properties.driver in "".join(lines)
@@ -122,10 +128,14 @@ def test_rays_are_counted_by_pass(device, lighting):
     binder.destroy()
     limits = {
         "paths": {"paths/first_ray": (1, 3), "paths/later_rays": (0, 12), "world_cache/sample": (0, 3)},
-        "split": {"solari019/restir_di/spatial_and_shade": (0.3, 1), "solari019/restir_gi/initial": (0.9, 99),
-                  "solari019/restir_gi/temporal": (0.3, 2), "solari019/world_cache/sample_direct": (0, 99),
-                  "solari019/world_cache/sample_indirect": (0, 99)},
-    }  # fmt: skip
+        "split": {
+            "solari019/restir_di/spatial_and_shade": (0.3, 1),
+            "solari019/restir_gi/initial": (0.9, 99),
+            "solari019/restir_gi/temporal": (0.3, 2),
+            "solari019/world_cache/sample_direct": (0, 99),
+            "solari019/world_cache/sample_indirect": (0, 99),
+        },
+    }
     for name, (low, high) in limits[lighting].items():
         assert low < rays[name] <= high, name
     stages = {name.split("/")[-2] for name in rays}
@@ -169,10 +179,17 @@ def test_quick_page_of_the_frame(lent_device, tmp_path, monkeypatch, way):
     assert f"- rays: by {way}" in lines
     titles = [line[3:].partition(",")[0] for line in lines if line.startswith("## ")]
     assert titles == [
-        "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Start",
-        "Python's time for a frame", "Growth with pixels", "Growth with triangles", "Growth with instances",
-        "Growth with lights", "Memory of a frame",
-    ]  # fmt: skip
+        "Passes at 16x16",
+        "Rays per pixel at 16x16",
+        "Against bare rays at 16x16",
+        "Start",
+        "Python's time for a frame",
+        "Growth with pixels",
+        "Growth with triangles",
+        "Growth with instances",
+        "Growth with lights",
+        "Memory of a frame",
+    ]
 
     def numbers(row: str, section: str = titles[0]) -> list[float]:
         start = next(at for at, line in enumerate(lines) if line.startswith(f"## {section}"))
@@ -229,9 +246,11 @@ def test_page_of_times_that_are_given(lent_device, tmp_path, monkeypatch):
     given = ["bench", "frame-ms", "--scene", "cornell_box", "--markdown", str(page)]
     assert main(given) == 0
     rows = [cells(line)[1:] for line in page.read_text().splitlines() if line.startswith("| cornell_box")]
-    assert rows == [["0", "10.00", "20.00", "", "50.00", "10.00", "50.00"],
-                    ["7.5", "2.50", "12.50", "1.67", "42.50", "2.50", "42.50"],
-                    ["10", "0.00", "10.00", "1.00", "40.00", "0.00", "40.00"]]  # fmt: skip
+    assert rows == [
+        ["0", "10.00", "20.00", "", "50.00", "10.00", "50.00"],
+        ["7.5", "2.50", "12.50", "1.67", "42.50", "2.50", "42.50"],
+        ["10", "0.00", "10.00", "1.00", "40.00", "0.00", "40.00"],
+    ]
     assert main([*given, "--frames", "35"]) == 2
 
 
@@ -242,8 +261,11 @@ def test_page_of_lamps(device, tmp_path, monkeypatch):
     monkeypatch.setattr(lamps, "PARTS", (1, 10))
     page = tmp_path / "page.md"
     assert main(["bench", "lamps", "--triangles", "1280", "--markdown", str(page)]) == 0
-    one, many = ([float(cell.split(" ±")[0]) for cell in line.split("|")[3:8]]
-                 for line in page.read_text().splitlines() if line.startswith("| 1,280"))  # fmt: skip
+    one, many = (
+        [float(cell.split(" ±")[0]) for cell in line.split("|")[3:8]]
+        for line in page.read_text().splitlines()
+        if line.startswith("| 1,280")
+    )
     assert min(*one, *many) > 0
     assert 0.5 < one[4] / many[4] < 2
 
@@ -261,8 +283,19 @@ def test_quick_page_of_portals(lent_device, tmp_path):
 def test_judged_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_path):
     """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
     page, kept = tmp_path / "page.md", tmp_path / "kept"
-    judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change", "paths_candidates=1",
-             "--scene", "lamp_gap", "--references", str(kept)]  # fmt: skip
+    judge = [
+        "bench",
+        "settings",
+        "--quick",
+        "--markdown",
+        str(page),
+        "--change",
+        "paths_candidates=1",
+        "--scene",
+        "lamp_gap",
+        "--references",
+        str(kept),
+    ]
     assert main(judge) == 0
     (before,) = (cells(line) for line in page.read_text().splitlines() if line.startswith("| lamp_gap"))
     (path,) = kept.iterdir()
@@ -320,11 +353,16 @@ def test_pairs_of_claims_give_finite_numbers(device, pair):
     assert {len(row) for row in rows} == {len(claims.HEAD)}
 
 
-@pytest.mark.parametrize(("before", "after", "by", "expected"), [
-    ([10, 11, 10], [4, 4, 4.2], 2.0, True), ([10, 11, 10], [6, 6, 6.2], 2.0, False),
-    ([300, 310, 305], [0, 0, 0], 20.0, True), ([1, 1, 1], [1, 1, 1], 1.0, True),  # what doesn't scatter and isn't worse
-    ([10, 30, 20], [9, 10, 11], 1.5, False),  # the spread is too wide to tell
-    ([30], [1], 1.5, False),  # one run has no interval
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("before", "after", "by", "expected"),
+    [
+        ([10, 11, 10], [4, 4, 4.2], 2.0, True),
+        ([10, 11, 10], [6, 6, 6.2], 2.0, False),
+        ([300, 310, 305], [0, 0, 0], 20.0, True),
+        ([1, 1, 1], [1, 1, 1], 1.0, True),  # what doesn't scatter and isn't worse
+        ([10, 30, 20], [9, 10, 11], 1.5, False),  # the spread is too wide to tell
+        ([30], [1], 1.5, False),  # one run has no interval
+    ],
+)
 def test_verdicts_on_claims(before, after, by, expected):
     assert claims.holds(np.array(before, float), np.array(after, float), by) == expected

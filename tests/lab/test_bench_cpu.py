@@ -30,10 +30,13 @@ def result(**reached):
 
 def test_rows():
     """Raw times are brought to the goal; pictures in motion have as many seconds as a frame."""
-    found = Comparison({
-        OURS: result(COARSE=(64, 0.008, 0.0, 5.0), FINE=(512, 0.001, 0.0, 40.0), DENOISED=(4, 0.004, 0.0, 0.5)),
-        "cycles": result(COARSE=(32, 0.01, 0.0, 2.0)), "mitsuba": result(),
-    })  # fmt: skip
+    found = Comparison(
+        {
+            OURS: result(COARSE=(64, 0.008, 0.0, 5.0), FINE=(512, 0.001, 0.0, 40.0), DENOISED=(4, 0.004, 0.0, 0.5)),
+            "cycles": result(COARSE=(32, 0.01, 0.0, 2.0)),
+            "mitsuba": result(),
+        }
+    )
     ours, cycles, mitsuba, realtime = cpu.rows(found, (0.02, 0.1))
     assert ours[1:] == ["4.00", "40.00", "0.50", "1.00", "0.4"]
     assert cycles[1:] == ["2.00", "", "", "0.50", "0.2"]

@@ -38,8 +38,12 @@ def folder(tmp_path):
 
 
 def scenario(name="front", **given):
-    return {"name": name, "model": "../../../models/square.glb", "lighting": "../../../environments/lightroom_14b.png",
-            **given}  # fmt: skip
+    return {
+        "name": name,
+        "model": "../../../models/square.glb",
+        "lighting": "../../../environments/lightroom_14b.png",
+        **given,
+    }
 
 
 def config(folder, *scenarios):
@@ -118,8 +122,11 @@ def test_files_of_another_kind_are_errors(folder, capsys):
     with pytest.raises(SolariError, match="another has the same 'name'"):
         fidelity.read_scenarios(two)
     two = config(folder, scenario(), scenario("back", model="no.glb"))
-    for given, said in (((), "-o: give"), (("-o", "a.png"), "2 scenarios: give a folder"),
-                        (("-o", "a.png", "--scenario", "bock"), "no scenario 'bock'")):  # fmt: skip
+    for given, said in (
+        ((), "-o: give"),
+        (("-o", "a.png"), "2 scenarios: give a folder"),
+        (("-o", "a.png", "--scenario", "bock"), "no scenario 'bock'"),
+    ):
         assert main(["fidelity", two, *given]) == 2
         assert said in capsys.readouterr().err
 
@@ -169,8 +176,12 @@ def test_pictures(any_device, folder, capsys):
     """From +z the square is on the right, before the environment's -z; from -x it is a line, before +x."""
     common = {"dimensions": {"width": 3, "height": 3}, "orbit": {"radius": 2}}
     behind = {**common, "orbit": {"theta": -90, "radius": 2}, "renderSkybox": True}
-    given = [scenario(**common), scenario("sky", **common, renderSkybox=True), scenario("side", **behind),
-             scenario("not", exclude=["solari-vk"])]  # fmt: skip
+    given = [
+        scenario(**common),
+        scenario("sky", **common, renderSkybox=True),
+        scenario("side", **behind),
+        scenario("not", exclude=["solari-vk"]),
+    ]
     options = ["--samples", "4", "--no-denoise", "--tonemap", "none", "-o", str(folder / "out")]
     assert main(["fidelity", config(folder, *given), *options]) == 0
     assert "not: left out" in capsys.readouterr().err

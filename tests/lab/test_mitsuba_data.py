@@ -87,7 +87,8 @@ def folder(mi, tmp_path):
     _, first, second = (np.array(part) for _, part in scene.sensors()[0].film().bitmap(raw=False).split())
     for picture, target in zip((first, second - first**2), references_of(path), strict=True):
         mi.Bitmap(picture, mi.Bitmap.PixelFormat.XYZ).convert(
-            mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False).write(str(target))  # fmt: skip
+            mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False
+        ).write(str(target))
     return path
 
 
@@ -97,8 +98,11 @@ def test_a_folder_of_the_same_layout(device, mi, folder):
     found = compared(device, mi, folder, 1024)
     print(found)
     assert found.max_z <= found.z_bar, str(found)
-    for right, wrong in (("4,3,2", "5.2,4,2.6"), ("0.2,0.5,0.7", "0.21,0.525,0.735"),
-                         ('max_depth" value="3', 'max_depth" value="2')):  # fmt: skip
+    for right, wrong in (
+        ("4,3,2", "5.2,4,2.6"),
+        ("0.2,0.5,0.7", "0.21,0.525,0.735"),
+        ('max_depth" value="3', 'max_depth" value="2'),
+    ):
         folder.write_text(SCENE.replace(right, wrong))
         changed = compared(device, mi, folder, 1024)
         print(changed)
@@ -109,12 +113,15 @@ def test_a_folder_of_the_same_layout(device, mi, folder):
     ("right", "wrong", "said"),
     [
         ('type="cube"', 'type="sphere"', "a Sphere"),
-        ('<bsdf id="floor" type="diffuse"><rgb name="reflectance" value="0.2,0.5,0.7"/></bsdf>',
-         '<bsdf id="floor" type="roughconductor"/>', "a BSDF with alpha"),
+        (
+            '<bsdf id="floor" type="diffuse"><rgb name="reflectance" value="0.2,0.5,0.7"/></bsdf>',
+            '<bsdf id="floor" type="roughconductor"/>',
+            "a BSDF with alpha",
+        ),
         ('"box"', '"gaussian"', "another pixel filter"),
         ('<emitter type="point"><point name="position" x="-1" y="-1" z="2"/>', '<emitter type="spot">', "a SpotLight"),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_shared_is_named(mi, tmp_path, right, wrong, said):
     path = tmp_path / "scene.xml"
     assert right in SCENE

@@ -80,8 +80,10 @@ def diffuse_box(path):
     quad(writer, [[-1, -1, 1], [-1, -1, -1], [-1, 1, -1], [-1, 1, 1]], (0.6, 0.05, 0.05))
     quad(writer, [[1, -1, -1], [1, -1, 1], [1, 1, 1], [1, 1, -1]], (0.1, 0.5, 0.1))
     quad(writer, [[-0.5, -1, 0.3], [0, -1, 0.5], [0, 0, 0.5], [-0.5, 0, 0.3]], (0.3, 0.3, 0.8))
-    writer.node(camera=writer.add("cameras", type="perspective", perspective={"yfov": 0.8, "znear": 0.01}),
-                translation=[0, 0, 3.4])  # fmt: skip
+    writer.node(
+        camera=writer.add("cameras", type="perspective", perspective={"yfov": 0.8, "znear": 0.01}),
+        translation=[0, 0, 3.4],
+    )
     return writer.save(path)
 
 
@@ -100,9 +102,16 @@ def fakes(tmp_path, monkeypatch):
             (tmp_path / f"{kind}.py").write_text(text)
         scene = sv.load(floor(tmp_path / "floor.glb"))
         given = [Subject("floor", tmp_path / "floor.glb", scene, scene.camera), ("bad", SolariError("bad.glb: no"))]
-        run(iter(given), ("cycles", "mitsuba"), Plan(**({"samples": 256, "goals": (), "limit": 20.0} | plan)),
-            Conditions(SIZE), pythons_of((), sys.executable), tmp_path / "page", tmp_path / "page.md",
-            tmp_path / "child.py")  # fmt: skip
+        run(
+            iter(given),
+            ("cycles", "mitsuba"),
+            Plan(**({"samples": 256, "goals": (), "limit": 20.0} | plan)),
+            Conditions(SIZE),
+            pythons_of((), sys.executable),
+            tmp_path / "page",
+            tmp_path / "page.md",
+            tmp_path / "child.py",
+        )
         return json.loads((tmp_path / "page/trial.json").read_text())
 
     return trial
@@ -242,8 +251,11 @@ def test_materials_in_mitsubas_words(tmp_path):
     assert matte == {"type": "diffuse", "parameters": {"reflectance": pytest.approx([0.3] * 3)}}
     layered = translated(sv.Material(ior=1.7, roughness=0.4, metallic=0.2), tmp_path)["parameters"]
     assert (layered["eta"], layered["roughness"], layered["metallic"]) == pytest.approx((1.7, 0.4, 0.2))
-    for kind, given in (("thindielectric", {}), ("dielectric", {"solid": True, "roughness": 0}),
-                        ("roughdielectric", {"solid": True})):  # fmt: skip
+    for kind, given in (
+        ("thindielectric", {}),
+        ("dielectric", {"solid": True, "roughness": 0}),
+        ("roughdielectric", {"solid": True}),
+    ):
         assert translated(sv.Material(transmission=1, ior=1.3, **given), tmp_path)["type"] == kind
     assert translated(sv.Material(transmission=0.5), tmp_path)["parameters"]["spec_trans"] == 0.5
     cut = {"alpha_mode": "mask", "alpha": 0.4}
@@ -254,8 +266,15 @@ def test_materials_in_mitsubas_words(tmp_path):
 
 def test_textures_are_linear_and_multiplied(tmp_path):
     texture = sv.Texture(np.array([[[188, 255, 0, 51]]], np.uint8), wrap_u="clamp_to_edge", magnification="nearest")
-    material = sv.Material(base_color=0.5, specular=0, base_color_texture=texture, alpha_mode="blend", alpha=0.5,
-                           normal_texture=np.array([[[255, 128, 128]]], np.uint8), normal_scale=0.5)  # fmt: skip
+    material = sv.Material(
+        base_color=0.5,
+        specular=0,
+        base_color_texture=texture,
+        alpha_mode="blend",
+        alpha=0.5,
+        normal_texture=np.array([[[255, 128, 128]]], np.uint8),
+        normal_scale=0.5,
+    )
     made = translated(material, tmp_path)
     color = made["parameters"]["reflectance"]
     assert (color["wrap"], color["filter"]) == ("clamp", "nearest")
@@ -298,11 +317,18 @@ def test_differences_name_those_that_apply():
     plain.instances[0].material = glass
     plain.add(sv.SpotLight((0, 1, 0), direction=(0, -1, 0), range=2.0))
     assert {(d.judge, d.what) for d in that_apply(plain)} == {
-        ("cycles", "colored glass"), ("cycles", "sheen"),
-        ("mitsuba", "rough glass"), ("mitsuba", "attenuation"), ("mitsuba", "sheen"), ("mitsuba", "spotlights"),
-        ("luxcore", "rough glass"), ("luxcore", "attenuation"), ("luxcore", "sheen"), ("luxcore", "spotlights"),
+        ("cycles", "colored glass"),
+        ("cycles", "sheen"),
+        ("mitsuba", "rough glass"),
+        ("mitsuba", "attenuation"),
+        ("mitsuba", "sheen"),
+        ("mitsuba", "spotlights"),
+        ("luxcore", "rough glass"),
+        ("luxcore", "attenuation"),
+        ("luxcore", "sheen"),
+        ("luxcore", "spotlights"),
         ("all", "range of lights"),
-    }  # fmt: skip
+    }
     textured = sv.Material(metallic=1, metallic_roughness_texture=np.zeros((1, 1, 3), np.uint8))
     plain.instances[0].material = textured  # not a metal everywhere
     assert ("cycles", "layering") in {(d.judge, d.what) for d in that_apply(plain)}
@@ -329,8 +355,10 @@ def in_cycles(monkeypatch):
 
 
 def test_outputs_without_a_surface_have_no_backs_to_hide(monkeypatch):
-    outputs = [MagicMock(type="OUTPUT_MATERIAL", inputs={"Surface": Mock(links=links, is_linked=bool(links))})
-               for links in ([], [Mock()])]  # fmt: skip
+    outputs = [
+        MagicMock(type="OUTPUT_MATERIAL", inputs={"Surface": Mock(links=links, is_linked=bool(links))})
+        for links in ([], [Mock()])
+    ]
     material = MagicMock()
     material.node_tree.nodes.__iter__.side_effect = lambda: iter([Mock(type="BSDF_TRANSPARENT"), *outputs])
     in_cycles(monkeypatch)["_hide_backs"](material)
@@ -397,9 +425,10 @@ def judge(request, tmp_path):
     return render
 
 
-@pytest.mark.parametrize("turn", [
-    pytest.param(0.0, id="as it is", marks=pytest.mark.slow), pytest.param(rotation((1, 2, 3), 1.1), id="turned"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "turn",
+    [pytest.param(0.0, id="as it is", marks=pytest.mark.slow), pytest.param(rotation((1, 2, 3), 1.1), id="turned")],
+)
 def test_environments_have_our_directions(judge, turn):
     """Three bright texels, each before a camera that looks there."""
     texels, toward = np.zeros((8, 16, 3), np.float32), directions(8, 16)
@@ -525,8 +554,14 @@ def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device, orthog
     file = diffuse_box(tmp_path / "box.glb")
     scene = sv.load(file)
     scene.cameras[0].update(orthographic_height=orthographic_height)
-    run(iter([Subject("box", file, scene, scene.cameras[0])]), judges, Plan(512, (), 600), Conditions((96, 96)),
-        pythons_of((), PYTHON), tmp_path / "page")  # fmt: skip
+    run(
+        iter([Subject("box", file, scene, scene.cameras[0])]),
+        judges,
+        Plan(512, (), 600),
+        Conditions((96, 96)),
+        pythons_of((), PYTHON),
+        tmp_path / "page",
+    )
     found = json.loads((tmp_path / "page/trial.json").read_text())["scenes"]["box"]
     assert not found["failures"]
     assert {tuple(row["pair"]) for row in found["distances"]} >= {(OURS, name) for name in judges}

@@ -64,8 +64,10 @@ def test_a_picture_is_compared_with_later_samples():
         if count >= estimate.next_count and count != 16:  # the owner may be late
             estimate.look_at_other(count, mean_of(samples[:count]), lambda: pictures[count])  # noqa: B023
             looks.append((count, estimate.error))
-    expected = [error_of_other(pictures[begin], mean_of(samples[begin:middle]), mean_of(samples[middle:end]))
-                for begin, middle, end in ((8, 12, 17), (17, 26, 34))]  # fmt: skip
+    expected = [
+        error_of_other(pictures[begin], mean_of(samples[begin:middle]), mean_of(samples[middle:end]))
+        for begin, middle, end in ((8, 12, 17), (17, 26, 34))
+    ]
     assert [count for count, _ in looks] == [8, 12, 17, 26, 34]
     assert [error for _, error in looks[:2]] == [np.inf, np.inf]
     assert [looks[2][1], looks[4][1]] == pytest.approx(expected, rel=1e-9)

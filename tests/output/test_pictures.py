@@ -37,9 +37,11 @@ def test_curves_rise_from_black_to_white(name):
 
 def test_known_values():
     for name, value, expected in (
-        ("none", 0.25, 0.25), ("reinhard", 1, 0.5), ("agx", 0.18, 0.2145),
+        ("none", 0.25, 0.25),
+        ("reinhard", 1, 0.5),
+        ("agx", 0.18, 0.2145),
         ("aces", 1 / 0.6, (2.51 + 0.03) / (2.43 + 0.59 + 0.14)),
-    ):  # fmt: skip
+    ):
         assert tonemap(np.full(3, value), curve=name)[1] == pytest.approx(expected, abs=2e-3 if name == "agx" else 1e-6)
     with pytest.raises(SolariError, match="there is no tone mapping 'film'; there are none, reinhard, aces, agx"):
         tonemap(RADIANCE, curve="film")
@@ -87,8 +89,13 @@ def test_npy_and_layers_beside_it(tmp_path):
     for name in ("a.npy", "b.png"):
         save_image(tmp_path / name, RADIANCE, layers=layers)
     assert sorted(os.listdir(tmp_path)) == [
-        "a.depth.npy", "a.normal.npy", "a.npy", "b.depth.npy", "b.normal.npy", "b.png",
-    ]  # fmt: skip
+        "a.depth.npy",
+        "a.normal.npy",
+        "a.npy",
+        "b.depth.npy",
+        "b.normal.npy",
+        "b.png",
+    ]
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), RADIANCE)
     np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), RADIANCE[..., 0])
 
@@ -108,17 +115,32 @@ def test_layers_have_any_name_but_the_pictures(tmp_path):
 def test_exr_holds_everything_exactly(tmp_path):
     ids = np.linspace(0, 2**32 - 1, 54).astype(np.uint32).reshape(6, 9)
     layers = {
-        "depth": RADIANCE[..., 0].astype(np.float64), "geometric_normal": RADIANCE, "albedo": RADIANCE,
-        "roughness_metallic": RADIANCE[..., :2], "instance_id": ids, "variance": RADIANCE[..., :1],
+        "depth": RADIANCE[..., 0].astype(np.float64),
+        "geometric_normal": RADIANCE,
+        "albedo": RADIANCE,
+        "roughness_metallic": RADIANCE[..., :2],
+        "instance_id": ids,
+        "variance": RADIANCE[..., :1],
         "hit": RADIANCE[..., 0] > 1,
-    }  # fmt: skip
+    }
     save_image(tmp_path / "a.exr", RADIANCE, exposure=0.25, layers=layers, metadata={"scene": "test"})
     file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     assert sorted(channels) == sorted(
-        ["R", "G", "B", "depth", *(f"geometric_normal.{c}" for c in "XYZ"), *(f"albedo.{c}" for c in "RGB"),
-         "roughness_metallic.X", "roughness_metallic.Y", "instance_id", "variance", "hit"]
-    )  # fmt: skip
+        [
+            "R",
+            "G",
+            "B",
+            "depth",
+            *(f"geometric_normal.{c}" for c in "XYZ"),
+            *(f"albedo.{c}" for c in "RGB"),
+            "roughness_metallic.X",
+            "roughness_metallic.Y",
+            "instance_id",
+            "variance",
+            "hit",
+        ]
+    )
     np.testing.assert_array_equal(channels["G"], RADIANCE[..., 1])
     np.testing.assert_array_equal(channels["geometric_normal.Z"], RADIANCE[..., 2])
     np.testing.assert_array_equal(channels["instance_id"], ids)
@@ -128,9 +150,13 @@ def test_exr_holds_everything_exactly(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("a.gif", "written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.gif'"), ("a", "not ''"),
-     ("no/a.png", "no folder"), ("folder.png", "is a folder")],
-)  # fmt: skip
+    [
+        ("a.gif", "written as .png, .jpg, .jpeg, .exr, .npz, .npy, not '.gif'"),
+        ("a", "not ''"),
+        ("no/a.png", "no folder"),
+        ("folder.png", "is a folder"),
+    ],
+)
 def test_paths_that_can_not_be_written(tmp_path, name, message):
     (tmp_path / "folder.png").mkdir()
     for attempt in (check_output, lambda path: save_image(path, RADIANCE)):
@@ -141,9 +167,11 @@ def test_paths_that_can_not_be_written(tmp_path, name, message):
 
 def test_shapes_that_do_not_fit(tmp_path):
     for picture, layers in (
-        (RADIANCE[..., 0], {}), (RADIANCE[:0], {}), (RADIANCE, {"depth": RADIANCE[:2]}),
+        (RADIANCE[..., 0], {}),
+        (RADIANCE[:0], {}),
+        (RADIANCE, {"depth": RADIANCE[:2]}),
         (RADIANCE, {"x": np.zeros((6, 9, 5))}),
-    ):  # fmt: skip
+    ):
         with pytest.raises(SolariError, match="shape"):
             save_image(tmp_path / "a.exr", picture, layers=layers)
     assert not os.listdir(tmp_path)
@@ -161,12 +189,17 @@ def test_videos(tmp_path, suffix):
             assert (movie.n_frames, movie.info["duration"]) == (3, 100)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (("a.gif", []), "at least one picture"), (("a.avi", []), ".gif, .mp4, not '.avi'"), (("a.gif", [], 0), "fps is 0"),
-    (("a.gif", [], "24"), "fps is '24'"),
-    (("a.gif", [np.zeros((2, 2, 3))]), r"picture 0 is float64 \(2, 2, 3\): give arrays"),
-    (("a.gif", [np.zeros((n, 2, 3), np.uint8) for n in (2, 3)]), "picture 1 is uint8 .*all of one size"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("a.gif", []), "at least one picture"),
+        (("a.avi", []), ".gif, .mp4, not '.avi'"),
+        (("a.gif", [], 0), "fps is 0"),
+        (("a.gif", [], "24"), "fps is '24'"),
+        (("a.gif", [np.zeros((2, 2, 3))]), r"picture 0 is float64 \(2, 2, 3\): give arrays"),
+        (("a.gif", [np.zeros((n, 2, 3), np.uint8) for n in (2, 3)]), "picture 1 is uint8 .*all of one size"),
+    ],
+)
 def test_refused_videos(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SolariError, match=message):

@@ -89,9 +89,13 @@ def fuzz(kind: str, folder: Path, count: int, number: int, outside: list[str]) -
     counts = {"loaded": 0, "refused": 0}
 
     @settings(
-        max_examples=count, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck),
+        max_examples=count,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
         phases=[Phase.generate, Phase.shrink, *[Phase.target] * subject.grows],
-    )  # fmt: skip
+    )
     @given(subject.changes)
     def check(changes: Any) -> None:
         subject.write(changes)

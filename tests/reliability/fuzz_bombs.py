@@ -53,8 +53,12 @@ def gltf(draw: Draw, folder: Path) -> Path:
             made.json["materials"][material]["emissiveTexture"] = {"index": texture}
             made.json["materials"][material]["normalTexture"] = {"index": texture, "texCoord": material % 2}
     attributes = {"POSITION": shared("VEC3", 3)}
-    for name, kind, width in (("NORMAL", "VEC3", 3), ("TEXCOORD_0", "VEC2", 2), ("TEXCOORD_1", "VEC2", 2),
-                              ("COLOR_0", "VEC4", 4)):
+    for name, kind, width in (
+        ("NORMAL", "VEC3", 3),
+        ("TEXCOORD_0", "VEC2", 2),
+        ("TEXCOORD_1", "VEC2", 2),
+        ("COLOR_0", "VEC4", 4),
+    ):
         if draw(st.booleans()):
             attributes[name] = shared(kind, width)
     for number in some(draw(st.sampled_from([1, 8, 64]))):
@@ -69,7 +73,8 @@ def gltf(draw: Draw, folder: Path) -> Path:
             part["indices"] = empty(made, draw(HUGE), "SCALAR", 5125)
             if draw(st.booleans()):
                 made.json["accessors"][-1]["sparse"] = {
-                    "count": 3, "values": {"bufferView": made.view(struct.pack("<3I", 0, 1, 2))},
+                    "count": 3,
+                    "values": {"bufferView": made.view(struct.pack("<3I", 0, 1, 2))},
                     "indices": {"bufferView": made.view(bytes((0, 1, 2))), "componentType": 5121},
                 }
         part |= {"material": materials[number % len(materials)]} if materials else {}
@@ -118,7 +123,7 @@ def png(draw: Draw) -> bytes:
     chunks = [(b"IHDR", struct.pack(">2I5B", width, height, depth, color, 0, 0, draw(st.sampled_from([0, 0, 1]))))]
     chunks += [(b"PLTE", bytes(768)), (b"tRNS", bytes(256))] if color == 3 else []
     if draw(st.booleans()):
-        chunks.append((b"zTXt", b"a\0\0" + zlib.compress(bytes(2**draw(st.integers(10, 26))), 1)))
+        chunks.append((b"zTXt", b"a\0\0" + zlib.compress(bytes(2 ** draw(st.integers(10, 26))), 1)))
     chunks += [(b"IDAT", data), (b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
@@ -228,11 +233,32 @@ CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 def obj(draw: Draw, folder: Path) -> Path:
     """Lines of one kind, many times, after a triangle; each number at the end counts up."""
-    lines = draw(st.lists(st.sampled_from([
-        b"f 1 2 3\n", b"f -1 -2 -3\n", b"f 1 2 3 1 2 3\n", b"v 0 0 0\n", b"vt 0 0\n", b"vn 0 0 1\n", b"o a%d\n",
-        b"g a%d\n", b"usemtl m%d\n", b"mtllib bomb.mtl\n", b"s 1\n", b"l 1 2\n", b"\n", b"f\n", b"#\n",
-        b"f 1//1 2//2 3//3\n",
-    ]), min_size=1, max_size=3))
+    lines = draw(
+        st.lists(
+            st.sampled_from(
+                [
+                    b"f 1 2 3\n",
+                    b"f -1 -2 -3\n",
+                    b"f 1 2 3 1 2 3\n",
+                    b"v 0 0 0\n",
+                    b"vt 0 0\n",
+                    b"vn 0 0 1\n",
+                    b"o a%d\n",
+                    b"g a%d\n",
+                    b"usemtl m%d\n",
+                    b"mtllib bomb.mtl\n",
+                    b"s 1\n",
+                    b"l 1 2\n",
+                    b"\n",
+                    b"f\n",
+                    b"#\n",
+                    b"f 1//1 2//2 3//3\n",
+                ]
+            ),
+            min_size=1,
+            max_size=3,
+        )
+    )
     count = draw(st.sampled_from([1, 1000, 30_000, 300_000]))
     line = b"".join(lines)
     body = b"".join(line.replace(b"%d", b"%d" % n) for n in range(count)) if b"%d" in line else line * count
@@ -271,28 +297,51 @@ def ply(draw: Draw, folder: Path) -> Path:
 def stl(draw: Draw, folder: Path) -> Path:
     path, count = folder / "bomb.stl", draw(st.sampled_from([1, 1000, 100_000]))
     facet = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
-    path.write_bytes(draw(st.sampled_from([
-        b"solid a\n" + facet * count + b"endsolid\n",
-        (b"solid a\n" + facet * draw(st.sampled_from([0, 1])) + b"endsolid\n") * count,
-        b"solid\nendsolid\n" * count,
-        bytes(80) + struct.pack("<I", draw(HUGE) % 2**32) + bytes(range(50)) * count,
-    ])))
+    path.write_bytes(
+        draw(
+            st.sampled_from(
+                [
+                    b"solid a\n" + facet * count + b"endsolid\n",
+                    (b"solid a\n" + facet * draw(st.sampled_from([0, 1])) + b"endsolid\n") * count,
+                    b"solid\nendsolid\n" * count,
+                    bytes(80) + struct.pack("<I", draw(HUGE) % 2**32) + bytes(range(50)) * count,
+                ]
+            )
+        )
+    )
     return path
 
 
 def poses(draw: Draw, folder: Path) -> Path:
     """Lists of poses, frames of transforms.json, and JSON that is large without saying anything."""
     path, count = folder / "bomb.json", draw(st.sampled_from([2, 1000, 20_000, 400_000]))
-    item = draw(st.sampled_from([
-        "[]", "{}", "0", "[[[[[]]]]]", *['{"position":[1,1,1],"target":[0,0,0]}'] * 4,
-        '{"transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}',
-    ]))
+    item = draw(
+        st.sampled_from(
+            [
+                "[]",
+                "{}",
+                "0",
+                "[[[[[]]]]]",
+                *['{"position":[1,1,1],"target":[0,0,0]}'] * 4,
+                '{"transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}',
+            ]
+        )
+    )
     items = ",".join([item] * count)
     lens = json.dumps({"w": draw(HUGE), "h": draw(HUGE), "fl_x": draw(HUGE)})[1:-1]
-    path.write_text(draw(st.sampled_from([
-        f"[{items}]", f'{{"frames":[{items}],{lens}}}', f'{{"frames":[{items}],"camera_angle_x":1}}', "[" * count,
-        f'[{{"time":0,"position":[1,1,1],"target":[0,0,0]}},{{"time":{draw(HUGE)},"position":[2,1,1],"target":[0,0,0]}}]',
-    ])))
+    path.write_text(
+        draw(
+            st.sampled_from(
+                [
+                    f"[{items}]",
+                    f'{{"frames":[{items}],{lens}}}',
+                    f'{{"frames":[{items}],"camera_angle_x":1}}',
+                    "[" * count,
+                    f'[{{"time":0,"position":[1,1,1],"target":[0,0,0]}},{{"time":{draw(HUGE)},"position":[2,1,1],"target":[0,0,0]}}]',
+                ]
+            )
+        )
+    )
     return path
 
 

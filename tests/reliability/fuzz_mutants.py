@@ -19,10 +19,35 @@ VALUES: tuple[Callable[[random.Random], Any], ...] = (
 )
 
 WORDS = (
-    b"", b"0", b"-1", b"1", b"3", b"99", b"4294967295", b"1e999", b"nan", b"-inf", b"1e38", b"x", b"\xff\xfe", b"../x",
-    b"/etc/passwd", b"mtllib", b"newmtl", b"map_Kd", b"usemtl", b"f", b"v", b"end_header", b"float", b"list",
-    b"element", b"1//1", b"1/", b"a" * 3000,
-)  # fmt: skip
+    b"",
+    b"0",
+    b"-1",
+    b"1",
+    b"3",
+    b"99",
+    b"4294967295",
+    b"1e999",
+    b"nan",
+    b"-inf",
+    b"1e38",
+    b"x",
+    b"\xff\xfe",
+    b"../x",
+    b"/etc/passwd",
+    b"mtllib",
+    b"newmtl",
+    b"map_Kd",
+    b"usemtl",
+    b"f",
+    b"v",
+    b"end_header",
+    b"float",
+    b"list",
+    b"element",
+    b"1//1",
+    b"1/",
+    b"a" * 3000,
+)
 
 
 def places(value: Any) -> list[tuple[Any, Any]]:

@@ -27,27 +27,47 @@ def everything() -> GltfWriter:
     writer.add(
         "materials",
         name="all",
-        pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0.5], "metallicFactor": 0.5, "roughnessFactor": 0.5,
-                              "baseColorTexture": {"index": texture, "extensions": transform},
-                              "metallicRoughnessTexture": {"index": photo, "texCoord": 1}},
-        normalTexture={"index": photo, "scale": 0.5}, emissiveTexture={"index": texture}, emissiveFactor=[1, 1, 1],
-        alphaMode="MASK", alphaCutoff=0.5, doubleSided=True,
-        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 5}, "KHR_materials_ior": {"ior": 1.4},
-                    "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [1, 0.5, 0.5]},
-                    "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatRoughnessFactor": 0.2},
-                    "KHR_materials_transmission": {"transmissionFactor": 0.5},
-                    "KHR_materials_volume": {"thicknessFactor": 1, "attenuationColor": [1, 0.5, 0]},
-                    "KHR_materials_sheen": {"sheenColorFactor": [1, 0, 1]},
-                    "KHR_materials_anisotropy": {"anisotropyStrength": 0.5}, "KHR_materials_unlit": {}},
-    )  # fmt: skip
+        pbrMetallicRoughness={
+            "baseColorFactor": [1, 1, 1, 0.5],
+            "metallicFactor": 0.5,
+            "roughnessFactor": 0.5,
+            "baseColorTexture": {"index": texture, "extensions": transform},
+            "metallicRoughnessTexture": {"index": photo, "texCoord": 1},
+        },
+        normalTexture={"index": photo, "scale": 0.5},
+        emissiveTexture={"index": texture},
+        emissiveFactor=[1, 1, 1],
+        alphaMode="MASK",
+        alphaCutoff=0.5,
+        doubleSided=True,
+        extensions={
+            "KHR_materials_emissive_strength": {"emissiveStrength": 5},
+            "KHR_materials_ior": {"ior": 1.4},
+            "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [1, 0.5, 0.5]},
+            "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatRoughnessFactor": 0.2},
+            "KHR_materials_transmission": {"transmissionFactor": 0.5},
+            "KHR_materials_volume": {"thicknessFactor": 1, "attenuationColor": [1, 0.5, 0]},
+            "KHR_materials_sheen": {"sheenColorFactor": [1, 0, 1]},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.5},
+            "KHR_materials_unlit": {},
+        },
+    )
     quad = [*TRIANGLE, [1, 1, 0]]
     uvs = [[0, 0], [1, 0], [0, 1], [1, 1]]
     full = writer.mesh(
-        {"POSITION": quad, "NORMAL": [[0, 0, 1]] * 4, "TEXCOORD_0": uvs, "TEXCOORD_1": uvs,
-         "COLOR_0": writer.accessor(np.full((4, 4), 200), "u1", normalized=True),
-         "JOINTS_0": writer.accessor([[0, 1, 0, 0]] * 4, "u1"), "WEIGHTS_0": [[0.5, 0.5, 0, 0]] * 4},
-        [0, 1, 2, 2, 1, 3], material=0, targets=[{"POSITION": writer.accessor(np.ones((4, 3)))}],
-    )  # fmt: skip
+        {
+            "POSITION": quad,
+            "NORMAL": [[0, 0, 1]] * 4,
+            "TEXCOORD_0": uvs,
+            "TEXCOORD_1": uvs,
+            "COLOR_0": writer.accessor(np.full((4, 4), 200), "u1", normalized=True),
+            "JOINTS_0": writer.accessor([[0, 1, 0, 0]] * 4, "u1"),
+            "WEIGHTS_0": [[0.5, 0.5, 0, 0]] * 4,
+        },
+        [0, 1, 2, 2, 1, 3],
+        material=0,
+        targets=[{"POSITION": writer.accessor(np.ones((4, 3)))}],
+    )
     writer.json["meshes"][full]["weights"] = [0.5]
     strip = writer.mesh({"POSITION": writer.accessor([[*map(int, row)] for row in quad], "i2", stride=8)}, mode=5)
     writer.json["accessors"][-1]["sparse"] = {
@@ -55,36 +75,51 @@ def everything() -> GltfWriter:
         "indices": {"bufferView": writer.view(b"\3\0"), "componentType": 5123},
         "values": {"bufferView": writer.view(struct.pack("<3h", 2, 2, 0))},
     }
-    writer.mesh({"POSITION": quad, "TANGENT": [[1, 0, 0, 1]] * 4, "NORMAL": [[0, 0, 1]] * 4, "TEXCOORD_0": uvs}, mode=6,
-                material=0)  # fmt: skip
+    writer.mesh(
+        {"POSITION": quad, "TANGENT": [[1, 0, 0, 1]] * 4, "NORMAL": [[0, 0, 1]] * 4, "TEXCOORD_0": uvs},
+        mode=6,
+        material=0,
+    )
     writer.mesh(mode=1)
     joints = [writer.node(translation=[1, 0, 0]), writer.node(rotation=[0, 0, 0, 1], scale=[1, 2, 1])]
     bind = writer.accessor(np.tile(np.eye(4).reshape(16), (2, 1)))
     writer.add("skins", joints=joints, inverseBindMatrices=bind)
-    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [
-        {"type": "directional", "intensity": 3, "color": [1, 1, 1]}, {"type": "spot", "spot": {}}]}}  # fmt: skip
+    writer.json["extensions"] = {
+        "KHR_lights_punctual": {
+            "lights": [{"type": "directional", "intensity": 3, "color": [1, 1, 1]}, {"type": "spot", "spot": {}}]
+        }
+    }
     writer.add("cameras", type="perspective", perspective={"yfov": 1, "znear": 0.1})
     children = [
         writer.node(mesh=full, skin=0, name="skinned"),
         writer.node(mesh=full, matrix=[2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 1, 2, 3, 1]),
-        writer.node(mesh=strip, extensions={"EXT_mesh_gpu_instancing": {
-            "attributes": {"TRANSLATION": writer.accessor(np.ones((3, 3)))}}}),
+        writer.node(
+            mesh=strip,
+            extensions={"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": writer.accessor(np.ones((3, 3)))}}},
+        ),
         writer.node(mesh=2, extensions={"KHR_node_visibility": {"visible": False}}),
         writer.node(mesh=3, camera=0, extensions={"KHR_lights_punctual": {"light": 0}}),
         writer.node(extensions={"KHR_lights_punctual": {"light": 1}}),
-    ]  # fmt: skip
+    ]
     root = writer.node(children=children, rotation=[0, 0.6, 0, 0.8])
     times = writer.accessor([[0.0], [1.0]])
-    keys = [(root, "scale", np.ones((2, 3))), (joints[0], "rotation", [[0, 0, 0, 1], [0, 0, 1, 0]]),
-            (joints[1], "translation", np.ones((6, 3))), (children[0], "weights", [[0], [1]])]  # fmt: skip
+    keys = [
+        (root, "scale", np.ones((2, 3))),
+        (joints[0], "rotation", [[0, 0, 0, 1], [0, 0, 1, 0]]),
+        (joints[1], "translation", np.ones((6, 3))),
+        (children[0], "weights", [[0], [1]]),
+    ]
     samplers = [{"input": times, "output": writer.accessor(values)} for _, _, values in keys]
     samplers[2]["interpolation"] = "CUBICSPLINE"
     channels = [{"sampler": n, "target": {"node": node, "path": path}} for n, (node, path, _) in enumerate(keys)]
     writer.add("animations", channels=channels, samplers=samplers)
     gradient = {name: [1, 0.5, 0] for name in ("topColor", "horizonColor", "bottomColor")}
-    writer.json["extensions"]["OMI_environment_sky"] = {"skies": [
-        {"type": "panorama", "panorama": {"equirectangular": texture, "cubemap": [texture] * 6}},
-        {"type": "gradient", "gradient": gradient}]}  # fmt: skip
+    writer.json["extensions"]["OMI_environment_sky"] = {
+        "skies": [
+            {"type": "panorama", "panorama": {"equirectangular": texture, "cubemap": [texture] * 6}},
+            {"type": "gradient", "gradient": gradient},
+        ]
+    }
     writer.json["extensionsUsed"] = ["KHR_materials_ior", "KHR_lights_punctual"]
     writer.json["extensionsRequired"] = ["KHR_mesh_quantization"]
     writer.add("scenes", nodes=[root, *joints], name="main")
@@ -98,9 +133,14 @@ def compressed_images() -> GltfWriter:
     writer = GltfWriter()
     noise = np.random.default_rng(3).integers(0, 255, (8, 8, 4))
     files = [
-        ktx2_files.ETC1S, ktx2_files.UASTC, ktx2_files.UASTC_ZSTD, ktx2_files.plain(noise, 37, 2),
-        ktx2_files.plain(noise, 37, 3), encoded(noise, "WEBP"), encoded(noise, "WEBP", lossless=True),
-    ]  # fmt: skip
+        ktx2_files.ETC1S,
+        ktx2_files.UASTC,
+        ktx2_files.UASTC_ZSTD,
+        ktx2_files.plain(noise, 37, 2),
+        ktx2_files.plain(noise, 37, 3),
+        encoded(noise, "WEBP"),
+        encoded(noise, "WEBP", lossless=True),
+    ]
     for number, file in enumerate(files):
         image = {"source": writer.add("images", bufferView=writer.view(file))}
         name = "KHR_texture_basisu" if number < 5 else "EXT_texture_webp"
@@ -150,8 +190,17 @@ def mesh_file(kind: str) -> bytes:
         text = trimesh.exchange.obj.export_obj(ball, include_normals=True, include_color=True).split("\n")
         middle = len(text) - 40
         uvs = ["vt 0 0", "vt 1 0", "vt 0 1"]
-        lines = ["mtllib model.mtl", *text[:middle], "usemtl red", *text[middle:], *uvs, "usemtl blue",
-                 "f 1/1 2/2 3/3", "f -1/1 -2/2 -3/3 -4/1", "f 1/1/1 2/2/2 3/3/3"]  # fmt: skip
+        lines = [
+            "mtllib model.mtl",
+            *text[:middle],
+            "usemtl red",
+            *text[middle:],
+            *uvs,
+            "usemtl blue",
+            "f 1/1 2/2 3/3",
+            "f -1/1 -2/2 -3/3 -4/1",
+            "f 1/1/1 2/2/2 3/3/3",
+        ]
         return "\n".join(lines).encode()
     ball.visual.vertex_colors = np.tile([200, 100, 50, 255], (len(ball.vertices), 1))
     encodings = {"ascii.ply": "ascii", "binary.ply": "binary"}

@@ -242,8 +242,10 @@ def _bomb(kind: str, folder: Path) -> Subject:
     """Files whose loading takes as much as it can; at first an empty one, which is refused."""
     scene = sv.builtin("cornell_box")
     path = folder / "bomb.stl"
-    path.write_bytes(b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
-                     b"endfacet\nendsolid\n")
+    path.write_bytes(
+        b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+        b"endfacet\nendsolid\n"
+    )
 
     def write(data: st.DataObject) -> None:
         nonlocal path

@@ -67,8 +67,11 @@ class Disk:
                 append(journal, text)
 
         for owner, name, patch in (
-            (files, "_beside", start), (files, "_remove", end), (os, "replace", rename), (Journal, "_append", note),
-        ):  # fmt: skip
+            (files, "_beside", start),
+            (files, "_remove", end),
+            (os, "replace", rename),
+            (Journal, "_append", note),
+        ):
             monkeypatch.setattr(owner, name, patch)
 
     def begin(self, number: int = -1, fitting: int = 0) -> None:
@@ -179,8 +182,11 @@ def test_an_animation(lent_device, tmp_path, disk, elsewhere, capsys, output):
     assert main(command) == 0
     sizes, new = list(disk.written), contents(place)
     is_movie = output != "a.npy"
-    assert [path.suffix for path, _ in sizes] == [Path(output).suffix, *([".png"] * 2 if is_movie else []),
-                                                 *([Path(output).suffix] * (1 if is_movie else 2))]  # fmt: skip
+    assert [path.suffix for path, _ in sizes] == [
+        Path(output).suffix,
+        *([".png"] * 2 if is_movie else []),
+        *([Path(output).suffix] * (1 if is_movie else 2)),
+    ]
     assert not any(elsewhere.iterdir())
     for number, fitting in faults(sizes):
         for path in place.iterdir():

@@ -112,13 +112,17 @@ def rays(device: sv.Device, attempt: Attempt) -> NDArray[Any]:
         return np.array(attempt(lambda: tracer.trace(origins, directions))["t"])
 
 
-@pytest.mark.parametrize(("scenario", "names", "step"), [
-    (rays, MEMORY + PIPELINES, 3), pytest.param(rays, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
-    pytest.param(reference, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
-    # A realtime run takes seconds to create pipelines. It does so at one place, where some calls fail.
-    pytest.param(realtime, MEMORY, 1, marks=pytest.mark.slow),
-    pytest.param(realtime, PIPELINES, 37, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scenario", "names", "step"),
+    [
+        (rays, MEMORY + PIPELINES, 3),
+        pytest.param(rays, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
+        pytest.param(reference, MEMORY + PIPELINES, 1, marks=pytest.mark.slow),
+        # A realtime run takes seconds to create pipelines. It does so at one place, where some calls fail.
+        pytest.param(realtime, MEMORY, 1, marks=pytest.mark.slow),
+        pytest.param(realtime, PIPELINES, 37, marks=pytest.mark.slow),
+    ],
+)
 def test_a_call_without_memory_loses_nothing(
     scenario: Scenario, names: Sequence[str], step: int, any_device: None
 ) -> None:
@@ -145,10 +149,14 @@ def test_a_call_without_memory_loses_nothing(
             assert not any(device.pipelines._users.values()), where
 
 
-@pytest.mark.parametrize(("scenario", "step"), [
-    (rays, 1), pytest.param(reference, 1, marks=pytest.mark.slow),
-    pytest.param(realtime, 7, marks=pytest.mark.slow),  # each run creates its pipelines, which takes seconds
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scenario", "step"),
+    [
+        (rays, 1),
+        pytest.param(reference, 1, marks=pytest.mark.slow),
+        pytest.param(realtime, 7, marks=pytest.mark.slow),  # each run creates its pipelines, which takes seconds
+    ],
+)
 def test_a_device_that_is_lost_ends_with_one_error(scenario: Scenario, step: int, any_device: None) -> None:
     with sv.Device(validation=True) as device:
         faults = Faults(device, LOSS, raw.VK_ERROR_DEVICE_LOST)

@@ -223,8 +223,24 @@ def exr_texture(folder, n):
     return made
 
 
-BOMBS = (morphs, images, webp, progressive, animations, primitives, skins, instances, text, materials, mesh_text,
-         solids, radiance, exr, exr_tiles, exr_texture)
+BOMBS = (
+    morphs,
+    images,
+    webp,
+    progressive,
+    animations,
+    primitives,
+    skins,
+    instances,
+    text,
+    materials,
+    mesh_text,
+    solids,
+    radiance,
+    exr,
+    exr_tiles,
+    exr_texture,
+)
 
 
 def file_of(bomb, folder, n):

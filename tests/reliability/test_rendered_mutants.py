@@ -22,9 +22,14 @@ def test_mutants_are_rendered(device, tmp_path):
     if "(LLVM 15" in device.name:
         environment["GALLIVM_PERF"] = "nopt"  # it would optimize shaders with many features for minutes
     done = subprocess.run(
-        [sys.executable, program, tmp_path, str(COUNT), "0", *GLTF], capture_output=True, text=True, timeout=7200,
-        env=environment, cwd=tmp_path, check=False,
-    )  # fmt: skip
+        [sys.executable, program, tmp_path, str(COUNT), "0", *GLTF],
+        capture_output=True,
+        text=True,
+        timeout=7200,
+        env=environment,
+        cwd=tmp_path,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-5000:]
     counts = json.loads(done.stdout.splitlines()[-1])
     assert set(counts) == set(GLTF)

@@ -113,17 +113,32 @@ def test_poses_without_times_are_a_second_apart_and_count_divides_the_path_evenl
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-@pytest.mark.parametrize(("poses", "words"), [
-    ("{broken", "JSON"), ({"position": [0, 0, 1]}, "list"), ([POSES[0]], "two poses"), ([POSES[0], 3], "two poses"),
-    ([POSES[0], {"position": [0, 0, 1], "target": [0, 0, 0]}], "1 of 2"),
-    *([[POSES[0], POSES[2] | {"time": time}], words] for time, words in (
-        ("late", "number"), (10**400, "number"), (0, "increase"), (float("nan"), "finite"), (1e9, "100,000"),
-        (1e308, "within 1e"), (1e-320, "or more"))),
-    ([pose | {"ev100": ev100} for pose, ev100 in zip(POSES, (-100, 100, 100), strict=True)], "the curve between"),
-    ([POSES[0], POSES[2] | {"zoom": 3}], "pose 1.*zoom"),
-    ([POSES[0], {"position": [0, 0, 1], "time": 1}], "pose 1.*target"),
-    ([POSES[0], {"position": [0, 0, 5], "target": [0, 0, 9], "time": 1}], "0 and 1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("poses", "words"),
+    [
+        ("{broken", "JSON"),
+        ({"position": [0, 0, 1]}, "list"),
+        ([POSES[0]], "two poses"),
+        ([POSES[0], 3], "two poses"),
+        ([POSES[0], {"position": [0, 0, 1], "target": [0, 0, 0]}], "1 of 2"),
+        *(
+            [[POSES[0], POSES[2] | {"time": time}], words]
+            for time, words in (
+                ("late", "number"),
+                (10**400, "number"),
+                (0, "increase"),
+                (float("nan"), "finite"),
+                (1e9, "100,000"),
+                (1e308, "within 1e"),
+                (1e-320, "or more"),
+            )
+        ),
+        ([pose | {"ev100": ev100} for pose, ev100 in zip(POSES, (-100, 100, 100), strict=True)], "the curve between"),
+        ([POSES[0], POSES[2] | {"zoom": 3}], "pose 1.*zoom"),
+        ([POSES[0], {"position": [0, 0, 1], "time": 1}], "pose 1.*target"),
+        ([POSES[0], {"position": [0, 0, 5], "target": [0, 0, 9], "time": 1}], "0 and 1"),
+    ],
+)
 def test_files_that_are_no_path(path, poses, words):
     with pytest.raises(sv.SolariError, match=rf"path\.json.*{words}"):
         path(poses)
@@ -179,10 +194,13 @@ def test_an_mp4_without_ffmpeg_names_the_command_that_installs_it(pictures, tmp_
     assert not (tmp_path / "a.mp4").exists()
 
 
-@pytest.mark.parametrize(("script", "error"), [
-    ('echo "$@" > "$(dirname "$0")/arguments"; for last; do :; done; cat > "$last"', None),
-    ("echo no such encoder >&2; exit 1", r"a\.mp4: can't be written: ffmpeg: no such encoder"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("script", "error"),
+    [
+        ('echo "$@" > "$(dirname "$0")/arguments"; for last; do :; done; cat > "$last"', None),
+        ("echo no such encoder >&2; exit 1", r"a\.mp4: can't be written: ffmpeg: no such encoder"),
+    ],
+)
 def test_the_ffmpeg_on_the_path(pictures, tmp_path, monkeypatch, script, error):
     """A shell script in its place shows what it is given, or fails."""
     ffmpeg, movie = tmp_path / "bin/ffmpeg", tmp_path / "a.mp4"

@@ -39,8 +39,9 @@ def test_the_exposure_is_that_of_the_whole(device):
 
 def test_progress_counts_all_bands(device):
     seen = []
-    sv.render_large(device, sv.builtin("cornell_box"), SIZE, samples=2, band_pixels=BAND,
-                    progress=lambda *done: seen.append(done))  # fmt: skip
+    sv.render_large(
+        device, sv.builtin("cornell_box"), SIZE, samples=2, band_pixels=BAND, progress=lambda *done: seen.append(done)
+    )
     assert seen[-1] == (6, 6)
     assert seen == sorted(seen)
 
@@ -64,8 +65,20 @@ def test_larger_sizes_are_pointed_to_bands(device):
 
 def test_the_command_renders_bands(device, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(bands, "LARGEST_BAND", BAND)
-    command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "a.png"), "--size", "24x20", "--mode", "reference",
-               "--samples", "4", "--aov", "depth"]  # fmt: skip
+    command = [
+        "render",
+        "builtin:cornell_box",
+        "-o",
+        str(tmp_path / "a.png"),
+        "--size",
+        "24x20",
+        "--mode",
+        "reference",
+        "--samples",
+        "4",
+        "--aov",
+        "depth",
+    ]
     assert main(command) == 0
     assert "3 bands" in capsys.readouterr().err
     assert np.load(tmp_path / "a.depth.npy").shape == (20, 24)

@@ -69,8 +69,12 @@ def test_only_what_takes_long_is_shown_until_it_is_done(patience):
     notes(Compiling("pipelines", 0, 3, "a"))
     while patience < 1 and not shown:
         time.sleep(0.01)
-    for state in (("pipelines", 1, 3, "b"), ("pipelines", 3, 3, ""), ("machine code", 0, 1, "c"),
-                  ("machine code", 1, 1, "")):  # fmt: skip
+    for state in (
+        ("pipelines", 1, 3, "b"),
+        ("pipelines", 3, 3, ""),
+        ("machine code", 0, 1, "c"),
+        ("machine code", 1, 1, ""),
+    ):
         notes(Compiling(*state))
     assert shown == (["compiling pipelines 1 of 3: a", "compiling pipelines 2 of 3: b", ""] if patience < 1 else [])
 
@@ -94,11 +98,26 @@ def test_a_device_says_what_takes_long_on_stderr(any_device, capsys, monkeypatch
 def test_a_command_says_what_takes_long(any_device, tmp_path):
     """In a process without caches, in which the driver has a second of work; nothing counts as quick."""
     environment = os.environ | {"MESA_SHADER_CACHE_DISABLE": "true", "GALLIVM_PERF": "nopt"}
-    program = ("import sys; from solari_vk.cli import main; from solari_vk.gpu.device import compile_notes as notes; "
-               "notes.PATIENCE = notes.PAUSE = 0; "
-               "sys.exit(main(sys.argv[1:]))")  # fmt: skip
-    command = [sys.executable, "-c", program, "render", "builtin:cornell_box", "-o", str(tmp_path / "box.png"),
-               "--mode", "reference", "--samples", "1", "--size", "32x32"]  # fmt: skip
+    program = (
+        "import sys; from solari_vk.cli import main; from solari_vk.gpu.device import compile_notes as notes; "
+        "notes.PATIENCE = notes.PAUSE = 0; "
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    command = [
+        sys.executable,
+        "-c",
+        program,
+        "render",
+        "builtin:cornell_box",
+        "-o",
+        str(tmp_path / "box.png"),
+        "--mode",
+        "reference",
+        "--samples",
+        "1",
+        "--size",
+        "32x32",
+    ]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert re.search(r"compiling (pipelines|machine code) 1 of 1: pathtracer/trace\n", done.stderr)

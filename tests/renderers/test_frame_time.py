@@ -42,10 +42,17 @@ def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), 
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02, 0.05, 0.1])
-@pytest.mark.parametrize("case", [
-    {}, {"paths": lambda frame: 4.0 if frame < 200 else 7.0}, {"paths": lambda frame: 7.0 if frame < 200 else 4.0},
-    {"cuts": (100, 200, 300)}, {"paths": lambda frame: 4.0 + 2.0 * np.sin(frame / 20)},
-], ids=["steady", "slower", "faster", "cuts", "waves"])  # fmt: skip
+@pytest.mark.parametrize(
+    "case",
+    [
+        {},
+        {"paths": lambda frame: 4.0 if frame < 200 else 7.0},
+        {"paths": lambda frame: 7.0 if frame < 200 else 4.0},
+        {"cuts": (100, 200, 300)},
+        {"paths": lambda frame: 4.0 + 2.0 * np.sin(frame / 20)},
+    ],
+    ids=["steady", "slower", "faster", "cuts", "waves"],
+)
 def test_the_percentile_holds(case, noise):
     for target in (4.0, 6.0, 8.0):
         control = FrameTimeControl()
@@ -127,10 +134,14 @@ def test_so_they_have_with_the_world_cache(device):
     hold(check_mean(device, world_cache=True, paths_bounces=sv.Settings().paths_bounces))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    MEAN: (check_mean, Bug(
-        "passes/denoise/noisy_input.glsl", "has_no_path", "return correct(radiance_hit_distance) && false;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        MEAN: (
+            check_mean,
+            Bug("passes/denoise/noisy_input.glsl", "has_no_path", "return correct(radiance_hit_distance) && false;"),
+        )
+    }
+)
 
 
 def test_pixels_take_no_one_or_two_paths(device):

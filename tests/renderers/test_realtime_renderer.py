@@ -228,9 +228,9 @@ def test_every_device_has_enough_uniform_blocks(renderer):
     assert len(blocks) <= 12
 
 
-@pytest.mark.parametrize(("lighting", "pixel", "size", "staging"), [
-    ("split", 552, (400, 300), True), ("paths", 398, (256, 256), False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lighting", "pixel", "size", "staging"), [("split", 552, (400, 300), True), ("paths", 398, (256, 256), False)]
+)
 def test_little_more_memory_is_reserved_than_is_needed(any_device, scene, lighting, pixel, size, staging):
     settings = sv.Settings(lighting=lighting)
     with sv.Device(staging=staging) as device, sv.Renderer(device, scene, size, settings) as renderer:

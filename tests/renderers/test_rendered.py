@@ -39,16 +39,19 @@ def render(renderer):
     return renderer.render() if isinstance(renderer, sv.Renderer) else renderer.render(samples=renderer.samples + 2)
 
 
-@pytest.mark.parametrize(("owner", "option", "words"), [
-    (sv.Renderer, "quality", r"no option 'quality'; .*; give settings=Settings.preset\('solari'\), or"),
-    (sv.Renderer, "sed", "did you mean 'seed'"),
-    (sv.PathTracer, "quality", "PathTracer has no option 'quality'; there are device, scene, size, max_bounces, "),
-    (sv.RayTracer, "any_hit", "RayTracer has no option 'any_hit'; there are device, scene$"),
-    (sv.SceneFrame, "glsl_rot", "SceneFrame has no option 'glsl_rot'; did you mean 'glsl_root'"),
-    (sv.Device, "validate", "did you mean 'validation'"),
-    (sv.Viewer, "frames", "Viewer has no option 'frames'; there are device, "),
-    (sv.Settings, "di_candidate", "no setting 'di_candidate'; did you mean 'di_candidates'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("owner", "option", "words"),
+    [
+        (sv.Renderer, "quality", r"no option 'quality'; .*; give settings=Settings.preset\('solari'\), or"),
+        (sv.Renderer, "sed", "did you mean 'seed'"),
+        (sv.PathTracer, "quality", "PathTracer has no option 'quality'; there are device, scene, size, max_bounces, "),
+        (sv.RayTracer, "any_hit", "RayTracer has no option 'any_hit'; there are device, scene$"),
+        (sv.SceneFrame, "glsl_rot", "SceneFrame has no option 'glsl_rot'; did you mean 'glsl_root'"),
+        (sv.Device, "validate", "did you mean 'validation'"),
+        (sv.Viewer, "frames", "Viewer has no option 'frames'; there are device, "),
+        (sv.Settings, "di_candidate", "no setting 'di_candidate'; did you mean 'di_candidates'"),
+    ],
+)
 def test_unknown_options_are_refused(device, owner, option, words):
     scene = sv.Scene()
     given = {sv.Device: [], sv.Settings: [], sv.RayTracer: [device, scene], sv.SceneFrame: [device, scene, []]}
@@ -358,8 +361,9 @@ def test_uvs_materials_and_normals_before_the_camera(device):
         at = (np.arange(32) + 0.5) / 32
         np.testing.assert_allclose(frame["uv"][behind], np.stack(np.meshgrid(at, 1 - at), -1)[behind], atol=1e-5)
         np.testing.assert_allclose(frame["camera_normal"][behind], [(0, 0, -1)] * behind.sum(), atol=1e-6)
-        np.testing.assert_allclose(frame["camera_normal"], frame["shading_normal"] @ camera.rotation * (1, -1, -1),
-                                   atol=1e-6)  # fmt: skip
+        np.testing.assert_allclose(
+            frame["camera_normal"], frame["shading_normal"] @ camera.rotation * (1, -1, -1), atol=1e-6
+        )
         away = np.linalg.norm(frame["position"] - camera.position, axis=-1)
         np.testing.assert_allclose(frame["distance"], away, rtol=1e-5)
         assert frame["depth"][0, 0] < 0.9 * frame["distance"][0, 0]

@@ -22,8 +22,14 @@ def test_sizes_they_refuse(device, scene, kind):
 
 
 def test_what_it_refuses(device, scene):
-    for name, value in (("seed", "a"), ("seed", -1), ("max_bounces", 1.5), ("light_strategy", "x"), ("layering", "x"),
-                        ("pixel_filter", 3)):  # fmt: skip
+    for name, value in (
+        ("seed", "a"),
+        ("seed", -1),
+        ("max_bounces", 1.5),
+        ("light_strategy", "x"),
+        ("layering", "x"),
+        ("pixel_filter", 3),
+    ):
         with pytest.raises(sv.SolariError, match=name):
             sv.PathTracer(device, scene, (4, 4), **{name: value})
     with sv.PathTracer(device, scene, (4, 4), max_bounces=0) as renderer:

@@ -18,8 +18,13 @@ FISHEYE_K = np.array([[200.0, 0, 331.2], [0, 205.0, 228.7], [0, 0, 1]])
 TURN, SHIFT = np.array((0.3, -0.5, 0.2)), np.array((0.1, -0.2, 0.4))
 R = cv2.Rodrigues(TURN)[0]
 TWELVE = (0.1, -0.2, 0.001, 0.0005, 0.05, 0.2, -0.1, 0.02, 0.001, -0.002, 0.003, 0.001)
-BROWN = {"none": (), "four": (-0.28, 0.07, 0.001, -0.002), "five": (-0.28, 0.07, 0.001, -0.002, 0.01),
-         "rational": TWELVE[:8], "thin prism": TWELVE}  # fmt: skip
+BROWN = {
+    "none": (),
+    "four": (-0.28, 0.07, 0.001, -0.002),
+    "five": (-0.28, 0.07, 0.001, -0.002, 0.01),
+    "rational": TWELVE[:8],
+    "thin prism": TWELVE,
+}
 KANNALA = {"equidistant": (0, 0, 0, 0), "wide": (0.05, -0.01, 0.003, -0.0005), "narrow": (-0.02, 0.01, -0.004, 6e-4)}
 
 
@@ -66,9 +71,10 @@ def test_projections_in_closed_form():
     across = np.array((math.sin(1.2), 0, -math.cos(1.2)))  # 1.2 radians to the right of the view axis
     behind = np.array((1e-9, 0.6, 0.8))
     for projection, fov, radius in (
-        ("fisheye", 3.0, 1.2 / 1.5), ("equidistant", 3.6, 1.2 / 1.8),
+        ("fisheye", 3.0, 1.2 / 1.5),
+        ("equidistant", 3.6, 1.2 / 1.8),
         ("stereographic", 4.0, math.tan(0.6) / math.tan(1)),
-    ):  # fmt: skip
+    ):
         camera = sv.Camera(projection=projection, vertical_fov=fov)
         np.testing.assert_allclose(camera.project(across, size), (99.5 + 50 * radius, 49.5), atol=1e-9)
         check_round_trip(camera)
@@ -121,25 +127,31 @@ def test_an_image_circle_is_black_around():
     assert np.isfinite(camera.project((1, 0, -0.1), SIZE)).all()
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"K": K * np.nan}, r"K must be finite, but element \(0, 0\) is nan"),
-    ({"K": K + np.eye(3, k=1) * (1, 1, 0)}, "no skew, not"),
-    ({"K": -K}, "fx and fy above 0"),
-    ({"K": np.eye(4)}, "K must have the shape"),
-    ({"R": np.zeros((3, 3))}, "R is a rotation"),
-    ({"R": R * [1, 1, -1]}, "or it mirrors"),
-    ({"R": R * 1.01}, "perpendicular and of length 1"),
-    ({"t": (0, math.inf, 0)}, "t must be finite"),
-    ({"size": (640, 0)}, "size is"),
-    ({"distortion": (1, 2, 3)}, "0 or 4 or 5 or 8 or 12 numbers, not 3"),
-    ({"distortion": (0.1, math.nan, 0, 0)}, "distortion must be finite"),
-    ({"distortion": (-0.9, 0, 0, 0)}, "-0.9, 0, 0, 0 isn't invertible in a picture of 640x480.*check the order"),
-    ({"distortion": (-0.3, 0, 0, 0), "projection": "fisheye", "K": FISHEYE_K}, "beyond 60.3.* give image_circle"),
-    ({"projection": "fisheye", "K": [[30, 0, 320], [0, 30, 240], [0, 0, 1]]}, "vertical_fov must be a finite number"),
-    ({"projection": "fish"}, "projection must be one of perspective, fisheye"),
-    ({"image_circle": 3}, "a perspective camera has no image_circle"),
-    ({"projection": "stereographic", "eye_offset": 0.1}, "a stereographic camera has no eye_offset"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"K": K * np.nan}, r"K must be finite, but element \(0, 0\) is nan"),
+        ({"K": K + np.eye(3, k=1) * (1, 1, 0)}, "no skew, not"),
+        ({"K": -K}, "fx and fy above 0"),
+        ({"K": np.eye(4)}, "K must have the shape"),
+        ({"R": np.zeros((3, 3))}, "R is a rotation"),
+        ({"R": R * [1, 1, -1]}, "or it mirrors"),
+        ({"R": R * 1.01}, "perpendicular and of length 1"),
+        ({"t": (0, math.inf, 0)}, "t must be finite"),
+        ({"size": (640, 0)}, "size is"),
+        ({"distortion": (1, 2, 3)}, "0 or 4 or 5 or 8 or 12 numbers, not 3"),
+        ({"distortion": (0.1, math.nan, 0, 0)}, "distortion must be finite"),
+        ({"distortion": (-0.9, 0, 0, 0)}, "-0.9, 0, 0, 0 isn't invertible in a picture of 640x480.*check the order"),
+        ({"distortion": (-0.3, 0, 0, 0), "projection": "fisheye", "K": FISHEYE_K}, "beyond 60.3.* give image_circle"),
+        (
+            {"projection": "fisheye", "K": [[30, 0, 320], [0, 30, 240], [0, 0, 1]]},
+            "vertical_fov must be a finite number",
+        ),
+        ({"projection": "fish"}, "projection must be one of perspective, fisheye"),
+        ({"image_circle": 3}, "a perspective camera has no image_circle"),
+        ({"projection": "stereographic", "eye_offset": 0.1}, "a stereographic camera has no eye_offset"),
+    ],
+)
 def test_what_is_no_camera(change, message):
     given = {"K": K, "R": R, "t": SHIFT, "size": SIZE, **change}
     with pytest.raises(SolariError, match=message):
@@ -216,14 +228,17 @@ def test_colmap_files(tmp_path):
         sv.save_colmap(tmp_path, [sv.Camera(projection="stereographic")], SIZE, ["a"])
 
 
-@pytest.mark.parametrize(("cameras", "images", "message"), [
-    ("1 SIMPLE_RADIAL 640 480 500 320.5 240.5 -0.1", "1 1 0 0 0 0 0 0 1 a.png\n", ""),
-    ("1 FOV 640 480 1 2", "1 1 0 0 0 0 0 0 1 a.png\n", r"cameras.txt, line 1: the camera model 'FOV' isn't one of"),
-    ("1 OPENCV 640 480 1 2", "1 1 0 0 0 0 0 0 1 a.png\n", "the model OPENCV has a size and 8 parameters"),
-    ("1 PINHOLE 640 480 500 -1 320 240", "1 1 0 0 0 0 0 0 1 a.png\n", "line 1: Camera.from_opencv: K is"),
-    ("2 PINHOLE 640 480 500 500 320 240", "1 1 0 0 0 0 0 0 1 a.png\n", "images.txt, line 1: there is no camera 1"),
-    ("", "1 1 0 x 0 0 0 0 1 a.png\n", "an image is IMAGE_ID QW"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cameras", "images", "message"),
+    [
+        ("1 SIMPLE_RADIAL 640 480 500 320.5 240.5 -0.1", "1 1 0 0 0 0 0 0 1 a.png\n", ""),
+        ("1 FOV 640 480 1 2", "1 1 0 0 0 0 0 0 1 a.png\n", r"cameras.txt, line 1: the camera model 'FOV' isn't one of"),
+        ("1 OPENCV 640 480 1 2", "1 1 0 0 0 0 0 0 1 a.png\n", "the model OPENCV has a size and 8 parameters"),
+        ("1 PINHOLE 640 480 500 -1 320 240", "1 1 0 0 0 0 0 0 1 a.png\n", "line 1: Camera.from_opencv: K is"),
+        ("2 PINHOLE 640 480 500 500 320 240", "1 1 0 0 0 0 0 0 1 a.png\n", "images.txt, line 1: there is no camera 1"),
+        ("", "1 1 0 x 0 0 0 0 1 a.png\n", "an image is IMAGE_ID QW"),
+    ],
+)
 def test_colmap_files_by_hand(tmp_path, cameras, images, message):
     (tmp_path / "cameras.txt").write_text(cameras)
     (tmp_path / "images.txt").write_text(images)

@@ -124,11 +124,14 @@ def test_damaged_orthographic_cameras(writer):
     assert "without a height" in scene.warnings[0]
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    ((1.0, "Run"), "there is no animation 'Run'; there are none"),
-    (("wide",), "width / height of the picture, not 'wide'"),
-    ((0.0,), "not 0.0"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((1.0, "Run"), "there is no animation 'Run'; there are none"),
+        (("wide",), "width / height of the picture, not 'wide'"),
+        ((0.0,), "not 0.0"),
+    ],
+)
 def test_what_camera_for_refuses(arguments, message):
     with pytest.raises(SolariError, match=message):
         sv.builtin("cornell_box").camera_for(*arguments)

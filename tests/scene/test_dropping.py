@@ -15,9 +15,11 @@ from solari_vk.scene.matrices import transform_points
 pytest.importorskip("mujoco")
 GAP = 0.001  # meters, at most between what rests and what it rests on
 KINDS = {
-    "box": lambda: shapes.box((0.5, 0.2, 0), (0.7, 0.32, 0.08)), "ball": lambda: shapes.sphere(0.08, 12),
-    "cone": lambda: shapes.cone(0.08, 0.2, 12), "can": lambda: shapes.cylinder(0.05, 0.16, 12),
-}  # fmt: skip
+    "box": lambda: shapes.box((0.5, 0.2, 0), (0.7, 0.32, 0.08)),
+    "ball": lambda: shapes.sphere(0.08, 12),
+    "cone": lambda: shapes.cone(0.08, 0.2, 12),
+    "can": lambda: shapes.cylinder(0.05, 0.16, 12),
+}
 
 
 def planes(instance, shift=0.0):
@@ -29,8 +31,12 @@ def planes(instance, shift=0.0):
 def depth(*bodies):
     """The radius of the largest sphere in all of these convex bodies: below 0 if they don't meet."""
     equations = np.concatenate(bodies)
-    found = linprog((0, 0, 0, -1), A_ub=np.column_stack([equations[:, :3], np.ones(len(equations))]),
-                    b_ub=-equations[:, 3], bounds=[(None, None)] * 3 + [(-10, 10)])  # fmt: skip
+    found = linprog(
+        (0, 0, 0, -1),
+        A_ub=np.column_stack([equations[:, :3], np.ones(len(equations))]),
+        b_ub=-equations[:, 3],
+        bounds=[(None, None)] * 3 + [(-10, 10)],
+    )
     assert found.success
     return -found.fun
 
@@ -102,8 +108,10 @@ def test_parts_of_an_object_fall_together():
     scene = sv.Scene(sv.Instance(shapes.quad((0, 0, 0), (0, 0, 2), (2, 0, 0)), name="floor"))
     scene.add(shapes.box((-0.02, 0, -0.02), (0.02, 0.2, 0.02)), name="pole")
     sizes = [((x, -0.3, -0.2), (x + 0.02, 0, 0.2)) for x in (-0.2, 0.18)] + [((-0.2, 0, -0.2), (0.2, 0.02, 0.2))]
-    parts = [scene.add(shapes.box(*size), name=f"bench/{number}", part_of="bench", position=(3, 1, 0))
-             for number, size in enumerate(sizes)]  # fmt: skip
+    parts = [
+        scene.add(shapes.box(*size), name=f"bench/{number}", part_of="bench", position=(3, 1, 0))
+        for number, size in enumerate(sizes)
+    ]
     for flat in (False, True):
         if flat:
             parts.append(scene.add(shapes.quad((0, 0.03, 0), (0, 0, 0.1), (0.1, 0, 0)), part_of="bench"))
@@ -165,10 +173,11 @@ def test_what_can_not_fall():
         ([thing, "ball"], {}, "Instance 'ball' is given twice"),
         ([stranger], {}, "Instance 'stranger' is not in the scene: add it first"),
         ([thing], {"on": [stranger]}, "Instance 'stranger' is not in the scene"),
-        ([thing], {"on": ["flor"]}, "'flor'"), ([thing], {"on": 5}, "drop takes instances, not 5"),
+        ([thing], {"on": ["flor"]}, "'flor'"),
+        ([thing], {"on": 5}, "drop takes instances, not 5"),
         ([thing], {"seed": -1}, "seed must be a whole number from 0 on, not -1"),
         ([thing], {"seconds": 0}, "seconds must be a finite number between 0.002 and 100000 s, not 0"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(SolariError, match=message):
             scene.drop(*items, **fields)
     assert thing.transform is before

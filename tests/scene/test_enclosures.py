@@ -67,7 +67,7 @@ SHAPES = {
     "a car with seats": (False, replace(WHITE, double_sided=True), shapes.box((-3, 0, -2), (3, 3, 2)), TABLE),
     "a hollow statue": (False, WHITE, joined(shapes.sphere(4.0, 24), flipped(shapes.sphere(3.9, 24)))),
     "a jar with honey": (False, WHITE, shapes.sphere(2.0, 24), flipped(shapes.sphere(1.9, 24)), BALL),
-}  # fmt: skip
+}
 
 
 def lit_share(scene):

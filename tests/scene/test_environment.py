@@ -71,21 +71,32 @@ def test_broken_files_are_refused(tmp_path, colors):
     good = hdr(rgbe(colors))
     body = good.index(b"+X 32\n") + 6
     for data, text in (
-        (good[:-7], "cut off"), (good[: body + 9], "cut off"), (good[:body], "cut off"), (b"", "header is missing"),
-        (good.replace(b"-Y", b"+Y"), "orientation"), (good.replace(b"-Y 16", b"-Y 99999"), "pixels; from 1"),
-        (good.replace(b"-Y 16", b"-Y 0"), "pixels; from 1"), (good.replace(b"rgbe", b"xyze"), "XYZ"),
-        (good[:body] + bytes((2, 2, 0, 32)) + bytes(400), "cut off"), (hdr(rgbe(colors), False)[:-1], "cut off"),
+        (good[:-7], "cut off"),
+        (good[: body + 9], "cut off"),
+        (good[:body], "cut off"),
+        (b"", "header is missing"),
+        (good.replace(b"-Y", b"+Y"), "orientation"),
+        (good.replace(b"-Y 16", b"-Y 99999"), "pixels; from 1"),
+        (good.replace(b"-Y 16", b"-Y 0"), "pixels; from 1"),
+        (good.replace(b"rgbe", b"xyze"), "XYZ"),
+        (good[:body] + bytes((2, 2, 0, 32)) + bytes(400), "cut off"),
+        (hdr(rgbe(colors), False)[:-1], "cut off"),
         (good[:body] + bytes((1, 1, 1, 9)) * 512, "old kind"),
         (good.replace(b"\nFORMAT", b"\nEXPOSURE=1e999\nFORMAT"), "the EXPOSURE inf"),
-    ):  # fmt: skip
+    ):
         (tmp_path / "map.hdr").write_bytes(data)
         with pytest.raises(SolariError, match=text):
             sv.Environment(tmp_path / "map.hdr")
     (tmp_path / "map.exr").write_bytes(b"\x76\x2f\x31\x01nothing")
     (tmp_path / "map.png").write_bytes(b"\x89PNGnothing")
     (tmp_path / "map.tif").write_bytes(b"")
-    for name, text in (("map.exr", "damaged EXR"), ("map.png", "PNG"), ("map.tif", "not '.tif'"),
-                       ("none.hdr", "no such file"), ("none.exr", "no such file")):  # fmt: skip
+    for name, text in (
+        ("map.exr", "damaged EXR"),
+        ("map.png", "PNG"),
+        ("map.tif", "not '.tif'"),
+        ("none.hdr", "no such file"),
+        ("none.exr", "no such file"),
+    ):
         with pytest.raises(SolariError, match=re.escape(text)):
             sv.Environment(tmp_path / name)
 
@@ -138,12 +149,17 @@ def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path,
         np.testing.assert_array_equal(sv.Environment(tmp_path / "map.exr").image, colors.astype(np.float32))
 
 
-@pytest.mark.parametrize(("fields", "text"), [
-    ({"image": np.zeros((2, 2, 2))}, "shape"), ({"image": np.zeros((0, 2, 3))}, "at least one pixel"),
-    ({"image": -1.0}, "negative"), ({"image": 1e30}, "1e+18"),
-    ({"image": 1.0, "rotation": 2 * np.eye(3)}, "neither scales nor mirrors"),
-    ({"image": 1.0, "rotation": np.diag((1, 1, -1))}, "neither scales nor mirrors"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"image": np.zeros((2, 2, 2))}, "shape"),
+        ({"image": np.zeros((0, 2, 3))}, "at least one pixel"),
+        ({"image": -1.0}, "negative"),
+        ({"image": 1e30}, "1e+18"),
+        ({"image": 1.0, "rotation": 2 * np.eye(3)}, "neither scales nor mirrors"),
+        ({"image": 1.0, "rotation": np.diag((1, 1, -1))}, "neither scales nor mirrors"),
+    ],
+)
 def test_wrong_fields_are_refused(fields, text):
     with pytest.raises(SolariError, match=re.escape(text)):
         sv.Environment(**fields)

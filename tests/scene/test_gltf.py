@@ -71,10 +71,12 @@ def test_sparse_accessors(writer, based, dtype):
     replaced = {1: [1.0, 0, 0]} if based else {1: [1.0, 0, 0], 2: [0, 1.0, 0]}
     accessor["sparse"] = {
         "count": len(replaced),
-        "indices": {"bufferView": writer.view(np.array(list(replaced), dtype).tobytes()),
-                    "componentType": {"u1": 5121, "u2": 5123, "u4": 5125}[dtype]},
+        "indices": {
+            "bufferView": writer.view(np.array(list(replaced), dtype).tobytes()),
+            "componentType": {"u1": 5121, "u2": 5123, "u4": 5125}[dtype],
+        },
         "values": {"bufferView": writer.view(np.array(list(replaced.values()), "<f4").tobytes())},
-    }  # fmt: skip
+    }
     writer.mesh({"POSITION": number})
     assert corners(load_mesh(writer)) == [TRIANGLE]
 
@@ -102,9 +104,12 @@ def with_area(triangles):
 
 @pytest.mark.parametrize(
     ("mode", "expected"),
-    [(4, [[0, 1, 2], [3, 4, 0]]), (5, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 0, 4]]),
-     (6, [[1, 2, 0], [2, 3, 0], [3, 4, 0]])],
-)  # fmt: skip
+    [
+        (4, [[0, 1, 2], [3, 4, 0]]),
+        (5, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 0, 4]]),
+        (6, [[1, 2, 0], [2, 3, 0], [3, 4, 0]]),
+    ],
+)
 @pytest.mark.parametrize("indexed", [True, False])
 def test_triangle_modes(writer, mode, expected, indexed):
     order = [0, 1, 2, 3, 4, 0]

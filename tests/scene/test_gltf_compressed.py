@@ -150,8 +150,14 @@ def test_primitives_with_the_same_accessors_have_their_own_data(writer):
     def doubled(packed):
         mesh = DracoPy.decode(packed)
         arrays = {attribute["unique_id"]: attribute["data"] for attribute in mesh.attributes}
-        return DracoPy.encode(2 * mesh.points, mesh.faces, quantization_bits=16, normals=mesh.normals.astype(float),
-                              tex_coord=mesh.tex_coord.astype(float), generic_attributes={3: arrays[3]})  # fmt: skip
+        return DracoPy.encode(
+            2 * mesh.points,
+            mesh.faces,
+            quantization_bits=16,
+            normals=mesh.normals.astype(float),
+            tex_coord=mesh.tex_coord.astype(float),
+            generic_attributes={3: arrays[3]},
+        )
 
     draco_file(writer)
     draco_file(writer, doubled)

@@ -190,15 +190,19 @@ GRADIENT = {key: [1, 1, 1] for key in ("topColor", "horizonColor", "bottomColor"
     [
         ({"type": "physical"}, {}, "physical skies are left out: give another light", False),
         ({"type": "plain", "ambientSkyContribution": 0.5}, {}, "ambient light apart from that of the sky", True),
-        ({"type": "gradient", "gradient": GRADIENT}, {"extensions": {"KHR_lights_punctual": {"lights": []}}},
-         "the glow of gradient skies", True),
+        (
+            {"type": "gradient", "gradient": GRADIENT},
+            {"extensions": {"KHR_lights_punctual": {"lights": []}}},
+            "the glow of gradient skies",
+            True,
+        ),
         ({"type": "gradient"}, {}, "sky 0 has a wrong field: 'horizonColor' is missing", False),
         ({"type": "green"}, {}, "'type' is 'green', but must be one of gradient, panorama, physical, plain", False),
         ({"type": "plain"}, {"sky": 4}, "refers to sky 4, but the file has only 1", False),
         ({"type": "panorama", "panorama": {"cubemap": [0]}}, {}, "a list of six textures", False),
         ({"type": "panorama", "panorama": {"equirectangular": 7}}, {}, "refers to texture 7", False),
     ],
-)  # fmt: skip
+)
 def test_what_of_skies_is_left_out_is_named(writer, sky, use, warning, lit):
     scene = sky_of(writer, sky, **use)
     assert (scene.environment is not None) == lit

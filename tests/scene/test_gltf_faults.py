@@ -15,9 +15,11 @@ from solari_vk.base.errors import SolariError
 
 NAN = [[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]
 ATTRIBUTES = {
-    "NORMAL": [[0, 0, 1]] * 3, "TANGENT": [[1, 0, 0, 1]] * 3, "TEXCOORD_0": [[0, 0], [1, 0], [0, 1]],
+    "NORMAL": [[0, 0, 1]] * 3,
+    "TANGENT": [[1, 0, 0, 1]] * 3,
+    "TEXCOORD_0": [[0, 0], [1, 0], [0, 1]],
     "COLOR_0": [[0.5, 0.5, 0.5]] * 3,
-}  # fmt: skip
+}
 FIELDS = {"NORMAL": "normals", "TANGENT": "tangents", "TEXCOORD_0": "uvs", "COLOR_0": "colors"}
 
 
@@ -180,8 +182,13 @@ def test_joints_that_draco_has_as_floats(writer, bits):
         joints = (np.rint(joints * steps) / steps).astype(np.float32)
         assert (joints % 1).any()
     weights = np.array([[0.5, 0.5, 0, 0]] * 3, np.float32)
-    packed = DracoPy.encode(np.array(TRIANGLE, float), np.array([[0, 1, 2]], np.uint32), preserve_order=True,
-                            generic_attributes={3: joints, 4: weights}, quantization_bits=14)  # fmt: skip
+    packed = DracoPy.encode(
+        np.array(TRIANGLE, float),
+        np.array([[0, 1, 2]], np.uint32),
+        preserve_order=True,
+        generic_attributes={3: joints, 4: weights},
+        quantization_bits=14,
+    )
     given = {item["unique_id"]: item["data"] for item in DracoPy.decode(packed).attributes}
     assert given[3].dtype.kind == "f"
     attributes = {}

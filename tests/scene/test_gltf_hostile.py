@@ -61,26 +61,37 @@ def test_a_truncated_glb_is_refused_at_every_length(basic):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"", "neither a .glb"), (b"hello", "neither a .glb"), (b"\xff\xfe{}", "neither a .glb"),
-     (b"glTF" + b"\0" * 8, "ends inside its header"), (struct.pack("<4sIIII", b"glTF", 1, 20, 0, 0), "gltf-pipeline"),
-     (struct.pack("<4sIIII", b"glTF", 2, 20, 9, 0x4E4F534A), "says 9 bytes, but 0 are left"),
-     (struct.pack("<4sIIII", b"glTF", 2, 20, 0, 0x004E4942), "first chunk of the .glb file is not JSON"),
-     (b"[1]", "a JSON object"), (b"{}", "no 'asset'"), (b'{"asset": {"version": "1.0"}}', "npx gltf-pipeline -i"),
-     (b'{"asset": {"version": "2.0", "minVersion": "2.1"}}', "needs glTF '2.1'"), (b'{"asset": []}', "JSON object"),
-     (b'{"asset": {"version": 2.0}}', "'version' is 2.0, but must be a text"),
-     (b'{"asset": {"version": "2.0"}, "nodes": {}, "scenes": [{"nodes": [0]}]}', "'nodes' is an object of 0"),
-     (b'{"asset": {"version": "2.0"}, "x": ' + b"[" * 100_000, "nested too deeply"),
-     (b'{"asset": {"version": "2.0"}, "x": ' + b"9" * 100_000 + b"}", "neither a .glb"),
-     (b'{"asset": {"version": "2.0"}, "nodes": [{"translation": [NaN, 0, 0]}]}', "NaN is not a JSON number")],
-)  # fmt: skip
+    [
+        (b"", "neither a .glb"),
+        (b"hello", "neither a .glb"),
+        (b"\xff\xfe{}", "neither a .glb"),
+        (b"glTF" + b"\0" * 8, "ends inside its header"),
+        (struct.pack("<4sIIII", b"glTF", 1, 20, 0, 0), "gltf-pipeline"),
+        (struct.pack("<4sIIII", b"glTF", 2, 20, 9, 0x4E4F534A), "says 9 bytes, but 0 are left"),
+        (struct.pack("<4sIIII", b"glTF", 2, 20, 0, 0x004E4942), "first chunk of the .glb file is not JSON"),
+        (b"[1]", "a JSON object"),
+        (b"{}", "no 'asset'"),
+        (b'{"asset": {"version": "1.0"}}', "npx gltf-pipeline -i"),
+        (b'{"asset": {"version": "2.0", "minVersion": "2.1"}}', "needs glTF '2.1'"),
+        (b'{"asset": []}', "JSON object"),
+        (b'{"asset": {"version": 2.0}}', "'version' is 2.0, but must be a text"),
+        (b'{"asset": {"version": "2.0"}, "nodes": {}, "scenes": [{"nodes": [0]}]}', "'nodes' is an object of 0"),
+        (b'{"asset": {"version": "2.0"}, "x": ' + b"[" * 100_000, "nested too deeply"),
+        (b'{"asset": {"version": "2.0"}, "x": ' + b"9" * 100_000 + b"}", "neither a .glb"),
+        (b'{"asset": {"version": "2.0"}, "nodes": [{"translation": [NaN, 0, 0]}]}', "NaN is not a JSON number"),
+    ],
+)
 def test_files_that_are_no_gltf(tmp_path, content, message):
     assert message in refusal(tmp_path / "file.glb", content)
 
 
 def test_paths_that_are_no_files(tmp_path):
     os.mkfifo(tmp_path / "pipe.glb")
-    for path, message in ((tmp_path / "none.glb", "no such file"), (tmp_path, "not a readable file|directory"),
-                          (tmp_path / "pipe.glb", "not a readable file")):  # fmt: skip
+    for path, message in (
+        (tmp_path / "none.glb", "no such file"),
+        (tmp_path, "not a readable file|directory"),
+        (tmp_path / "pipe.glb", "not a readable file"),
+    ):
         with pytest.raises(SolariError, match=message):
             load_gltf(path)
 
@@ -147,10 +158,15 @@ def test_endless_buffers(tmp_path, basic):
 
 @pytest.mark.parametrize(
     ("uri", "message"),
-    [("missing.bin", "buffer 0 needs the file 'missing.bin', which is not beside the glTF file"),
-     ("data:;base64,####", "buffer 0 has a data URI that is not valid base64"), ("data:", "not valid base64"),
-     ("data:;base64,AAAA", "buffer 0 says"), ("x" * 5000, "a 'uri' that no file can have"), (7, "must be a text")],
-)  # fmt: skip
+    [
+        ("missing.bin", "buffer 0 needs the file 'missing.bin', which is not beside the glTF file"),
+        ("data:;base64,####", "buffer 0 has a data URI that is not valid base64"),
+        ("data:", "not valid base64"),
+        ("data:;base64,AAAA", "buffer 0 says"),
+        ("x" * 5000, "a 'uri' that no file can have"),
+        (7, "must be a text"),
+    ],
+)
 def test_buffers_without_their_data(tmp_path, basic, uri, message):
     content = basic.finish()
     content["buffers"][0]["uri"] = uri

@@ -50,14 +50,18 @@ def test_factors_and_defaults(writer):
 
 @pytest.mark.parametrize(
     ("fields", "f0"),
-    [({"KHR_materials_ior": {"ior": 1.33}}, (0.33 / 2.33) ** 2), ({"KHR_materials_ior": {}}, 0.04),
-     ({"KHR_materials_ior": {"ior": 1.0}}, 0), ({"KHR_materials_ior": {"ior": 2.4}}, (1.4 / 3.4) ** 2),
-     ({"KHR_materials_ior": {"ior": 0}}, 1),
-     ({"KHR_materials_specular": {"specularColorFactor": [1, 0.5, 2]}}, (0.04, 0.02, 0.08)),
-     ({"KHR_materials_specular": {"specularFactor": 0.5}}, 0.04),
-     ({"KHR_materials_specular": {"specularColorFactor": [3] * 3}, "KHR_materials_ior": {"ior": 1.5}}, 0.12),
-     ({"KHR_materials_specular": {"specularColorFactor": [9] * 3}, "KHR_materials_ior": {"ior": 5}}, 4)],
-)  # fmt: skip
+    [
+        ({"KHR_materials_ior": {"ior": 1.33}}, (0.33 / 2.33) ** 2),
+        ({"KHR_materials_ior": {}}, 0.04),
+        ({"KHR_materials_ior": {"ior": 1.0}}, 0),
+        ({"KHR_materials_ior": {"ior": 2.4}}, (1.4 / 3.4) ** 2),
+        ({"KHR_materials_ior": {"ior": 0}}, 1),
+        ({"KHR_materials_specular": {"specularColorFactor": [1, 0.5, 2]}}, (0.04, 0.02, 0.08)),
+        ({"KHR_materials_specular": {"specularFactor": 0.5}}, 0.04),
+        ({"KHR_materials_specular": {"specularColorFactor": [3] * 3}, "KHR_materials_ior": {"ior": 1.5}}, 0.12),
+        ({"KHR_materials_specular": {"specularColorFactor": [9] * 3}, "KHR_materials_ior": {"ior": 5}}, 4),
+    ],
+)
 def test_reflectance(writer, fields, f0):
     material, warnings = load(writer, extensions=fields)
     own = ((material.ior - 1) / (material.ior + 1)) ** 2
@@ -73,20 +77,28 @@ def test_lobes(writer):
         "KHR_materials_transmission": {"transmissionFactor": 0.9},
         "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationColor": [1, 0.5, 0], "attenuationDistance": 2},
         "KHR_materials_clearcoat": {
-            "clearcoatFactor": 0.8, "clearcoatRoughnessFactor": 0.2, "clearcoatNormalTexture": {**slot, "scale": 0.7},
+            "clearcoatFactor": 0.8,
+            "clearcoatRoughnessFactor": 0.2,
+            "clearcoatNormalTexture": {**slot, "scale": 0.7},
         },
         "KHR_materials_sheen": {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenRoughnessFactor": 0.4},
         "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": 0.3},
         "KHR_materials_iridescence": {
-            "iridescenceFactor": 0.7, "iridescenceIor": 1.8, "iridescenceThicknessMinimum": 50,
+            "iridescenceFactor": 0.7,
+            "iridescenceIor": 1.8,
+            "iridescenceThicknessMinimum": 50,
             "iridescenceThicknessMaximum": 30,
         },
         "KHR_materials_dispersion": {"dispersion": 0.36},
-    }  # fmt: skip
-    material, warnings = load(writer, extensions={
-        name: {**dict.fromkeys(row.textures.values(), slot), **factors.get(name, {})}
-        for name, row in OF_MATERIALS.items() if not name.endswith(("_unlit", "_pbrSpecularGlossiness"))
-    })  # fmt: skip
+    }
+    material, warnings = load(
+        writer,
+        extensions={
+            name: {**dict.fromkeys(row.textures.values(), slot), **factors.get(name, {})}
+            for name, row in OF_MATERIALS.items()
+            if not name.endswith(("_unlit", "_pbrSpecularGlossiness"))
+        },
+    )
     assert warnings == []
     assert (material.transmission, material.solid, material.attenuation_distance) == (0.9, True, 2)
     np.testing.assert_allclose(material.absorption[:2], [0, math.log(2) / 2], rtol=1e-6)
@@ -121,9 +133,14 @@ def test_unlit(writer):
     image = {"index": writer.image(np.full((2, 2, 4), 255))}
     pbr = {"baseColorFactor": [0.2, 0.4, 0.6, 0.5], "baseColorTexture": image, "metallicRoughnessTexture": image}
     material, warnings = load(
-        writer, pbrMetallicRoughness=pbr, normalTexture=image, emissiveFactor=[1, 1, 1], alphaMode="BLEND",
-        doubleSided=True, extensions={"KHR_materials_unlit": {}, **glass},
-    )  # fmt: skip
+        writer,
+        pbrMetallicRoughness=pbr,
+        normalTexture=image,
+        emissiveFactor=[1, 1, 1],
+        alphaMode="BLEND",
+        doubleSided=True,
+        extensions={"KHR_materials_unlit": {}, **glass},
+    )
     assert (material.unlit, material.double_sided, material.alpha_mode, material.alpha) == (True, True, "blend", 0.5)
     np.testing.assert_allclose(material.base_color, [0.2, 0.4, 0.6], rtol=1e-6)
     assert [name for name in TEXTURES if getattr(material, name) is not None] == ["base_color_texture"]
@@ -132,10 +149,18 @@ def test_unlit(writer):
 
 @pytest.mark.parametrize(
     ("mode", "factor", "texture", "influences"),
-    [("BLEND", 1.0, None, False), ("BLEND", 0.5, None, True), ("MASK", 0.5, None, False), ("MASK", 0.4, None, True),
-     ("OPAQUE", 0.1, None, False), ("BLEND", 1.0, 255, False), ("BLEND", 1.0, 254, True), ("MASK", 1.0, 140, False),
-     ("MASK", 0.9, 140, True)],
-)  # fmt: skip
+    [
+        ("BLEND", 1.0, None, False),
+        ("BLEND", 0.5, None, True),
+        ("MASK", 0.5, None, False),
+        ("MASK", 0.4, None, True),
+        ("OPAQUE", 0.1, None, False),
+        ("BLEND", 1.0, 255, False),
+        ("BLEND", 1.0, 254, True),
+        ("MASK", 1.0, 140, False),
+        ("MASK", 0.9, 140, True),
+    ],
+)
 def test_alpha(writer, mode, factor, texture, influences):
     pbr = {"baseColorFactor": [1, 1, 1, factor]}
     if texture is not None:
@@ -178,9 +203,12 @@ def test_texture_slots_share_images(writer):
     other = writer.add("textures", source=0, sampler=sampler)
     slot = {"index": texture}
     material, warnings = load(
-        writer, pbrMetallicRoughness={"baseColorTexture": slot, "metallicRoughnessTexture": slot},
-        emissiveTexture={"index": other}, emissiveFactor=[1, 1, 1], occlusionTexture=slot,
-    )  # fmt: skip
+        writer,
+        pbrMetallicRoughness={"baseColorTexture": slot, "metallicRoughnessTexture": slot},
+        emissiveTexture={"index": other},
+        emissiveFactor=[1, 1, 1],
+        occlusionTexture=slot,
+    )
     base, emissive = material.base_color_texture, material.emissive_texture
     assert base is material.metallic_roughness_texture
     assert base is not emissive
@@ -202,7 +230,7 @@ def test_texture_transforms(writer):
         writer,
         emissiveTexture={"index": texture, "texCoord": 1, **extension("KHR_texture_transform", **transform)},
         pbrMetallicRoughness={"baseColorTexture": {"index": texture}},
-    )  # fmt: skip
+    )
     # A counter-clockwise turn maps u, to the right, to v upwards (v is positive downwards).
     matrix = [[0, 4, 0.25], [-2, 0, 0.5]]
     np.testing.assert_allclose(material.emissive_texture.uv_transform, matrix, atol=1e-6)
@@ -266,10 +294,12 @@ TURN = extension("KHR_texture_transform", rotation=math.pi / 2)
 
 @pytest.mark.parametrize(
     ("attributes", "slot", "tangent"),
-    [({"NORMAL": NORMALS}, {}, [1, 0, 0, -1]),  # v points down in the image, so the bitangent (up) is along -y
-     ({"NORMAL": NORMALS}, TURN, [0, 1, 0, -1]),  # the image's u runs along the mesh's v
-     ({}, {}, [1, 0, 0, -1])],
-)  # fmt: skip
+    [
+        ({"NORMAL": NORMALS}, {}, [1, 0, 0, -1]),  # v points down in the image, so the bitangent (up) is along -y
+        ({"NORMAL": NORMALS}, TURN, [0, 1, 0, -1]),  # the image's u runs along the mesh's v
+        ({}, {}, [1, 0, 0, -1]),
+    ],
+)
 def test_tangents_are_made_for_normal_maps(writer, attributes, slot, tangent):
     mesh = mesh_with_normal_map(writer, attributes, **slot)
     assert (mesh.normals is None) == (not attributes)

@@ -133,9 +133,15 @@ def test_curves_are_clamped_and_clips_are_mixed(pointed):
 
 
 UNPLAYED = [
-    M + "doubleSided", "/cameras/0/perspective/aspectRatio", "/meshes/0/weights", L + "type", M + "extras/a",
-    "/lights/0/intensity", f"/extensions/{LIGHTS}{M}alphaCutoff", f"/extensions/{LIGHTS}/cameras/0/perspective/yfov",
-]  # fmt: skip
+    M + "doubleSided",
+    "/cameras/0/perspective/aspectRatio",
+    "/meshes/0/weights",
+    L + "type",
+    M + "extras/a",
+    "/lights/0/intensity",
+    f"/extensions/{LIGHTS}{M}alphaCutoff",
+    f"/extensions/{LIGHTS}/cameras/0/perspective/yfov",
+]
 
 
 @pytest.mark.parametrize("pointer", UNPLAYED)
@@ -288,8 +294,12 @@ def test_edits_of_a_part_of_what_is_animated_are_named(pointed, tmp_path):
 def test_every_property_is_read(pointed):
     """What can be animated changes something, or it would stay in silence."""
     fresh = {"range": [3, 4], "spot/innerConeAngle": [0.1, 0.2], "alphaCutoff": [0.2, 0.3]}
-    silent = {"orthographic/ymag", "orthographic/znear", "normalTexture/scale",
-              "extensions/KHR_materials_clearcoat/clearcoatNormalTexture/scale"}  # fmt: skip
+    silent = {
+        "orthographic/ymag",
+        "orthographic/znear",
+        "normalTexture/scale",
+        "extensions/KHR_materials_clearcoat/clearcoatNormalTexture/scale",
+    }
     for kind, properties in DEFAULTS.items():
         if kind == "nodes":
             continue

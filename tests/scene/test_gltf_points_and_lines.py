@@ -39,8 +39,7 @@ def test_points_are_spheres(writer):
 
 
 @pytest.mark.parametrize(
-    ("mode", "lines"),
-    [(1, [(0, 1), (2, 3)]), (2, [(0, 1), (1, 2), (2, 3), (3, 0)]), (3, [(0, 1), (1, 2), (2, 3)])],
+    ("mode", "lines"), [(1, [(0, 1), (2, 3)]), (2, [(0, 1), (1, 2), (2, 3), (3, 0)]), (3, [(0, 1), (1, 2), (2, 3)])]
 )
 @pytest.mark.parametrize("indexed", [False, True])
 def test_lines_are_tubes_with_round_ends(writer, mode, lines, indexed):

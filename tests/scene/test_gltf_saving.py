@@ -42,14 +42,19 @@ FILES = [
 
 UNIT = st.floats(0, 1, width=32)
 RANGES = {
-    "ior": st.floats(1, 5) | st.just(1e6), "reflectance": st.floats(0, 100, width=32),
-    "emissive": UNIT | st.floats(0, 2**20, width=32), "normal_scale": st.floats(-2, 2),
-    "clearcoat_normal_scale": st.floats(-2, 2), "attenuation_distance": st.floats(1e-3, 1e6),
-    "iridescence_ior": st.floats(1, 5), "dispersion": st.floats(0, 9),
+    "ior": st.floats(1, 5) | st.just(1e6),
+    "reflectance": st.floats(0, 100, width=32),
+    "emissive": UNIT | st.floats(0, 2**20, width=32),
+    "normal_scale": st.floats(-2, 2),
+    "clearcoat_normal_scale": st.floats(-2, 2),
+    "attenuation_distance": st.floats(1e-3, 1e6),
+    "iridescence_ior": st.floats(1, 5),
+    "dispersion": st.floats(0, 9),
     "iridescence_thickness": st.floats(0, 1e4, width=32),
-    "anisotropy_rotation": st.floats(-9, 9), "alpha_mode": st.sampled_from(["opaque", "mask", "blend"]),
+    "anisotropy_rotation": st.floats(-9, 9),
+    "alpha_mode": st.sampled_from(["opaque", "mask", "blend"]),
     "name": st.text(max_size=4),
-}  # fmt: skip
+}
 PIXELS = [np.full((1, 1), 9), np.arange(2 * 3 * 3).reshape(2, 3, 3), np.arange(2 * 2 * 4).reshape(2, 2, 4) * 16]
 IMAGES = [sv.TextureImage(pixels.astype(np.uint8), name=f"picture {n}") for n, pixels in enumerate(PIXELS)]
 
@@ -63,10 +68,15 @@ def textures(draw):
         st.sampled_from(["linear", "nearest"]),
     )
     return Texture(
-        draw(st.sampled_from(IMAGES)), wrap_u=draw(wrap), wrap_v=draw(wrap), magnification=draw(filters),
-        minification=draw(filters), mipmaps=draw(st.booleans()), uv_set=draw(st.integers(0, 1)),
+        draw(st.sampled_from(IMAGES)),
+        wrap_u=draw(wrap),
+        wrap_v=draw(wrap),
+        magnification=draw(filters),
+        minification=draw(filters),
+        mipmaps=draw(st.booleans()),
+        uv_set=draw(st.integers(0, 1)),
         uv_transform=np.append(rows, [[draw(UNIT)], [draw(UNIT)]], axis=1) if draw(st.booleans()) else np.eye(2, 3),
-    )  # fmt: skip
+    )
 
 
 @st.composite
@@ -90,10 +100,12 @@ def meshes(random):
     box, (skin, _) = shapes.box(), tube(targets=2, rng=random)
     count = len(box.positions)
     return [
-        box, dataclasses.replace(box, name="plain", uvs=None),
+        box,
+        dataclasses.replace(box, name="plain", uvs=None),
         dataclasses.replace(box, name="rich", second_uvs=random.random((count, 2)), colors=random.random((count, 4))),
-        skin, dataclasses.replace(skin, name="still", deformation=None),
-    ]  # fmt: skip
+        skin,
+        dataclasses.replace(skin, name="still", deformation=None),
+    ]
 
 
 @st.composite
@@ -178,8 +190,15 @@ def machine():
     mesh, rest = tube(targets=2)
     base = np.eye(4)
     base[:3, :3] = [[-1, 0.4, 0], [0, 1, 0], [0, 0, 2]]
-    rig = Rig([-1, 0, 1, 0], np.tile(np.eye(4), (4, 1, 1)), np.zeros((4, 3)), np.tile([0, 0, 0, 1], (4, 1)),
-              np.ones((4, 3)), [(base, True)] + [(np.eye(4), True)] * 3, [True, True, True, False])  # fmt: skip
+    rig = Rig(
+        [-1, 0, 1, 0],
+        np.tile(np.eye(4), (4, 1, 1)),
+        np.zeros((4, 3)),
+        np.tile([0, 0, 0, 1], (4, 1)),
+        np.ones((4, 3)),
+        [(base, True)] + [(np.eye(4), True)] * 3,
+        [True, True, True, False],
+    )
     character = sv.Instance(mesh, joint_matrices=np.tile(np.eye(4), (3, 1, 1)), morph_weights=[0, 0.5], name="tube")
     box = sv.Instance(shapes.box(), transform=base @ np.diag([1, 1, 1, 1.0]), name="box")
     lamp = sv.PointLight((0, 0, 0), name="lamp")
@@ -194,14 +213,20 @@ def machine():
     rig.attach(camera, 0)
     rig.attach_skin(character, [1, -1, 2], rest, np.linalg.inv(rest))
     rig.attach_weights(character, 3)
-    scene.animations.add(Animation(rig, [
-        Channel(0, "translation", [0, 1, 1, 2], [[0, 0, 0], [1, 0, 0], [0, 5, 0], [0, 0, 1]]),
-        Channel(1, "rotation", [0.5, 1], [[0, 0, 0, 1], [0, 2, 0, 2]]),
-        Channel(1, "scale", [0, 2], np.ones((2, 3, 3)), "CUBICSPLINE"),
-        Channel(2, "visible", [0, 1], [[1], [0]], "STEP"),
-        Channel(3, "weights", [0, 1], [[0, 1], [0.5, 0.25]], "STEP"),
-        Channel(0, "translation", [0, 2], [[0, 0, 0], [0, 3, 0]]),
-    ], name="work"))  # fmt: skip
+    scene.animations.add(
+        Animation(
+            rig,
+            [
+                Channel(0, "translation", [0, 1, 1, 2], [[0, 0, 0], [1, 0, 0], [0, 5, 0], [0, 0, 1]]),
+                Channel(1, "rotation", [0.5, 1], [[0, 0, 0, 1], [0, 2, 0, 2]]),
+                Channel(1, "scale", [0, 2], np.ones((2, 3, 3)), "CUBICSPLINE"),
+                Channel(2, "visible", [0, 1], [[1], [0]], "STEP"),
+                Channel(3, "weights", [0, 1], [[0, 1], [0.5, 0.25]], "STEP"),
+                Channel(0, "translation", [0, 2], [[0, 0, 0], [0, 3, 0]]),
+            ],
+            name="work",
+        )
+    )
     scene.animations.add(Animation(rig, [Channel(2, "translation", [0, 1], [[0, 0, 0], [1, 1, 1]])], name="rest"))
     scene.animate(0, "rest")
     return scene
@@ -305,8 +330,12 @@ def test_vertices_without_joints_stay(tmp_path):
     weights = mesh.deformation.joint_weights.copy()
     weights[:8] = 0
     still = dataclasses.replace(mesh.deformation, joint_weights=weights)
-    instance = sv.Instance(dataclasses.replace(mesh, deformation=still), joint_matrices=bent(rest, 1.0), name="tube",
-                           transform=np.diag([1, 2, 3, 1]))  # fmt: skip
+    instance = sv.Instance(
+        dataclasses.replace(mesh, deformation=still),
+        joint_matrices=bent(rest, 1.0),
+        name="tube",
+        transform=np.diag([1, 2, 3, 1]),
+    )
     check_same(sv.Scene(instance, name="one"), saved(sv.Scene(instance, name="one"), tmp_path / "scene.glb"))
 
 
@@ -325,7 +354,7 @@ BOX, TILTED = shapes.box(), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
         (sv.Environment(np.eye(4), rotation=TILTED, name="dome"), "tilted: Environment 'dome'"),
         (sv.Camera(projection="fisheye", name="fish"), "other programs show cameras.* as pinholes: Camera 'fish'"),
     ],
-)  # fmt: skip
+)
 def test_what_gltf_cannot_say_is_named_once(tmp_path, item, message):
     scene = sv.Scene(item)
     with pytest.warns(UserWarning, match=message) as found:
@@ -335,8 +364,9 @@ def test_what_gltf_cannot_say_is_named_once(tmp_path, item, message):
 
 
 LENGTHS = np.arange(len(BOX.normals))[:, None]
-UNFIT = dataclasses.replace(BOX, name="unfit", normals=LENGTHS * BOX.normals,
-                            tangents=LENGTHS * BOX.normals[:, [1, 2, 0, 0]])  # fmt: skip
+UNFIT = dataclasses.replace(
+    BOX, name="unfit", normals=LENGTHS * BOX.normals, tangents=LENGTHS * BOX.normals[:, [1, 2, 0, 0]]
+)
 
 
 def test_normals_have_a_length_of_1(tmp_path):
@@ -348,13 +378,22 @@ def test_normals_have_a_length_of_1(tmp_path):
 @pytest.mark.parametrize("name", ["clearcoat_normal_texture", "anisotropy_texture"])
 def test_textures_that_need_tangents_get_them(tmp_path, name):
     """As glTF demands them where there is no normal texture: along u, with vertices split where u turns around."""
-    half = sv.Mesh([[-1, 0, 0], [0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2], [1, 3, 2]], normals=[[0, 0, 1]] * 4,
-                   uvs=[[1, 0], [0, 0], [0, 1], [1, 0]], colors=np.eye(4), name="half")  # fmt: skip
+    half = sv.Mesh(
+        [[-1, 0, 0], [0, 0, 0], [0, 1, 0], [1, 0, 0]],
+        [[0, 1, 2], [1, 3, 2]],
+        normals=[[0, 0, 1]] * 4,
+        uvs=[[1, 0], [0, 0], [0, 1], [1, 0]],
+        colors=np.eye(4),
+        name="half",
+    )
     skin = dataclasses.replace(tube(targets=2)[0], tangents=None)
     pose = {"joint_matrices": bent(tube()[1], 0.5)[:, :3], "morph_weights": [0.2, 0.7]}
     textured = sv.Material(**{name: IMAGES[1]})
-    scene = sv.Scene(*(sv.Instance(mesh, textured) for mesh in (half, dataclasses.replace(half, normals=None))),
-                     sv.Instance(skin, textured, **pose), name="scene")  # fmt: skip
+    scene = sv.Scene(
+        *(sv.Instance(mesh, textured) for mesh in (half, dataclasses.replace(half, normals=None))),
+        sv.Instance(skin, textured, **pose),
+        name="scene",
+    )
     found = saved(scene, tmp_path / "scene.glb")
     check_same(scene, found)
     for mesh, least in zip((item.mesh for item in found.instances), (0.999, 0.999, 0.9), strict=True):
@@ -462,8 +501,10 @@ def validate(tmp_path):
         script = tmp_path / "validate.cjs"
         script.write_text(SCRIPT)
         ran = subprocess.run([node, script, os.path.abspath(package), *files], capture_output=True, check=True)
-        return {file.name: [issue for issue in report["messages"] if issue["severity"] == 0]
-                for file, report in zip(files, json.loads(ran.stdout), strict=True)}  # fmt: skip
+        return {
+            file.name: [issue for issue in report["messages"] if issue["severity"] == 0]
+            for file, report in zip(files, json.loads(ran.stdout), strict=True)
+        }
 
     return errors
 
@@ -479,11 +520,22 @@ def test_files_pass_the_validator_of_khronos(validate, machine, tmp_path):
         sv.Material(**dict.fromkeys(layers, 0.5), solid=True, emissive=7, ior=2),
         sv.Material(unlit=True, alpha_mode="blend", alpha=0.5),
     ]
-    scenes["meshes"] = sv.Scene(*(sv.Instance(mesh, one, random_transform(random, 1.0)) for mesh in meshes(random)
-                                  for one in rich for _ in range(6)))  # fmt: skip
-    layered = sv.Material(**dict.fromkeys((*layers, "roughness"), 0.5), **{
-        name: Texture(IMAGES[1], uv_set=number % 2) for number, name in enumerate(TEXTURES) if name != "normal_texture"
-    })  # fmt: skip
+    scenes["meshes"] = sv.Scene(
+        *(
+            sv.Instance(mesh, one, random_transform(random, 1.0))
+            for mesh in meshes(random)
+            for one in rich
+            for _ in range(6)
+        )
+    )
+    layered = sv.Material(
+        **dict.fromkeys((*layers, "roughness"), 0.5),
+        **{
+            name: Texture(IMAGES[1], uv_set=number % 2)
+            for number, name in enumerate(TEXTURES)
+            if name != "normal_texture"
+        },
+    )
     with_uvs = [mesh for mesh in [*meshes(random), UNFIT] if mesh.uvs is not None]
     scenes["layers"] = sv.Scene(*(sv.Instance(mesh, layered) for mesh in with_uvs))
     beam = sv.LightProfile([0, 30, 90], [0, 90], [[100, 80, 0], [100, 60, 0]])

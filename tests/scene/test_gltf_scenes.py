@@ -80,9 +80,14 @@ def test_work_grows_with_the_file(writer):
 
 @pytest.mark.parametrize(
     "transform",
-    [{"scale": [1, 0, 1]}, {"matrix": [0] * 16}, {"matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},
-     {"scale": [1e300, 1e300, 1e300]}, {"rotation": [0, 0, 0, 0]}],
-)  # fmt: skip
+    [
+        {"scale": [1, 0, 1]},
+        {"matrix": [0] * 16},
+        {"matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},
+        {"scale": [1e300, 1e300, 1e300]},
+        {"rotation": [0, 0, 0, 0]},
+    ],
+)
 def test_singular_transforms_are_reported(writer, transform):
     inner = writer.node(mesh=writer.mesh(), name="flat", scale=[1e300, 1, 1])
     writer.node(children=[inner], **transform)
@@ -169,10 +174,13 @@ def test_lights(writer):
     ]
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
     children = [
-        writer.node(extensions={"KHR_lights_punctual": {"light": number}}, rotation=[-HALF, 0, 0, HALF],
-                    translation=[number, 0, 0])
+        writer.node(
+            extensions={"KHR_lights_punctual": {"light": number}},
+            rotation=[-HALF, 0, 0, HALF],
+            translation=[number, 0, 0],
+        )
         for number in range(len(kinds))
-    ]  # fmt: skip
+    ]
     writer.node(children=children, scale=[2, 2, 5], translation=[0, 3, 0])
     scene = writer.load()
     sun, bulb, plain, stage, hard = scene.lights
@@ -181,7 +189,10 @@ def test_lights(writer):
     assert [light.position.tolist() for light in (bulb, plain, stage)] == [[2, 3, 0], [4, 3, 0], [6, 3, 0]]
     assert (bulb.name, bulb.intensity, bulb.range, bulb.radius) == ("bulb", 40, 12.5, 0)
     assert (plain.intensity, plain.range, plain.inner_cone_angle, plain.outer_cone_angle) == (
-        1e15, None, 0, math.pi / 4
+        1e15,
+        None,
+        0,
+        math.pi / 4,
     )
     assert (stage.inner_cone_angle, stage.outer_cone_angle) == (0.25, math.pi / 2)
     assert 0.499 < hard.inner_cone_angle < hard.outer_cone_angle == 0.5
@@ -205,11 +216,17 @@ def test_lights_of_singular_nodes(writer):
     assert scene.warnings == ["lights whose node's transform is singular are left out: node 1"]
 
 
-@pytest.mark.parametrize("light", [
-    {"type": "point", "intensity": -1}, {"type": "point", "range": -1}, {"type": "area"},
-    {"type": "spot", "spot": {"outerConeAngle": 2}}, {"type": "spot", "spot": {"innerConeAngle": -0.1}},
-    {"type": "point", "color": [1, 1]},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"type": "point", "intensity": -1},
+        {"type": "point", "range": -1},
+        {"type": "area"},
+        {"type": "spot", "spot": {"outerConeAngle": 2}},
+        {"type": "spot", "spot": {"innerConeAngle": -0.1}},
+        {"type": "point", "color": [1, 1]},
+    ],
+)
 def test_wrong_lights(writer, light):
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
     writer.node(extensions={"KHR_lights_punctual": {"light": 0}})

@@ -93,8 +93,12 @@ def test_two_skins_of_a_mesh(writer):
 
 def mirrored(writer, scale, skins=1):
     """The root, with a scale, above a joint, a triangle on it once for each skin, and one without a skin."""
-    attributes = {"NORMAL": [[0, 0, 1]] * 3, "TANGENT": [[1, 0, 0, 1]] * 3, "WEIGHTS_0": [[1, 0, 0, 0]] * 3,
-                  "JOINTS_0": writer.accessor([[0, 0, 0, 0]] * 3, "u1")}  # fmt: skip
+    attributes = {
+        "NORMAL": [[0, 0, 1]] * 3,
+        "TANGENT": [[1, 0, 0, 1]] * 3,
+        "WEIGHTS_0": [[1, 0, 0, 0]] * 3,
+        "JOINTS_0": writer.accessor([[0, 0, 0, 0]] * 3, "u1"),
+    }
     mesh, joint = writer.mesh(attributes), writer.node()
     skin = writer.add("skins", joints=[joint])
     leaves = [writer.node(mesh=mesh, skin=skin) for _ in range(skins)]

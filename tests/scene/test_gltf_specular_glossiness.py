@@ -20,8 +20,12 @@ def load(writer, textures=(), **fields):
     """The material of a triangle with the extension, and the warnings. textures: pixels by their keys."""
     for key, pixels in dict(textures).items():
         fields[key] = {"index": writer.image(pixels), **fields.get(key, {})}
-    fallback = {"baseColorFactor": [0, 1, 0, 1], "baseColorTexture": {"index": writer.image(np.zeros((1, 1, 3)))},
-                "metallicRoughnessTexture": {"index": 0}, "metallicFactor": 1}  # fmt: skip
+    fallback = {
+        "baseColorFactor": [0, 1, 0, 1],
+        "baseColorTexture": {"index": writer.image(np.zeros((1, 1, 3)))},
+        "metallicRoughnessTexture": {"index": 0},
+        "metallicFactor": 1,
+    }
     material = writer.add("materials", extensions={EXTENSION: fields}, pbrMetallicRoughness=fallback, alphaMode="BLEND")
     writer.mesh({"TEXCOORD_0": UVS}, material=material)
     writer.json["extensionsRequired"] = [EXTENSION]
@@ -66,9 +70,12 @@ def linear(pixels):
 def test_texels_follow_the_formulas(writer, specular, diffuse):
     given = {"diffuseTexture": diffuse, "specularGlossinessTexture": specular}
     material, warnings = load(
-        writer, {key: pixels for key, pixels in given.items() if pixels is not None},
-        diffuseFactor=DIFFUSE_FACTOR.tolist(), specularFactor=SPECULAR_FACTOR.tolist(), glossinessFactor=GLOSSINESS,
-    )  # fmt: skip
+        writer,
+        {key: pixels for key, pixels in given.items() if pixels is not None},
+        diffuseFactor=DIFFUSE_FACTOR.tolist(),
+        specularFactor=SPECULAR_FACTOR.tolist(),
+        glossinessFactor=GLOSSINESS,
+    )
     one = np.ones((1, 1, 4))
     spec, diff = (one if pixels is None else linear(pixels) for pixels in (specular, diffuse))
     if specular is not None and diff.shape[1] == 2:

@@ -80,17 +80,20 @@ def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
     assert (made.material, made.position.tolist()) == (red, [1, 2, 3])
 
 
-@pytest.mark.parametrize(("use", "message"), [
-    (lambda s: s.group(sv.Environment(1.0)), "a group holds instances, .*, not Environment"),
-    (lambda s: s.add(sv.Camera(), position=(1, 2, 3)), "are given with a mesh, a file or a"),
-    (lambda s: s.add(sv.Scene(), sv.Material()), "material with a mesh only"),
-    (lambda s: s.add("nothing.glb"), "nothing.glb: there is no such file"),
-    (lambda s: s.group("wall"), "there is no object 'wall'; there are none"),
-    (lambda s: s.group().update(place=1), "Group has no field 'place'; .*there are transform, position, rotation"),
-    (lambda s: setattr(s.group(), "visible", False), "Group has no field 'visible'"),
-    (lambda s: s.group(scale=np.inf), "scale must be finite"),
-    (lambda s: s.add(sv.Scene(), position=3), "Group: position must have the shape"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (lambda s: s.group(sv.Environment(1.0)), "a group holds instances, .*, not Environment"),
+        (lambda s: s.add(sv.Camera(), position=(1, 2, 3)), "are given with a mesh, a file or a"),
+        (lambda s: s.add(sv.Scene(), sv.Material()), "material with a mesh only"),
+        (lambda s: s.add("nothing.glb"), "nothing.glb: there is no such file"),
+        (lambda s: s.group("wall"), "there is no object 'wall'; there are none"),
+        (lambda s: s.group().update(place=1), "Group has no field 'place'; .*there are transform, position, rotation"),
+        (lambda s: setattr(s.group(), "visible", False), "Group has no field 'visible'"),
+        (lambda s: s.group(scale=np.inf), "scale must be finite"),
+        (lambda s: s.add(sv.Scene(), position=3), "Group: position must have the shape"),
+    ],
+)
 def test_refused_groups(use, message):
     scene = sv.Scene()
     with pytest.raises(sv.SolariError, match=message):
@@ -153,14 +156,17 @@ def test_groups_are_made_of_names_and_listed():
     assert not scene.groups
 
 
-@pytest.mark.parametrize("use", [
-    lambda scene, box: scene.add(BOX, parent=box),
-    lambda scene, box: scene.add(sv.Instance(BOX), parent=box),
-    lambda scene, box: box.parent,
-    lambda scene, box: setattr(sv.PointLight((0, 1, 0)), "parent", box),
-    lambda scene, box: scene.group(box).update(part_of=box),
-    lambda scene, box: box.update(part_of=scene.group(box)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda scene, box: scene.add(BOX, parent=box),
+        lambda scene, box: scene.add(sv.Instance(BOX), parent=box),
+        lambda scene, box: box.parent,
+        lambda scene, box: setattr(sv.PointLight((0, 1, 0)), "parent", box),
+        lambda scene, box: scene.group(box).update(part_of=box),
+        lambda scene, box: box.update(part_of=scene.group(box)),
+    ],
+)
 def test_parents_lead_to_groups(use):
     scene = sv.Scene(sv.Instance(BOX))
     with pytest.raises((sv.SolariError, AttributeError), match=r"scene\.group\("):

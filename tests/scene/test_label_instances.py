@@ -45,12 +45,15 @@ def test_classes_may_name_the_object():
             sv.label_instances(scene, {"tree": wrong})
 
 
-@pytest.mark.parametrize(("extras", "label"), [
-    ({"label": "chair"}, "chair"),
-    ({"label": "chair", "solari_vk": {"label": "seat"}}, "seat"),
-    ({"label": 3}, ""),
-    (3, ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("extras", "label"),
+    [
+        ({"label": "chair"}, "chair"),
+        ({"label": "chair", "solari_vk": {"label": "seat"}}, "seat"),
+        ({"label": 3}, ""),
+        (3, ""),
+    ],
+)
 def test_files(tmp_path, extras, label):
     path = tmp_path / "scene.gltf"
     scene_of("a").save(path)
@@ -95,8 +98,10 @@ def test_parts_with_one_label_have_one_annotation(chairs):
     scene = sv.load(chairs)
     numbered = dict(enumerate(scene.instances))
     ids = np.array([[0, 1, 2, 9], [0, 1, 3, 3]], np.uint32)
-    for classes, expected in (({"chair": "chair", "chair 2": "chair"}, [(0, 4), (2, 3)]),
-                              ({"chair/0": "seat", "chair/1": "back"}, [(0, 2), (1, 2), (2, 1), (3, 2)])):  # fmt: skip
+    for classes, expected in (
+        ({"chair": "chair", "chair 2": "chair"}, [(0, 4), (2, 3)]),
+        ({"chair/0": "seat", "chair/1": "back"}, [(0, 2), (1, 2), (2, 1), (3, 2)]),
+    ):
         sv.label_instances(scene, classes)
         labelled = {number: instance.label for number, instance in numbered.items()}
         annotations = sv.Annotations(labelled, objects=objects_of(numbered, labelled))

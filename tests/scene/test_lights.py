@@ -25,9 +25,10 @@ def test_lumens():
     assert spot.intensity * 2 * math.pi * share.mean() == pytest.approx(50, rel=1e-4)
 
 
-@pytest.mark.parametrize(("temperature", "x", "y"), [
-    (2000, 0.5267, 0.4133), (2856, 0.4476, 0.4074), (5000, 0.3451, 0.3516), (10_000, 0.2807, 0.2884),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("temperature", "x", "y"),
+    [(2000, 0.5267, 0.4133), (2856, 0.4476, 0.4074), (5000, 0.3451, 0.3516), (10_000, 0.2807, 0.2884)],
+)
 def test_kelvin(temperature, x, y):
     """Chromaticities of black bodies: Wyszecki and Stiles, "Color Science" (1982); 2856 K is CIE's illuminant A."""
     color = sv.kelvin(temperature)
@@ -40,12 +41,16 @@ def test_kelvin(temperature, x, y):
         np.testing.assert_array_equal(light.color, sv.kelvin(4000))
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    ({"lumens": 1, "intensity": 1}, "SpotLight: lumens makes intensity: give one"),
-    ({"lumens": -1}, "between 0 and .* lm"),
-    ({"kelvin": 1, "color": 1}, "kelvin makes color"), ({"kelvin": 100}, "from 1667 to 25000 K, not 100"),
-    ({"lumens": 1, "outer_cone_angle": "wide"}, "outer_cone_angle"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"lumens": 1, "intensity": 1}, "SpotLight: lumens makes intensity: give one"),
+        ({"lumens": -1}, "between 0 and .* lm"),
+        ({"kelvin": 1, "color": 1}, "kelvin makes color"),
+        ({"kelvin": 100}, "from 1667 to 25000 K, not 100"),
+        ({"lumens": 1, "outer_cone_angle": "wide"}, "outer_cone_angle"),
+    ],
+)
 def test_refused_units(fields, message):
     with pytest.raises(sv.SolariError, match=message):
         sv.SpotLight((0, 1, 0), (0, -1, 0), **fields)

@@ -167,13 +167,16 @@ def test_textures_that_need_a_missing_library_are_warned_of(tmp_path, monkeypatc
 
 @pytest.mark.parametrize(
     ("mtl", "reason"),
-    [(None, "'plane.mtl'.*no such file"), ("newmtl red\nmap_Kd gone.png\n", "'gone.png'.*no such file"),
-     ("newmtl red\nmap_Kd plane.obj\n", "the image 'plane.obj' is not a PNG"),
-     ("newmtl red\nmap_Kd ../secret.png\n", "outside the model's folder"),
-     ("newmtl red\nmap_Kd /etc/passwd\n", "outside the model's folder"),
-     ("newmtl red\nmap_Kd link.png\n", "outside the model's folder"),
-     ("newmtl red\nmap_Kd a\0b\n", "no file can have")],
-)  # fmt: skip
+    [
+        (None, "'plane.mtl'.*no such file"),
+        ("newmtl red\nmap_Kd gone.png\n", "'gone.png'.*no such file"),
+        ("newmtl red\nmap_Kd plane.obj\n", "the image 'plane.obj' is not a PNG"),
+        ("newmtl red\nmap_Kd ../secret.png\n", "outside the model's folder"),
+        ("newmtl red\nmap_Kd /etc/passwd\n", "outside the model's folder"),
+        ("newmtl red\nmap_Kd link.png\n", "outside the model's folder"),
+        ("newmtl red\nmap_Kd a\0b\n", "no file can have"),
+    ],
+)
 def test_materials_that_can_not_be_read(tmp_path, mtl, reason):
     (tmp_path / "secret.png").write_bytes(encoded(np.zeros((1, 1, 3))))
     folder = tmp_path / "model"

@@ -62,8 +62,19 @@ def test_textures_from_files(tmp_path):
 
 PIXEL = TextureImage(np.zeros((1, 1, 4), np.uint8))
 SUN = DirectionalLight([0, 1, 0])
-OBJECTS = [mesh(), PIXEL, Texture(PIXEL), Material(), Instance(mesh()), SUN, PointLight([0, 1, 0]), SpotLight(**SPOT),
-           Camera(), Environment(1.0), Sky([1, 1, 0])]  # fmt: skip
+OBJECTS = [
+    mesh(),
+    PIXEL,
+    Texture(PIXEL),
+    Material(),
+    Instance(mesh()),
+    SUN,
+    PointLight([0, 1, 0]),
+    SpotLight(**SPOT),
+    Camera(),
+    Environment(1.0),
+    Sky([1, 1, 0]),
+]
 
 
 @pytest.mark.parametrize("item", OBJECTS, ids=lambda item: type(item).__name__)
@@ -232,8 +243,15 @@ def test_colors_and_materials_of_trimesh():
 
     checks, uv = np.array([[0, 255], [255, 9]], np.uint8), np.zeros((8, 2))
     image = Image.fromarray(checks)
-    pbr = PBRMaterial("paint", baseColorFactor=[0, 255, 51, 102], roughnessFactor=0.25, emissiveFactor=[0, 0.5, 1],
-                      alphaMode="BLEND", metallicRoughnessTexture=image, doubleSided=True)  # fmt: skip
+    pbr = PBRMaterial(
+        "paint",
+        baseColorFactor=[0, 255, 51, 102],
+        roughnessFactor=0.25,
+        emissiveFactor=[0, 0.5, 1],
+        alphaMode="BLEND",
+        metallicRoughnessTexture=image,
+        doubleSided=True,
+    )
     found = added(trimesh.visual.TextureVisuals(uv=uv, material=pbr)).material
     np.testing.assert_allclose([*found.base_color, found.alpha], (0, 1, 0.2, 0.4))
     assert (found.metallic, found.roughness, found.alpha_mode, found.name) == (1, 0.25, "blend", "paint")
@@ -300,9 +318,9 @@ def test_only_real_numbers_are_taken(value):
         Material(base_color=value[0])
 
 
-@pytest.mark.parametrize("make", [
-    lambda: shapes.sphere(-1), lambda: shapes.sphere(float("nan")), lambda: shapes.box((1, 0, 0), (0, 1, 1)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "make", [lambda: shapes.sphere(-1), lambda: shapes.sphere(float("nan")), lambda: shapes.box((1, 0, 0), (0, 1, 1))]
+)
 def test_shapes_have_a_size(make):
     with pytest.raises(SolariError, match=r"needs a|lowest and its highest corner"):
         make()

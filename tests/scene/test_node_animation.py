@@ -51,10 +51,17 @@ def test_rotations_turn_at_constant_speed_along_the_shorter_arc():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"times": []}, "at least one key"), ({"times": [1, 0]}, "descend"), ({"times": [-1, 0]}, "descend"),
-     ({"times": [0, math.nan]}, "finite"), ({"values": [[1, 2], [3, 4]]}, r"must have \(2, 3\)"),
-     ({"values": [[math.inf] * 3] * 2}, "finite"), ({"path": "color"}, "'color'"), ({"interpolation": "C"}, "C keys")],
-)  # fmt: skip
+    [
+        ({"times": []}, "at least one key"),
+        ({"times": [1, 0]}, "descend"),
+        ({"times": [-1, 0]}, "descend"),
+        ({"times": [0, math.nan]}, "finite"),
+        ({"values": [[1, 2], [3, 4]]}, r"must have \(2, 3\)"),
+        ({"values": [[math.inf] * 3] * 2}, "finite"),
+        ({"path": "color"}, "'color'"),
+        ({"interpolation": "C"}, "C keys"),
+    ],
+)
 def test_wrong_channels_are_refused(change, message):
     with pytest.raises(SolariError, match=message):
         Channel(**{"node": 0, "path": "scale", "times": [0, 1], "values": [[1, 1, 1]] * 2, **change})
@@ -150,12 +157,16 @@ def test_wrong_mixes_of_clips(writer):
     scene, other = writer.load(), writer.load()
     scene.animations.add(other.animations[0])
     for parts, message in (
-        ([], "of which one is more than 0"), ([(0, 0, 0)], "of which one is more than 0"),
-        ([(0, 0, 1), (0, 0, -1)], "needs weights from 0 on"), ([(0, 0, math.nan)], "needs weights from 0 on"),
-        ([(0, 0, 1), (1, 0, 1)], "only animations of one rig"), ([("run", 0, 1)], "there is no animation 'run'"),
-        ([(0, math.inf, 1)], "finite number of seconds"), ([(0, 10**400, 1)], "finite number of seconds"),
+        ([], "of which one is more than 0"),
+        ([(0, 0, 0)], "of which one is more than 0"),
+        ([(0, 0, 1), (0, 0, -1)], "needs weights from 0 on"),
+        ([(0, 0, math.nan)], "needs weights from 0 on"),
+        ([(0, 0, 1), (1, 0, 1)], "only animations of one rig"),
+        ([("run", 0, 1)], "there is no animation 'run'"),
+        ([(0, math.inf, 1)], "finite number of seconds"),
+        ([(0, 10**400, 1)], "finite number of seconds"),
         ([(0, 0, 1e308)] * 2, "needs weights from 0 on"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(SolariError, match=message):
             scene.mix_clips(*parts)
 
@@ -272,9 +283,11 @@ def test_wrong_targets_in_files(writer):
     assert not writer.load_with_loss("is animated, so it can't have a 'matrix'").animations
     del writer.json["nodes"][0]["matrix"]
     for change, message in (
-        ({"target": {"node": 9, "path": "scale"}}, "node 9"), ({"target": {"node": 0, "path": "spin"}}, "'path'"),
-        ({"sampler": 3}, "refers to sampler 3"), ({"target": None}, "target"),
-    ):  # fmt: skip
+        ({"target": {"node": 9, "path": "scale"}}, "node 9"),
+        ({"target": {"node": 0, "path": "spin"}}, "'path'"),
+        ({"sampler": 3}, "refers to sampler 3"),
+        ({"target": None}, "target"),
+    ):
         writer.json["animations"][0]["channels"] = [channel | change]
         assert not writer.load_with_loss(message).animations
     writer.json["animations"][0] |= {"channels": 3}

@@ -48,13 +48,18 @@ def test_shear_and_mirrors_stay():
     np.testing.assert_allclose(made.transform, sheared, atol=1e-12)
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    ({"scale": 0}, "Instance: scale must be one factor or three, .* not 0"), ({"scale": (1, -1, 1)}, "above 0"),
-    ({"rotation": (0, 45, 0)}, r"must be a quaternion .* solari_vk.euler\(0, 90, 0\)"),
-    ({"rotation": np.diag([1, 1, 2])}, "rotation must be"),
-    ({"position": (1, 2)}, r"position must have the shape \(3,\)"), ({"position": (1, 2, np.nan)}, "must be finite"),
-    ({"postion": (1, 2, 3)}, "did you mean 'position'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"scale": 0}, "Instance: scale must be one factor or three, .* not 0"),
+        ({"scale": (1, -1, 1)}, "above 0"),
+        ({"rotation": (0, 45, 0)}, r"must be a quaternion .* solari_vk.euler\(0, 90, 0\)"),
+        ({"rotation": np.diag([1, 1, 2])}, "rotation must be"),
+        ({"position": (1, 2)}, r"position must have the shape \(3,\)"),
+        ({"position": (1, 2, np.nan)}, "must be finite"),
+        ({"postion": (1, 2, 3)}, "did you mean 'position'"),
+    ],
+)
 def test_refused_parts(fields, message):
     with pytest.raises(sv.SolariError, match=message):
         instance(**fields)

@@ -22,12 +22,15 @@ def corners(portal):
     return found[np.lexsort(np.round(found, 4).T)]
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    (((0, 0, 0), (1, 0, 0), (2, 0, 0)), "Portal: half_u and half_v must not have the same direction"),
-    (((0, 0, 0), (1, 0, 0), (0, 0, 0)), "half_u and half_v must be from 1e-05 to 1e"),
-    (((0, 0, 0), (1, 0, 0), (0, np.inf, 0)), "half_v must be finite"),
-    (((0, 0), (1, 0, 0), (0, 1, 0)), r"center must have the shape \(3,\)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (((0, 0, 0), (1, 0, 0), (2, 0, 0)), "Portal: half_u and half_v must not have the same direction"),
+        (((0, 0, 0), (1, 0, 0), (0, 0, 0)), "half_u and half_v must be from 1e-05 to 1e"),
+        (((0, 0, 0), (1, 0, 0), (0, np.inf, 0)), "half_v must be finite"),
+        (((0, 0), (1, 0, 0), (0, 1, 0)), r"center must have the shape \(3,\)"),
+    ],
+)
 def test_refused_portals(fields, message):
     with pytest.raises(SolariError, match=message):
         sv.Portal(*fields)
@@ -45,10 +48,16 @@ def test_a_portal_covers_a_quad():
     assert not portal.emits
 
 
-@pytest.mark.parametrize("mesh", [
-    sv.shapes.box(), sv.Mesh(np.eye(3)), sv.shapes.polygons([(0, 0, 0), (2, 0, 0), (1, 1, 0), (0, 1, 0)]),
-    sv.shapes.polygons([(0, 0, 0), (1, 0, 0), (1, 1, 0.3), (0, 1, 0)]), 3,
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        sv.shapes.box(),
+        sv.Mesh(np.eye(3)),
+        sv.shapes.polygons([(0, 0, 0), (2, 0, 0), (1, 1, 0), (0, 1, 0)]),
+        sv.shapes.polygons([(0, 0, 0), (1, 0, 0), (1, 1, 0.3), (0, 1, 0)]),
+        3,
+    ],
+)
 def test_other_shapes_make_no_portal(mesh):
     with pytest.raises(SolariError, match=r"Portal.from_mesh: (Mesh.* isn't one parallelogram|needs a Mesh)"):
         sv.Portal.from_mesh(mesh)
@@ -74,8 +83,10 @@ def test_portals_follow_clips_and_are_saved(tmp_path):
     portal = sv.Portal((0, 0, 0), (1, 0, 0), (0, 1, 0), name="window")
     scene = sv.Scene(portal, sv.Portal(*SLANTED, name="slanted"), name="room")
     rig.attach(portal, 0)
-    channels = [Channel(0, "translation", [0, 1], [[0, 0, 0], [0, 2, 0]]),
-                Channel(0, "scale", [0, 1, 2], [[1, 1, 1], [3, 1, 1], [0, 0, 0]])]  # fmt: skip
+    channels = [
+        Channel(0, "translation", [0, 1], [[0, 0, 0], [0, 2, 0]]),
+        Channel(0, "scale", [0, 1, 2], [[1, 1, 1], [3, 1, 1], [0, 0, 0]]),
+    ]
     scene.animations.add(Animation(rig, channels, name="open"))
     scene.animate(1.0, loop=False)
     np.testing.assert_allclose([portal.center, portal.half_u, portal.half_v], [(0, 2, 0), (3, 0, 0), (0, 1, 0)])
@@ -88,10 +99,12 @@ def test_portals_follow_clips_and_are_saved(tmp_path):
 
 def test_nodes_of_files_are_portals(writer):
     writer.node(mesh=writer.mesh())
-    for name, extras, scale in (("window", {"solari_vk": {"portal": True}}, [1, 0.5, 1]),
-                                ("no", {"solari_vk": {"portal": False}}, [1, 1, 1]),
-                                ("other", {"portal": True}, [1, 1, 1]),
-                                ("flat", {"solari_vk": {"portal": True}}, [1, 0, 1])):  # fmt: skip
+    for name, extras, scale in (
+        ("window", {"solari_vk": {"portal": True}}, [1, 0.5, 1]),
+        ("no", {"solari_vk": {"portal": False}}, [1, 1, 1]),
+        ("other", {"portal": True}, [1, 1, 1]),
+        ("flat", {"solari_vk": {"portal": True}}, [1, 0, 1]),
+    ):
         writer.node(name=name, extras=extras, scale=scale, translation=[0, 1, 0])
     (window,) = writer.load_with_loss("Portal 'flat': half_u and half_v must be from").lights
     assert window.name == "window"

@@ -42,13 +42,20 @@ def test_a_plane_faces_up_and_shows_a_picture_upright():
     assert shapes.plane(3).positions.max() == 1.5
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda: shapes.plane(0), "a plane needs a width above 0"), (lambda: shapes.cone(height="tall"), "height above 0"),
-    (lambda: shapes.torus(1, 1), "tube_radius below its radius"), (lambda: shapes.capsule(segments=2), "3 segments"),
-    (lambda: shapes.box(0.1), "lowest and its highest corner"), (lambda: shapes.box(1, 2, 3), "three numbers each"),
-    (lambda: shapes.box((1, 2, 3)), r"not \(1, 2, 3\) and None"),
-    (lambda: shapes.capsule(segments=32.0), "not 32.0"), (lambda: shapes.torus(segments=5), "6 segments"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: shapes.plane(0), "a plane needs a width above 0"),
+        (lambda: shapes.cone(height="tall"), "height above 0"),
+        (lambda: shapes.torus(1, 1), "tube_radius below its radius"),
+        (lambda: shapes.capsule(segments=2), "3 segments"),
+        (lambda: shapes.box(0.1), "lowest and its highest corner"),
+        (lambda: shapes.box(1, 2, 3), "three numbers each"),
+        (lambda: shapes.box((1, 2, 3)), r"not \(1, 2, 3\) and None"),
+        (lambda: shapes.capsule(segments=32.0), "not 32.0"),
+        (lambda: shapes.torus(segments=5), "6 segments"),
+    ],
+)
 def test_refused_shapes(make, message):
     with pytest.raises(sv.SolariError, match=message):
         make()

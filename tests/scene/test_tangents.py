@@ -18,10 +18,12 @@ def grid(size, seed=0):
     positions = np.stack([u, v, height], axis=-1).reshape(-1, 3).astype(np.float32)
     uvs = (np.stack([u + 0.3 * v, 1 - v + 0.1 * u * u], axis=-1).reshape(-1, 2)).astype(np.float32)
     first = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).reshape(-1)
-    triangles = np.concatenate([
-        np.stack([first, first + 1, first + size], axis=1),
-        np.stack([first + 1, first + size + 1, first + size], axis=1),
-    ])  # fmt: skip
+    triangles = np.concatenate(
+        [
+            np.stack([first, first + 1, first + size], axis=1),
+            np.stack([first + 1, first + size + 1, first + size], axis=1),
+        ]
+    )
     normals = np.zeros_like(positions)
     a, b, c = np.moveaxis(positions[triangles], 1, 0)
     cross = np.cross(b - a, c - a)
@@ -119,11 +121,13 @@ HALVES = np.array([[0, 1, 2], [0, 2, 3]])
 
 @pytest.mark.parametrize(
     ("uvs", "tangent"),
-    [([[0, 1], [1, 1], [1, 0], [0, 0]], [1, 0, 0, 1]),  # upright image: v down, so up is +y
-     ([[1, 1], [0, 1], [0, 0], [1, 0]], [-1, 0, 0, -1]),  # mirrored
-     ([[0, 0], [0, 1], [1, 1], [1, 0]], [0, 1, 0, 1]),  # turned by a quarter
-     ([[0, 2], [1, 2], [1, 0], [0, 0]], [1, 0, 0, 1])],
-)  # fmt: skip
+    [
+        ([[0, 1], [1, 1], [1, 0], [0, 0]], [1, 0, 0, 1]),  # upright image: v down, so up is +y
+        ([[1, 1], [0, 1], [0, 0], [1, 0]], [-1, 0, 0, -1]),  # mirrored
+        ([[0, 0], [0, 1], [1, 1], [1, 0]], [0, 1, 0, 1]),  # turned by a quarter
+        ([[0, 2], [1, 2], [1, 0], [0, 0]], [1, 0, 0, 1]),
+    ],
+)
 def test_a_square(uvs, tangent):
     space = generate_tangents(SQUARE, UP, np.array(uvs, np.float32), HALVES)
     np.testing.assert_allclose(space.tangents, [tangent] * 4, atol=1e-6)

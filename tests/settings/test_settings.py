@@ -73,10 +73,12 @@ def test_text():
     settings.update("gi_confidence_cap=2.5e1")
     assert (settings.di_candidates, settings.gi_confidence_cap) == (12, 25.0)
     for text, words in (
-        ("di_candidates", "name=value"), ("fog=1", "fog.*nearest.*`solari-vk settings`"),
+        ("di_candidates", "name=value"),
+        ("fog=1", "fog.*nearest.*`solari-vk settings`"),
         ("di_candidates=few", "whole number"),
-        ("di_candidates=", "di_candidates"), ("=3", "no setting ''"),
-    ):  # fmt: skip
+        ("di_candidates=", "di_candidates"),
+        ("=3", "no setting ''"),
+    ):
         with pytest.raises(sv.SolariError, match=words):
             settings.update(text)
 

@@ -36,8 +36,11 @@ class Line(BaseComm):
 
     def custom(self):
         """The contents and buffers of the widget's own messages since the last call."""
-        taken = [(data["content"], buffers or []) for _, data, buffers in self.sent
-                 if data and data.get("method") == "custom"]  # fmt: skip
+        taken = [
+            (data["content"], buffers or [])
+            for _, data, buffers in self.sent
+            if data and data.get("method") == "custom"
+        ]
         self.sent.clear()
         return taken
 
@@ -146,8 +149,11 @@ def test_errors_are_told_and_frames_go_on_afterwards(widget, renderer, monkeypat
     assert (answer["page"], buffers) == ("a", [])
     renderer.settings.gbuffer, widget._control.camera.aperture = "auto", 0.0
 
-    said = {KeyboardInterrupt(): "KeyboardInterrupt: ", ValueError("odd"): "ValueError: odd",
-            sv.SolariError("closed"): "closed"}  # fmt: skip
+    said = {
+        KeyboardInterrupt(): "KeyboardInterrupt: ",
+        ValueError("odd"): "ValueError: odd",
+        sv.SolariError("closed"): "closed",
+    }
     for mistake, words in said.items():
         with monkeypatch.context() as patch:
             patch.setattr(sv.Renderer, "render", Mock(side_effect=mistake))
@@ -179,10 +185,16 @@ def test_hostile_messages_do_no_harm(widget):
     """A page is told what is wrong with them, and the next frame comes."""
     line, before = widget.comm, position(widget)
     hostile = [
-        {}, {"right": "a"}, {**STILL, "right": []}, {**STILL, "down": None}, {**STILL, "right": float("nan")},
-        {**STILL, "notches": float("nan")}, {**STILL, "down": float("inf")}, {**STILL, "right": 10**400},
+        {},
+        {"right": "a"},
+        {**STILL, "right": []},
+        {**STILL, "down": None},
+        {**STILL, "right": float("nan")},
+        {**STILL, "notches": float("nan")},
+        {**STILL, "down": float("inf")},
+        {**STILL, "right": 10**400},
         {**STILL, "home": {}, "notches": "../../etc/passwd"},
-    ]  # fmt: skip
+    ]
     for content in hostile:
         ((answer, buffers),) = line.tell(page="../a", **content)
         assert "error" in answer or np.isfinite(position(widget)).all(), content

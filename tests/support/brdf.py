@@ -136,9 +136,14 @@ class Surface:
     """The BRDF of one material, with both lobes."""
 
     def __init__(
-        self, base_color=0.8, metallic=0.0, perceptual_roughness=0.5, reflectance=0.5, layering="conserving",
+        self,
+        base_color=0.8,
+        metallic=0.0,
+        perceptual_roughness=0.5,
+        reflectance=0.5,
+        layering="conserving",
         resolution=160,
-    ):  # fmt: skip
+    ):
         self.base_color = np.broadcast_to(np.asarray(base_color, np.float64), (3,))
         self.metallic = float(metallic)
         self.alpha = alpha_of(perceptual_roughness)

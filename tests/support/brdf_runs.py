@@ -13,9 +13,12 @@ MATERIAL = np.dtype(
     + [("inside", "<u4"), ("coat_normal", "<f4", 3), ("anisotropy_direction", "<f4", 2)]
 )
 WITHOUT_LOBES = {
-    **dict.fromkeys(TEXTURES, NO_INDEX), "ior": 1.5, "specular": 1.0, "coat_normal": (0.0, 0.0, 1.0),
+    **dict.fromkeys(TEXTURES, NO_INDEX),
+    "ior": 1.5,
+    "specular": 1.0,
+    "coat_normal": (0.0, 0.0, 1.0),
     "anisotropy_direction": (1.0, 0.0),
-}  # fmt: skip
+}
 """The fields of a record whose value is not 0 for a material without lobes that few materials have."""
 MODES = ("draw", "evaluate", "albedo", "sampled_albedo", "lobe_albedos")
 ALL_LOBES = dict.fromkeys(LOBES, True)

@@ -36,8 +36,15 @@ def tube(joints=3, around=8, rings=9, targets=0, rng=None, **fields):
     tangents = np.append(np.cross([0, 1, 0], out), np.ones((len(out), 1)), axis=1)
     rest = np.tile(np.eye(4), (joints, 1, 1))
     rest[:, 1, 3] = np.linspace(0, HEIGHT, joints)
-    mesh = sv.Mesh(positions, triangles, normals=out, uvs=np.stack([angle, y], 1), tangents=tangents,
-                   deformation=deformation, **fields)  # fmt: skip
+    mesh = sv.Mesh(
+        positions,
+        triangles,
+        normals=out,
+        uvs=np.stack([angle, y], 1),
+        tangents=tangents,
+        deformation=deformation,
+        **fields,
+    )
     return mesh, rest
 
 

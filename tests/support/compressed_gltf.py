@@ -78,12 +78,20 @@ def draco_file(writer, change=bytes, plain=False, names=(), **options):
     positions, normals, uvs, triangles = wave()
     colors = np.tile(np.array([65535, 0, 32768, 0], np.uint16), (len(positions), 1))
     packed = DracoPy.encode(
-        positions, triangles.astype(np.uint32), quantization_bits=16, normals=normals, tex_coord=uvs,
-        generic_attributes={3: colors, **dict.fromkeys(names, colors)}, **options,
-    )  # fmt: skip
+        positions,
+        triangles.astype(np.uint32),
+        quantization_bits=16,
+        normals=normals,
+        tex_coord=uvs,
+        generic_attributes={3: colors, **dict.fromkeys(names, colors)},
+        **options,
+    )
     numbers = {item["attribute_type"]: item["unique_id"] for item in DracoPy.decode(packed).attributes}
-    kinds = {"POSITION": DracoPy.AttributeType.POSITION, "NORMAL": DracoPy.AttributeType.NORMAL,
-             "TEXCOORD_0": DracoPy.AttributeType.TEX_COORD}  # fmt: skip
+    kinds = {
+        "POSITION": DracoPy.AttributeType.POSITION,
+        "NORMAL": DracoPy.AttributeType.NORMAL,
+        "TEXCOORD_0": DracoPy.AttributeType.TEX_COORD,
+    }
     ids = {name: numbers[kind] for name, kind in kinds.items()} | {"COLOR_0": 3}
     view = writer.view(change(packed))
 
@@ -93,9 +101,11 @@ def draco_file(writer, change=bytes, plain=False, names=(), **options):
         return writer.add("accessors", count=len(values), componentType=COMPONENTS[dtype], type=kind, **fields)
 
     attributes = {
-        "POSITION": accessor(positions, "VEC3"), "NORMAL": accessor(normals, "VEC3"),
-        "TEXCOORD_0": accessor(uvs, "VEC2"), "COLOR_0": accessor(colors, "VEC4", "u2", normalized=True),
-    }  # fmt: skip
+        "POSITION": accessor(positions, "VEC3"),
+        "NORMAL": accessor(normals, "VEC3"),
+        "TEXCOORD_0": accessor(uvs, "VEC2"),
+        "COLOR_0": accessor(colors, "VEC4", "u2", normalized=True),
+    }
     extension = {"bufferView": view, "attributes": ids}
     indices = accessor(triangles.reshape(-1), "SCALAR", "u2")
     writer.mesh(attributes, indices, extensions={DRACO: extension}, **textured(writer))

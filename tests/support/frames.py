@@ -14,14 +14,19 @@ SIZE = (32, 32)
 WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")
 TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's", SUITE, "Renderer")
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
+
+
 # Tests of whole frames run with the raw light of paths and with the denoiser; when slow tests run, also with light that
 # pixels reuse and with Solari's passes. The parameter holds settings.
 def _lightings(*quick):
     every = {"raw": {}, "denoised": {"denoise": True, "antialiasing": True}, "reuse": {"restir": True}, "split": SPLIT}
-    return pytest.mark.parametrize("lighting", [
-        pytest.param(settings, id=name, marks=() if name in quick else pytest.mark.slow)
-        for name, settings in every.items()
-    ])  # fmt: skip
+    return pytest.mark.parametrize(
+        "lighting",
+        [
+            pytest.param(settings, id=name, marks=() if name in quick else pytest.mark.slow)
+            for name, settings in every.items()
+        ],
+    )
 
 
 each_lighting = _lightings("raw", "denoised")

@@ -35,7 +35,17 @@ def plain(pixels, vk_format, scheme=0, level=None, **fields):
     if scheme:
         data = zlib.compress(data) if scheme == 3 else zstd("tests").compress(data)
     height, width = pixels.shape[:2]
-    header = {"format": vk_format, "type_size": 1, "width": width, "height": height, "depth": 0, "layers": 0,
-              "faces": 1, "levels": 1, "scheme": scheme, **fields}  # fmt: skip
+    header = {
+        "format": vk_format,
+        "type_size": 1,
+        "width": width,
+        "height": height,
+        "depth": 0,
+        "layers": 0,
+        "faces": 1,
+        "levels": 1,
+        "scheme": scheme,
+        **fields,
+    }
     index = struct.pack("<4I2Q", 0, 0, 0, 0, 0, 0) + struct.pack("<3Q", 104, len(data), pixels.nbytes)
     return b"\xabKTX 20\xbb\r\n\x1a\n" + struct.pack("<9I", *header.values()) + index + data

@@ -58,8 +58,11 @@ def read_scene(mi, path):
         raise NotShared("another pixel filter than a box, or another camera than a pinhole")
     slope = np.tan(np.radians(_numbers(values["x_fov"])[0]) / 2) * height / width
     # Mitsuba looks along +z with +x to the left.
-    camera = sv.Camera(transform=_matrix(sensor.world_transform()) @ np.diag((-1.0, 1.0, -1.0, 1.0)),
-                       vertical_fov=2 * np.arctan(slope), near=float(values["near_clip"]))  # fmt: skip
+    camera = sv.Camera(
+        transform=_matrix(sensor.world_transform()) @ np.diag((-1.0, 1.0, -1.0, 1.0)),
+        vertical_fov=2 * np.arctan(slope),
+        near=float(values["near_clip"]),
+    )
     return Shared(scene, camera, (width, height), _bounces(str(given.integrator())))
 
 

@@ -37,11 +37,24 @@ def scene_of(mi, scene, width, height, *, bounces, lambert=False, bsdf=None, cam
     camera = camera or scene.camera
     # Mitsuba looks along +z with +x to the left; ours looks along -z with +x to the right.
     to_world = camera.transform @ np.diag((-1.0, 1.0, -1.0, 1.0))
-    film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "pixel_format": "rgb",
-            "component_format": "float32"}  # fmt: skip
-    sensor = {"type": "perspective", "fov": float(np.degrees(camera.vertical_fov)), "fov_axis": "y", "near_clip": 1e-3,
-              "far_clip": 1e6, "to_world": mi.ScalarTransform4f(to_world), "film": film,
-              "sampler": {"type": "independent"}}  # fmt: skip
+    film = {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "rfilter": {"type": "box"},
+        "pixel_format": "rgb",
+        "component_format": "float32",
+    }
+    sensor = {
+        "type": "perspective",
+        "fov": float(np.degrees(camera.vertical_fov)),
+        "fov_axis": "y",
+        "near_clip": 1e-3,
+        "far_clip": 1e6,
+        "to_world": mi.ScalarTransform4f(to_world),
+        "film": film,
+        "sampler": {"type": "independent"},
+    }
     if camera.aperture:
         sensor |= {"type": "thinlens", "aperture_radius": camera.aperture / 2, "focus_distance": camera.focus_distance}
     integrator = {"type": "path", "max_depth": bounces + 1, "rr_depth": 1000}

@@ -28,9 +28,10 @@ SAME_SURFACES = {**PLAIN, "gbuffer": "traced"}  # those of the path tracer; rast
 RESAMPLED = {**SAME_SURFACES, "paths_candidates": 8, "paths_later_candidates": 4}
 DEFAULT = {"lighting": "paths", "jitter": False}
 RUNS = {
-    "one": (ONE, ONE_TILES, SAME_SURFACES), "several": (SEVERAL, SEVERAL_TILES, RESAMPLED),
+    "one": (ONE, ONE_TILES, SAME_SURFACES),
+    "several": (SEVERAL, SEVERAL_TILES, RESAMPLED),
     "cached": (CACHED, CACHED_TILES, {**DEFAULT, "paths_regularization": 0.0}),
-}  # fmt: skip
+}
 
 
 def metal_gallery():

@@ -56,8 +56,9 @@ def package(python):
 def run(root, *command, given=b"", folder=None):
     """What a program of Radiance prints."""
     paths = {"PATH": f"{root / 'bin'}{os.pathsep}{os.environ['PATH']}", "RAYPATH": f".{os.pathsep}{root / 'lib'}"}
-    return subprocess.run(command, input=given, capture_output=True, check=True, cwd=folder,
-                          env=os.environ | paths).stdout  # fmt: skip
+    return subprocess.run(
+        command, input=given, capture_output=True, check=True, cwd=folder, env=os.environ | paths
+    ).stdout
 
 
 def its_axes(vectors):
@@ -81,11 +82,13 @@ def compare(device, python, folder, samples=2**18):
     to_sun = [float(word) for word in words[words.index("sun") + 4 :][:3]]
     bare = sky[: sky.index("void light")] + sky[sky.index("void brightfunc") :]
     room = "".join(
-        f"\nvoid plastic {name} 0 0 5 {share} {share} {share} 0 0\n" + "".join(
+        f"\nvoid plastic {name} 0 0 5 {share} {share} {share} 0 0\n"
+        + "".join(
             f"{name} polygon {name}{i} 0 0 12 {' '.join(map(str, its_axes(corners).ravel()))}\n"
-            for i, corners in enumerate(SURFACES[name]))
+            for i, corners in enumerate(SURFACES[name])
+        )
         for name, share in REFLECTS.items()
-    )  # fmt: skip
+    )
     for name, text in (("sky", bare + GLOW), ("room", sky + GLOW + room)):
         (folder / f"{name}.rad").write_text(text)
         (folder / f"{name}.oct").write_bytes(run(root, "oconv", str(folder / f"{name}.rad")))

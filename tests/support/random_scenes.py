@@ -8,8 +8,15 @@ from solari_vk.scene import shapes
 from solari_vk.settings import DEFAULTS, FIELDS
 
 # Upper limits of settings that cost time.
-MAX_VALUES = {"di_candidates": 64, "world_cache_candidates": 64, "world_cache_search_steps": 16, "specular_bounces": 12,
-              "paths_bounces": 12, "paths_candidates": 64, "paths_later_candidates": 64}  # fmt: skip
+MAX_VALUES = {
+    "di_candidates": 64,
+    "world_cache_candidates": 64,
+    "world_cache_search_steps": 16,
+    "specular_bounces": 12,
+    "paths_bounces": 12,
+    "paths_candidates": 64,
+    "paths_later_candidates": 64,
+}
 
 
 def _spoiled_meshes():
@@ -28,9 +35,14 @@ def _spoiled_meshes():
 
 
 MESHES = [
-    shapes.sphere(0.5, 8), shapes.sphere(0.5, 8), shapes.box(), shapes.box((-2, -2, -2), (2, 2, 2), inward=True),
-    shapes.box((-2, -2, -2), (2, 2, 2), inward=True), shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, 1)), *_spoiled_meshes(),
-]  # fmt: skip
+    shapes.sphere(0.5, 8),
+    shapes.sphere(0.5, 8),
+    shapes.box(),
+    shapes.box((-2, -2, -2), (2, 2, 2), inward=True),
+    shapes.box((-2, -2, -2), (2, 2, 2), inward=True),
+    shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, 1)),
+    *_spoiled_meshes(),
+]
 
 
 def random_material(random):
@@ -74,16 +86,22 @@ def random_items(random):
     for _ in range(int(random.choice((0, 0, 1, 2)))):
         items.append(
             sv.DirectionalLight(
-                direction=random.normal(size=3), illuminance=float(random.choice((0, 1e-6, 1, 1e5, 1e10))),
+                direction=random.normal(size=3),
+                illuminance=float(random.choice((0, 1e-6, 1, 1e5, 1e10))),
                 angular_diameter=float(random.choice((1e-5, 0.0093, 0.5, np.pi))),
             )
-        )  # fmt: skip
+        )
     eye = scale * random.uniform(-1.5, 1.5, 3)
     target = eye + random.normal(size=3) * scale if random.random() < 0.5 else -0.01 * scale * random.random(3)
     items.append(
-        sv.Camera.look_at(eye, target, vertical_fov=float(random.choice((0.01, 0.8, 1.5, 2.8))),
-                          near=float(scale * random.choice((1e-5, 1e-2))), ev100=float(random.uniform(-12, 16)))
-    )  # fmt: skip
+        sv.Camera.look_at(
+            eye,
+            target,
+            vertical_fov=float(random.choice((0.01, 0.8, 1.5, 2.8))),
+            near=float(scale * random.choice((1e-5, 1e-2))),
+            ev100=float(random.uniform(-12, 16)),
+        )
+    )
     return items
 
 

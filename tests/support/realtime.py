@@ -32,9 +32,14 @@ GUIDES = (*GBUFFER, "guides/")
 PATHS = (*GBUFFER, "world_cache/", "paths/", "display/compose")
 # What the path tracer computes, at the centers of pixels.
 PLAIN = {
-    "lighting": "paths", "world_cache": False, "paths_candidates": 1, "paths_later_candidates": 1,
-    "paths_regularization": 0.0, "paths_bounces": 64, "jitter": False,
-}  # fmt: skip
+    "lighting": "paths",
+    "world_cache": False,
+    "paths_candidates": 1,
+    "paths_later_candidates": 1,
+    "paths_regularization": 0.0,
+    "paths_bounces": 64,
+    "jitter": False,
+}
 JITTER_PERIOD = 32  # number of frames after which samples cover the pixel evenly, so that edges add no noise
 
 
@@ -69,9 +74,12 @@ def odd_scene():
     scene = cornell_box(radiance=(1e8, 1e-3, 0))
     mirror = Material(metallic=1.0, perceptual_roughness=0.0, base_color=(1.0, 1.0, 1.0))
     for mesh, material, scale in (
-        (spoiled, lamp(5.0), 1.0), (spoiled, mirror, 1.0), (ball, mirror, 1.0), (ball, lamp(1e6), 1e-5),
+        (spoiled, lamp(5.0), 1.0),
+        (spoiled, mirror, 1.0),
+        (ball, mirror, 1.0),
+        (ball, lamp(1e6), 1e-5),
         (shapes.box(inward=True), mirror, 1e4),
-    ):  # fmt: skip
+    ):
         scene.add(Instance(mesh=mesh, material=material, transform=place(scale, (0.8, 1.2, 0.5))))
     return scene
 

@@ -27,9 +27,14 @@ def replicate(renderer: Renderer, runs: int, observe: Callable[[], ArrayLike]) -
 
 
 def observe_runs(
-    renderer: Renderer, camera: Camera, read: str | Callable[[RenderedFrame], Any] = "radiance", *,
-    runs: int = RUNS, warm_up: int = WARM_UP, observed: int = 1,
-) -> NDArray[np.float64]:  # fmt: skip
+    renderer: Renderer,
+    camera: Camera,
+    read: str | Callable[[RenderedFrame], Any] = "radiance",
+    *,
+    runs: int = RUNS,
+    warm_up: int = WARM_UP,
+    observed: int = 1,
+) -> NDArray[np.float64]:
     """One observation of each of `runs` independent runs, (runs, ...).
 
     A run is a reset, `warm_up` frames and `observed` more; its observation is the mean over the latter of what `read`

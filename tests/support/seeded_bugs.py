@@ -115,8 +115,10 @@ def bug_tests(bugs, quick=()):
 
     `bugs` maps a rule of what `check` measures, or the name of what `check` asserts, to (check, bug).
     """
-    cases = [pytest.param(rule, id=getattr(rule, "name", rule), marks=() if rule in quick else pytest.mark.slow)
-             for rule in bugs]  # fmt: skip
+    cases = [
+        pytest.param(rule, id=getattr(rule, "name", rule), marks=() if rule in quick else pytest.mark.slow)
+        for rule in bugs
+    ]
 
     @pytest.mark.parametrize("rule", cases)
     def test_a_seeded_bug_is_noticed(device, rule):

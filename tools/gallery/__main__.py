@@ -75,8 +75,9 @@ def picture_of(device: sv.Device, name: str, size: tuple[int, int], samples: int
     width = (size[0] - GAP) // 2
     half = width, round(width / found.get("ASPECT", 16 / 9))
     if "panels" in found:
-        return beside({label: path_traced(device, scene, half, **options)
-                       for label, scene in found["panels"](assets).items()})  # fmt: skip
+        return beside(
+            {label: path_traced(device, scene, half, **options) for label, scene in found["panels"](assets).items()}
+        )
     scene = found["scene"](assets)
     exposure = found["exposure"](scene) if "exposure" in found else {}
     options |= {"denoise": True, **exposure}
@@ -97,14 +98,25 @@ def page() -> str:
     ]
     for name in (*STILLS, *FEATURES):
         if name == FEATURES[0]:
-            lines += ["## Three flight helmets by the sea\n", "By `tools/helmets.py`, in the light of a photograph.\n",
-                      "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n"]  # fmt: skip
-            lines += ["## Feature by feature\n", "On the left the path tracer, on the right one denoised frame of the",
-                      f"realtime renderer, its {FRAMES}th, unless the pictures say otherwise.\n"]  # fmt: skip
+            lines += [
+                "## Three flight helmets by the sea\n",
+                "By `tools/helmets.py`, in the light of a photograph.\n",
+                "[![Three flight helmets by the sea](helmets.jpg)](helmets.jpg)\n",
+            ]
+            lines += [
+                "## Feature by feature\n",
+                "On the left the path tracer, on the right one denoised frame of the",
+                f"realtime renderer, its {FRAMES}th, unless the pictures say otherwise.\n",
+            ]
         title, _, caption = (defined_by(name)["__doc__"] or name).strip().partition("\n")
         title, caption = title.rstrip("."), caption.strip()
-        lines += [f"{'##' if name in STILLS else '###'} {title}", "", *([caption, ""] if caption else []),
-                  f"[![{title}](gallery/{name}.jpg)](gallery/{name}.jpg)", ""]  # fmt: skip
+        lines += [
+            f"{'##' if name in STILLS else '###'} {title}",
+            "",
+            *([caption, ""] if caption else []),
+            f"[![{title}](gallery/{name}.jpg)](gallery/{name}.jpg)",
+            "",
+        ]
     return "\n".join(lines)
 
 

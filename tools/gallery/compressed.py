@@ -31,9 +31,13 @@ class File:
     def __init__(self, *extensions: str) -> None:
         self.data = bytearray()
         self.json: dict[str, Any] = {
-            "asset": {"version": "2.0"}, "bufferViews": [], "accessors": [], "scenes": [{"nodes": [0]}], "scene": 0,
+            "asset": {"version": "2.0"},
+            "bufferViews": [],
+            "accessors": [],
+            "scenes": [{"nodes": [0]}],
+            "scene": 0,
             **{key: [*extensions, "EXT_texture_webp"] for key in ("extensionsUsed", "extensionsRequired")},
-        }  # fmt: skip
+        }
 
     def view(self, data: bytes, **fields: Any) -> int:
         """A part of the buffer."""
@@ -70,9 +74,12 @@ class File:
         material = {"doubleSided": True, "pbrMetallicRoughness": paint}
         mesh = {"primitives": [{"attributes": attributes, "indices": indices, "material": 0, **primitive}]}
         self.json |= {
-            "images": [image], "textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}],
-            "materials": [material], "meshes": [mesh], "nodes": [{"mesh": 0}],
-        }  # fmt: skip
+            "images": [image],
+            "textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}],
+            "materials": [material],
+            "meshes": [mesh],
+            "nodes": [{"mesh": 0}],
+        }
         self.json.setdefault("buffers", []).insert(0, {"byteLength": len(self.data)})
         text = json.dumps(self.json).encode()
         text += b" " * (-len(text) % 4)
@@ -116,8 +123,11 @@ def plain_file(mesh: Vase, texture: bytes) -> sv.Scene:
     """32-bit floats."""
     positions, normals, uvs, triangles = mesh
     file = File()
-    attributes = {"POSITION": file.plain(positions, "f4"), "NORMAL": file.plain(normals, "f4"),
-                  "TEXCOORD_0": file.plain(uvs, "f4")}  # fmt: skip
+    attributes = {
+        "POSITION": file.plain(positions, "f4"),
+        "NORMAL": file.plain(normals, "f4"),
+        "TEXCOORD_0": file.plain(uvs, "f4"),
+    }
     return file.load(attributes, file.plain(triangles.reshape(-1), "u2"), texture)
 
 
@@ -169,8 +179,11 @@ def draco_file(mesh: Vase, texture: bytes) -> sv.Scene:
     file = File("KHR_draco_mesh_compression")
     data = DracoPy.encode(positions, triangles.astype(np.uint32), quantization_bits=12, normals=normals, tex_coord=uvs)
     numbers = {item["attribute_type"]: item["unique_id"] for item in DracoPy.decode(data).attributes}
-    kinds = {"POSITION": DracoPy.AttributeType.POSITION, "NORMAL": DracoPy.AttributeType.NORMAL,
-             "TEXCOORD_0": DracoPy.AttributeType.TEX_COORD}  # fmt: skip
+    kinds = {
+        "POSITION": DracoPy.AttributeType.POSITION,
+        "NORMAL": DracoPy.AttributeType.NORMAL,
+        "TEXCOORD_0": DracoPy.AttributeType.TEX_COORD,
+    }
     arrays = dict(zip(kinds, (positions, normals, uvs), strict=True))
     attributes = {name: file.accessor(values, "f4") for name, values in arrays.items()}
     extension = {"bufferView": file.view(data), "attributes": {name: numbers[kind] for name, kind in kinds.items()}}

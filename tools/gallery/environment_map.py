@@ -17,8 +17,12 @@ def scene(assets: Path | None) -> sv.Scene:
     """Four balls in a row."""
     made = sv.Scene(sv.Camera.look_at((0, 0.8, 6), (0, 0, 0), vertical_fov=0.65))
     metal = np.array((0.95, 0.8, 0.6))
-    for x, color, metallic, roughness in ((-2.1, metal, 1.0, 0.0), (-0.7, metal, 1.0, 0.25), (0.7, metal, 1.0, 0.6),
-                                          (2.1, (0.9, 0.9, 0.9), 0.0, 0.5)):  # fmt: skip
+    for x, color, metallic, roughness in (
+        (-2.1, metal, 1.0, 0.0),
+        (-0.7, metal, 1.0, 0.25),
+        (0.7, metal, 1.0, 0.6),
+        (2.1, (0.9, 0.9, 0.9), 0.0, 0.5),
+    ):
         paint = sv.Material(base_color=color, metallic=metallic, roughness=roughness)
         made.add(sv.shapes.sphere(0.6, 48), paint, (x, 0, 0))
     maps = sorted((assets / "hdri").glob("*.hdr")) if assets else []

@@ -34,8 +34,12 @@ def pose(made: sv.Scene, seconds: float) -> None:
     """The scene at a time of the exposure, from 0 to 1."""
     for spoke in range(8):
         angle = spoke * math.pi / 4 + 0.35 * seconds
-        turn = [[math.cos(angle), -math.sin(angle), 0, -0.6], [math.sin(angle), math.cos(angle), 0, 1.0],
-                [0, 0, 1, -0.4], [0, 0, 0, 1]]  # fmt: skip
+        turn = [
+            [math.cos(angle), -math.sin(angle), 0, -0.6],
+            [math.sin(angle), math.cos(angle), 0, 1.0],
+            [0, 0, 1, -0.4],
+            [0, 0, 0, 1],
+        ]
         made.instances[f"spoke {spoke}"].transform = turn
     made.instances["ball"].position = (0.85 + 0.6 * seconds, 0.28 + 0.5 * math.sin(math.pi * seconds), 0.4)
 

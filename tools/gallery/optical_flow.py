@@ -31,8 +31,9 @@ def draw(device: sv.Device, made: sv.Scene, picture: Image.Image) -> Image.Image
     later = sv.Camera.look_at((0.36, 1.4, 4.2), (0.36, 0.95, 0), vertical_fov=made.camera.vertical_fov)
     times = 0.5, 0.5 + STEP
     with sv.RayTracer(device, made) as tracer:
-        found, _ = sv.optical_flow(tracer, (made.camera, later), picture.size, times=times,
-                                   pose=lambda seconds: _MOVING["pose"](made, seconds))  # fmt: skip
+        found, _ = sv.optical_flow(
+            tracer, (made.camera, later), picture.size, times=times, pose=lambda seconds: _MOVING["pose"](made, seconds)
+        )
     flow = np.nan_to_num(found.flow)
     length = np.linalg.norm(flow, axis=-1)
     hue = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1

@@ -15,7 +15,10 @@ def scene(assets: Path | None) -> sv.Scene:
     made.add(sv.shapes.quad((0, 2, -2), (5, 0, 0), (0, 2, 0)), clay, name="wall")
     for x in (-1.5, -0.5, 0.5, 1.5):
         made.add(sv.shapes.box((-0.1, 0, -0.1), (0.1, 1.2, 0.1)), clay, (x, 0, -0.6))
-    for place, color in (((-1.8, 1.5, 0.8), (1, 0.3, 0.1)), ((0, 1.8, 0.6), (0.2, 1, 0.4)),
-                         ((1.8, 1.5, 0.8), (0.2, 0.4, 1))):  # fmt: skip
+    for place, color in (
+        ((-1.8, 1.5, 0.8), (1, 0.3, 0.1)),
+        ((0, 1.8, 0.6), (0.2, 1, 0.4)),
+        ((1.8, 1.5, 0.8), (0.2, 0.4, 1)),
+    ):
         made.add(sv.PointLight(place, intensity=8, color=color))
     return made

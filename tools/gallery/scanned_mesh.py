@@ -46,8 +46,10 @@ def scene(assets: Path) -> sv.Scene:
     faces["count"], faces["corners"] = 3, triangles[:, ::-1]
     numbers = "".join(f"property float {axis}\n" for axis in "xyz")
     numbers += "".join(f"property uchar {channel}\n" for channel in ("red", "green", "blue"))
-    header = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{numbers}"
-              f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")  # fmt: skip
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{numbers}"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ammonite.ply"
         path.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())

@@ -75,22 +75,45 @@ def write(path: Path) -> None:
     primitives = []
     for part, (positions, normals, triangles) in enumerate((body(), handle())):
         mappings = [{"material": 2 * number + part, "variants": [number]} for number in range(len(COLORS))]
-        attributes = {"POSITION": accessor(positions.astype("<f4"), 5126, "VEC3"),
-                      "NORMAL": accessor(normals.astype("<f4"), 5126, "VEC3")}  # fmt: skip
+        attributes = {
+            "POSITION": accessor(positions.astype("<f4"), 5126, "VEC3"),
+            "NORMAL": accessor(normals.astype("<f4"), 5126, "VEC3"),
+        }
         indices = accessor(triangles.reshape(-1).astype("<u4"), 5125, "SCALAR")
-        primitives.append({"attributes": attributes, "indices": indices, "material": part,
-                           "extensions": {VARIANTS: {"mappings": mappings}}})  # fmt: skip
-    paints = [{"doubleSided": True, "pbrMetallicRoughness": {
-        "baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 0.3}}
-        for pair in COLORS.values() for color in pair]  # fmt: skip
+        primitives.append(
+            {
+                "attributes": attributes,
+                "indices": indices,
+                "material": part,
+                "extensions": {VARIANTS: {"mappings": mappings}},
+            }
+        )
+    paints = [
+        {
+            "doubleSided": True,
+            "pbrMetallicRoughness": {"baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 0.3},
+        }
+        for pair in COLORS.values()
+        for color in pair
+    ]
     uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-    path.write_text(json.dumps({
-        "asset": {"version": "2.0"}, "extensionsUsed": [VARIANTS],
-        "extensions": {VARIANTS: {"variants": [{"name": name} for name in COLORS]}},
-        "buffers": [{"byteLength": len(data), "uri": uri}], "bufferViews": views, "accessors": accessors,
-        "materials": paints, "meshes": [{"primitives": primitives}], "nodes": [{"mesh": 0}],
-        "scenes": [{"nodes": [0]}], "scene": 0,
-    }))  # fmt: skip
+    path.write_text(
+        json.dumps(
+            {
+                "asset": {"version": "2.0"},
+                "extensionsUsed": [VARIANTS],
+                "extensions": {VARIANTS: {"variants": [{"name": name} for name in COLORS]}},
+                "buffers": [{"byteLength": len(data), "uri": uri}],
+                "bufferViews": views,
+                "accessors": accessors,
+                "materials": paints,
+                "meshes": [{"primitives": primitives}],
+                "nodes": [{"mesh": 0}],
+                "scenes": [{"nodes": [0]}],
+                "scene": 0,
+            }
+        )
+    )
 
 
 def scene(assets: Path | None) -> sv.Scene:

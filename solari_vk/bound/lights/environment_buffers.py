@@ -37,8 +37,11 @@ class EnvironmentBuffers:
             unless_made.pop_all()
         self.emission = Emission(1.0, len(table), self._choices)
         self.record = {
-            "texels": self._texels.address, "choices": self._choices.address, "size": (width, height), "scale": scale,
-        }  # fmt: skip
+            "texels": self._texels.address,
+            "choices": self._choices.address,
+            "size": (width, height),
+            "scale": scale,
+        }
 
     def destroy(self) -> None:
         """Free the buffers."""

@@ -18,9 +18,13 @@ class Lamps:
     the meshes and materials of the scene's instances, as raster and rays see them."""
 
     def __init__(
-        self, device: Device, layout: dict[str, Any], lights: LightList, geometry: Geometry,
+        self,
+        device: Device,
+        layout: dict[str, Any],
+        lights: LightList,
+        geometry: Geometry,
         uses: Mapping[Instance, tuple[Shape, Shape, Material]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.emissions = Emissions(device, layout["light_leaves"]["by_power"])
         self._lights, self._geometry, self._uses = lights, geometry, uses
 

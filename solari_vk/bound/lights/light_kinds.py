@@ -97,9 +97,14 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
 def _portal_record(light: Portal) -> dict[str, Any]:
     u, v, normal = 2 * light.half_u.astype(np.float64), 2 * light.half_v.astype(np.float64), light.transform[:3, 2]
     return {
-        "corner": light.center - light.half_u - light.half_v, "side_u": u, "side_v": v, "normal": normal,
-        "dual_u": np.cross(v, normal) / light.area, "dual_v": np.cross(normal, u) / light.area, "area": light.area,
-    }  # fmt: skip
+        "corner": light.center - light.half_u - light.half_v,
+        "side_u": u,
+        "side_v": v,
+        "normal": normal,
+        "dual_u": np.cross(v, normal) / light.area,
+        "dual_v": np.cross(normal, u) / light.area,
+        "area": light.area,
+    }
 
 
 def _corners(light: Portal) -> NDArray[np.float64]:
@@ -131,7 +136,9 @@ def _profile_record(light: PointLight) -> dict[str, Any]:
 
 def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight], bool]) -> LightKind:
     return LightKind(
-        name, PunctualLight, met_by_rays,
+        name,
+        PunctualLight,
+        met_by_rays,
         power=lambda light, area: light.solid_angle * light.intensity * luminance(light.color),
         buffer=f"{name}_lights",
         record=_punctual_record,
@@ -139,25 +146,31 @@ def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight],
         bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
         depends_on_receiver=True,
         holds=holds,
-    )  # fmt: skip
+    )
 
 
 LIGHT_KINDS = (
     LightKind(
-        "emissive_mesh", Instance, AT_SURFACES,
+        "emissive_mesh",
+        Instance,
+        AT_SURFACES,
         power=lambda instance, area: (
             math.pi * area * luminance(instance.material.emissive) * (2 if instance.material.double_sided else 1)
         ),
     ),
     LightKind(
-        "directional", DirectionalLight, AT_INFINITY,
+        "directional",
+        DirectionalLight,
+        AT_INFINITY,
         power=lambda light, area: area * light.illuminance * luminance(light.color),
         buffer="directional_lights",
         record=_directional_record,
         position=lambda light: -SHADOW_DISTANCE * light.direction,
     ),
     LightKind(
-        "environment", EnvironmentLight, AT_INFINITY,
+        "environment",
+        EnvironmentLight,
+        AT_INFINITY,
         power=lambda light, area: area * light.flux,
         buffer="environments",
         record=lambda light: {"intensity": light.intensity, "world_from_map": light.rotation.T},  # GLSL holds columns
@@ -165,7 +178,9 @@ LIGHT_KINDS = (
         depends_on_receiver=True,
     ),
     LightKind(
-        "portal", Portal, BEYOND,
+        "portal",
+        Portal,
+        BEYOND,
         power=lambda light, flux: light.cross_section * flux,
         buffer="portals",
         record=_portal_record,
@@ -175,7 +190,7 @@ LIGHT_KINDS = (
     ),
     _punctual_kind("point", NEVER, lambda light: light.radius == 0),
     _punctual_kind("sphere", PASSED, lambda light: light.radius > 0),
-)  # fmt: skip
+)
 KIND_INDEX = {kind.name: index for index, kind in enumerate(LIGHT_KINDS)}
 """Each kind's number in the shaders: LIGHT_NAME, and the field `kind` of light sources and of light samples."""
 
@@ -195,22 +210,26 @@ def glsl_header() -> str:
         "KINDS_AT_INFINITY": sum(1 << i for i, place in enumerate(places) if place in (BEYOND, AT_INFINITY)),
         "KINDS_HIT_BY_RAYS": sum(1 << i for i, place in enumerate(places) if place != NEVER),
     }
-    return "\n".join([
-        '#include "generated/bound/features.glsl"',
-        headers.enumeration("LIGHT", [kind.name for kind in every]),
-        headers.constants(**masks),  # bit i says whether the kind i is one of them
-        # A copy of a specialization constant would keep its default.
-        f"#define HAS_PASS_THROUGH_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
-        *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
-        _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
-        _choose("float emission_cosine", "float cosine", every, argument="data"),
-        _choose("uint debug_color_id", "", every),
-        _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
-        _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
-        _for_receiver("light_sample", dependent),
-        # after for_shadow_ray, which makes a direction of what is at infinity
-        _for_receiver("shadow_sample", [kind for kind in dependent if kind.met_by_rays not in (BEYOND, AT_INFINITY)]),
-    ])
+    return "\n".join(
+        [
+            '#include "generated/bound/features.glsl"',
+            headers.enumeration("LIGHT", [kind.name for kind in every]),
+            headers.constants(**masks),  # bit i says whether the kind i is one of them
+            # A copy of a specialization constant would keep its default.
+            f"#define HAS_PASS_THROUGH_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
+            *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
+            _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
+            _choose("float emission_cosine", "float cosine", every, argument="data"),
+            _choose("uint debug_color_id", "", every),
+            _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
+            _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
+            _for_receiver("light_sample", dependent),
+            # after for_shadow_ray, which makes a direction of what is at infinity
+            _for_receiver(
+                "shadow_sample", [kind for kind in dependent if kind.met_by_rays not in (BEYOND, AT_INFINITY)]
+            ),
+        ]
+    )
 
 
 def _is(kind: LightKind, value: str) -> str:

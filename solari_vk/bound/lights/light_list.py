@@ -105,9 +105,14 @@ class LightList:
         return self._index.get(instance)
 
     def set_emissive(
-        self, instance: Instance, row: int, emission: Emission | None, area: float = 0.0, position: Position = ORIGIN,
+        self,
+        instance: Instance,
+        row: int,
+        emission: Emission | None,
+        area: float = 0.0,
+        position: Position = ORIGIN,
         half_size: Position = ORIGIN,
-    ) -> Instance | None:  # fmt: skip
+    ) -> Instance | None:
         """Add or update the instance of that row, or remove it if its emission is None. Returns the instance whose
         index changed, if any.
 
@@ -272,8 +277,10 @@ class LightList:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
         self.sources.reserve(light_count)
         row = len(self.emissive)
-        counts = {place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
-                  for place in (BEYOND, PASSED, AT_INFINITY)}  # fmt: skip
+        counts = {
+            place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
+            for place in (BEYOND, PASSED, AT_INFINITY)
+        }
         first_at_infinity = light_count - counts[AT_INFINITY]
         info = self.info.records[0]
         for kind, lights in self._others.items():

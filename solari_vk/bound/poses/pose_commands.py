@@ -123,9 +123,13 @@ class PoseCommands:
         vertices = max(len(shape.mesh.positions) for shape in shapes)
         for first in range(0, len(shapes), MAX_GROUPS):
             self._kernel.record(
-                commands, (vertices, min(len(shapes) - first, MAX_GROUPS)), meshes=self._work.buffer.address,
-                joints=self._joints.buffer.address, targets=self._targets.buffer.address, first_mesh=first,
-            )  # fmt: skip
+                commands,
+                (vertices, min(len(shapes) - first, MAX_GROUPS)),
+                meshes=self._work.buffer.address,
+                joints=self._joints.buffer.address,
+                targets=self._targets.buffer.address,
+                first_mesh=first,
+            )
         vk.vkCmdPipelineBarrier2(commands, full_barrier())
         if self.stopwatch is not None:
             self.stopwatch.mark(commands, TIMED[0])

@@ -62,9 +62,14 @@ class BopWriter:
     """
 
     def __init__(
-        self, folder: str | os.PathLike[str], instances: Mapping[int, Instance], *,
-        labels: Mapping[int, str] | None = None, split: str = "train", scene_id: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        folder: str | os.PathLike[str],
+        instances: Mapping[int, Instance],
+        *,
+        labels: Mapping[int, str] | None = None,
+        split: str = "train",
+        scene_id: int = 0,
+    ) -> None:
         self._labels = {number: instance.label for number, instance in instances.items()} | dict(labels or {})
         self._root = Path(folder)
         self._scene = self._root / split / f"{scene_id:06}"
@@ -80,8 +85,10 @@ class BopWriter:
         parts = list[_Part]()
         for instance in self._parts(number):
             if instance.posed:
-                raise SolariError(f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
-                                  "objects: take its label away")  # fmt: skip
+                raise SolariError(
+                    f"BOP: {instance.describe()} is moved by joints or morph targets, and BOP has rigid "
+                    "objects: take its label away"
+                )
             if not parts:
                 first = instance
                 axes = UP @ first.rotation.T
@@ -106,8 +113,10 @@ class BopWriter:
 
     def _check_model(self, number: int) -> None:
         if self._model(number) is not self._of[number]:
-            raise SolariError(f"BOP: {self._instances[number].describe()} has another size than in other pictures, and "
-                              "an object has one: leave its scale, and its parts' places, as they are")  # fmt: skip
+            raise SolariError(
+                f"BOP: {self._instances[number].describe()} has another size than in other pictures, and "
+                "an object has one: leave its scale, and its parts' places, as they are"
+            )
 
     def add(
         self, number: int, camera: Camera, picture: bytes, depth: NDArray[Any], silhouettes: Mapping[int, Silhouette]
@@ -121,8 +130,10 @@ class BopWriter:
         """
         _check_camera(camera)
         if not any(picture.startswith(start) for start, kind in KINDS.items() if kind == self._kind):
-            raise SolariError(f"BOP: pictures of the split {self._scene.parent.name} are {self._kind} files, as "
-                              f"bop_toolkit's paths have them: give one, or another split")  # fmt: skip
+            raise SolariError(
+                f"BOP: pictures of the split {self._scene.parent.name} are {self._kind} files, as "
+                f"bop_toolkit's paths have them: give one, or another split"
+            )
         for name in ("rgb", "depth", "mask", "mask_visib"):
             make_folder(self._scene / name)
         size = depth.shape[1], depth.shape[0]
@@ -131,9 +142,11 @@ class BopWriter:
         scale = max(DEPTH_SCALE, float(depth_mm.max()) / (2**16 - 1))
         rotation, shift = camera.extrinsics()
         self._cameras[str(number)] = {
-            "cam_K": _numbers(camera.intrinsics(size)), "depth_scale": scale, "cam_R_w2c": _numbers(rotation),
+            "cam_K": _numbers(camera.intrinsics(size)),
+            "depth_scale": scale,
+            "cam_R_w2c": _numbers(rotation),
             "cam_t_w2c": _numbers(shift * MM),
-        }  # fmt: skip
+        }
         write_whole(self._scene / "rgb" / f"{number:06}{self._kind}", picture)
         write_whole(self._scene / "depth" / f"{number:06}.png", png_16(np.rint(depth_mm / scale).astype(np.uint16)))
         poses, infos = list[Any](), list[Any]()
@@ -141,10 +154,13 @@ class BopWriter:
             silhouette, model = silhouettes[row], self._of[row]
             self._check_model(row)
             box = box_around(self._parts(row), camera, size)
-            poses.append({
-                "cam_R_m2c": _numbers(box.rotation @ UP.T), "cam_t_m2c": _numbers(box.center * MM),
-                "obj_id": model.number,
-            })  # fmt: skip
+            poses.append(
+                {
+                    "cam_R_m2c": _numbers(box.rotation @ UP.T),
+                    "cam_t_m2c": _numbers(box.center * MM),
+                    "obj_id": model.number,
+                }
+            )
             infos.append(_info(silhouette, depth))
             name = f"{number:06}_{len(infos) - 1:06}.png"
             for kind, mask in (("mask", silhouette.mask), ("mask_visib", silhouette.visible)):
@@ -171,8 +187,15 @@ class BopWriter:
         """The first picture's, as a data set's camera.json has it."""
         first = next(iter(self._cameras.values()))
         fx, _, cx, _, fy, cy, *_ = first["cam_K"]
-        return {"width": size[0], "height": size[1], "fx": fx, "fy": fy, "cx": cx, "cy": cy,
-                "depth_scale": first["depth_scale"]}  # fmt: skip
+        return {
+            "width": size[0],
+            "height": size[1],
+            "fx": fx,
+            "fy": fy,
+            "cx": cx,
+            "cy": cy,
+            "depth_scale": first["depth_scale"],
+        }
 
 
 def _check_camera(camera: Camera) -> None:
@@ -187,11 +210,13 @@ def _info(silhouette: Silhouette, depth: NDArray[Any]) -> dict[str, Any]:
     seen = len(rows) > 0
     corner = [int(columns.min()), int(rows.min())] if seen else []
     return {
-        "px_count_all": silhouette.pixel_count, "px_count_visib": len(rows), "visib_fract": silhouette.fraction,
+        "px_count_all": silhouette.pixel_count,
+        "px_count_visib": len(rows),
+        "visib_fract": silhouette.fraction,
         "px_count_valid": int((silhouette.mask & np.isfinite(depth)).sum()),
         "bbox_obj": [x, y, width - 1, height - 1] if seen else NOTHING,
         "bbox_visib": [*corner, int(np.ptp(columns)), int(np.ptp(rows))] if seen else NOTHING,
-    }  # fmt: skip
+    }
 
 
 def _placed(model: _Model) -> tuple[NDArray[np.float64], dict[str, float]]:
@@ -201,8 +226,11 @@ def _placed(model: _Model) -> tuple[NDArray[np.float64], dict[str, float]]:
     low, high = points.min(axis=0), points.max(axis=0)
     points = points - (low + high) / 2
     half = (high - low) / 2
-    sides = {f"{what}_{axis}": float(value) for what, values in (("min", -half), ("size", 2 * half))
-             for axis, value in zip("xyz", values, strict=True)}  # fmt: skip
+    sides = {
+        f"{what}_{axis}": float(value)
+        for what, values in (("min", -half), ("size", 2 * half))
+        for axis, value in zip("xyz", values, strict=True)
+    }
     return points, {"diameter": diameter(points), **sides}
 
 
@@ -240,8 +268,15 @@ def _ply(points: NDArray[np.float64], model: _Model) -> str:
     for part in model.parts:
         turned = part.mesh.triangles[:, :: -1 if np.linalg.det(part.stretch) < 0 else 1]  # where it mirrors
         triangles, before = np.concatenate([triangles, turned + before]), before + len(part.mesh.positions)
-    head = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property float {name}" for name in names),
-            f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header"]  # fmt: skip
+    head = [
+        "ply",
+        "format ascii 1.0",
+        f"element vertex {len(points)}",
+        *(f"property float {name}" for name in names),
+        f"element face {len(triangles)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
     rows = [" ".join(f"{value:.6g}" for value in row) for row in np.concatenate([points, normals], axis=1).tolist()]
     return "\n".join([*head, *rows, *(f"3 {a} {b} {c}" for a, b, c in triangles.tolist()), ""])
 

@@ -47,8 +47,10 @@ def boxes_3d(
             raise SolariError(f"boxes_3d: takes instances, such as group.items, not {quoted(item)}")
     labels = {number: instance.label for number, instance in numbered.items()}
     objects = objects_of(numbered, labels, merge=merge)
-    return {numbered[first]: box_around([numbered[part] for part in parts], camera, size)
-            for first, parts in objects.items()}  # fmt: skip
+    return {
+        numbered[first]: box_around([numbered[part] for part in parts], camera, size)
+        for first, parts in objects.items()
+    }
 
 
 def box_around(parts: Sequence[Instance], camera: Camera, size: tuple[int, int]) -> Box3D:

@@ -37,9 +37,14 @@ class Keypoint(NamedTuple):
 
 
 def keypoints(
-    tracer: RayTracer, camera: Camera, size: tuple[int, int], points: Named | str | PathLike[str], *,
-    tolerance: float = 0.0, instances: Sequence[Instance] | None = None,
-) -> dict[Instance, dict[str, Keypoint]]:  # fmt: skip
+    tracer: RayTracer,
+    camera: Camera,
+    size: tuple[int, int],
+    points: Named | str | PathLike[str],
+    *,
+    tolerance: float = 0.0,
+    instances: Sequence[Instance] | None = None,
+) -> dict[Instance, dict[str, Keypoint]]:
     """Named points of the scene's visible instances in a camera's picture of this size.
 
     points: for patterns of instances' names, such as "Chair*", the points by name: (3,) in meters in the mesh's own
@@ -83,8 +88,9 @@ def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance,
         who = f"keypoints {Path(points)}"
         points = read_json(Path(points), who)
     if not isinstance(points, Mapping) or not all(isinstance(named, Mapping) for named in points.values()):
-        raise SolariError(f'{who}: give points by name for patterns of names, such as {{"Chair*": {{"seat": [0, 0.4, '
-                          '0]}}')  # fmt: skip
+        raise SolariError(
+            f'{who}: give points by name for patterns of names, such as {{"Chair*": {{"seat": [0, 0.4, 0]}}}}'
+        )
     found = dict[Instance, Mapping[str, Point]]()
     for pattern, named in points.items():
         if not isinstance(pattern, str):
@@ -114,5 +120,6 @@ def _local(point: Any, positions: NDArray[Any], who: str) -> NDArray[np.float64]
             raise ValueError
         return given
     except (TypeError, ValueError):
-        raise SolariError(f"{who}: is three numbers, or a vertex from 0 to {len(positions) - 1}, not "
-                          f"{quoted(point)}") from None  # fmt: skip
+        raise SolariError(
+            f"{who}: is three numbers, or a vertex from 0 to {len(positions) - 1}, not {quoted(point)}"
+        ) from None

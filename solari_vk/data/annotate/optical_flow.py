@@ -38,9 +38,13 @@ class Flow(NamedTuple):
 
 
 def optical_flow(
-    tracer: RayTracer, cameras: Sequence[Camera], size: tuple[int, int], *,
-    pose: Callable[[float], Any] | None = None, times: tuple[float, float] = (0.0, 1.0),
-) -> tuple[Flow, Flow]:  # fmt: skip
+    tracer: RayTracer,
+    cameras: Sequence[Camera],
+    size: tuple[int, int],
+    *,
+    pose: Callable[[float], Any] | None = None,
+    times: tuple[float, float] = (0.0, 1.0),
+) -> tuple[Flow, Flow]:
     """The flow from a first picture to a second one, and the flow back.
 
     cameras: those of both pictures, of any projection. pose(time): poses the scene, such as `scene.animate`, and is
@@ -92,8 +96,10 @@ class _Picture:
         for instance, rays, count, triangles, weights in self.parts:
             mesh = instance.posed_mesh() if instance.posed else instance.ray_mesh or instance.mesh
             if len(mesh.triangles) != count:
-                raise SolariError(f"optical_flow: {instance.describe()}: its mesh had {count} triangles and has "
-                                  f"{len(mesh.triangles)}: move its vertices only")  # fmt: skip
+                raise SolariError(
+                    f"optical_flow: {instance.describe()}: its mesh had {count} triangles and has "
+                    f"{len(mesh.triangles)}: move its vertices only"
+                )
             corners = mesh.positions.astype(np.float64)[mesh.triangles[triangles]]
             found[rays] = transform_points(instance.transform, np.einsum("nk,nki->ni", weights, corners))
         return found

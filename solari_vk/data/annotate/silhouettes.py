@@ -64,8 +64,9 @@ def trace_silhouettes(
     pixel shows, (height, width), -1 for none. Arguments and errors are those of `silhouettes`."""
     check_view("silhouettes", tracer, camera, size)
     if not 0 <= around <= 8 or (around and camera.has_lens):
-        raise SolariError(f"silhouettes: around is from 0 to 8, and 0 for a lens that isn't a pinhole, not "
-                          f"{quoted(around)}")  # fmt: skip
+        raise SolariError(
+            f"silhouettes: around is from 0 to 8, and 0 for a lens that isn't a pinhole, not {quoted(around)}"
+        )
     (width, height), (left, top) = size, (round(around * size[0]), round(around * size[1]))
     shape = height + 2 * top, width + 2 * left
     rows, columns = np.divmod(np.arange(shape[0] * shape[1]), shape[1])

@@ -32,9 +32,14 @@ def pixel_rays(camera: Camera, pixels: Floats, size: tuple[int, int]) -> tuple[F
 
 
 def peel(
-    tracer: RayTracer, origins: Floats, directions: Floats, t_min: ArrayLike, t_max: ArrayLike = np.inf, *,
+    tracer: RayTracer,
+    origins: Floats,
+    directions: Floats,
+    t_min: ArrayLike,
+    t_max: ArrayLike = np.inf,
+    *,
     first: bool = False,
-) -> Iterator[tuple[NDArray[np.int64], Hits]]:  # fmt: skip
+) -> Iterator[tuple[NDArray[np.int64], Hits]]:
     """The surfaces along rays (N, 3), nearest first: each step gives the numbers of the rays that met one, and hits.
 
     first: a ray ends at its first surface.

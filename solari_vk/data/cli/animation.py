@@ -41,8 +41,17 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
         frames = job.average or (ANIMATION_AVERAGE if job.shutter is None else EXPOSED_AVERAGE)
         style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up, shutter=_shutter(job))
     else:
-        style = Style(job.size, job.seed, job.aov, job.tonemap, clip, samples=how, max_bounces=job.max_bounces,
-                      denoise=job.denoise, shutter=_shutter(job))  # fmt: skip
+        style = Style(
+            job.size,
+            job.seed,
+            job.aov,
+            job.tonemap,
+            clip,
+            samples=how,
+            max_bounces=job.max_bounces,
+            denoise=job.denoise,
+            shutter=_shutter(job),
+        )
     if job.sensor is not None:
         style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
     if style.clip is not None:
@@ -69,8 +78,9 @@ def _shutter(job: MovieJob) -> Shutter | None:
         return None
     exposed, readout = job.shutter
     if exposed + readout > 1 / job.fps:
-        raise SolariError(f"--shutter {exposed:g},{readout:g}: is longer than a picture at --fps {job.fps}, "
-                          f"{1 / job.fps:.4g} s")  # fmt: skip
+        raise SolariError(
+            f"--shutter {exposed:g},{readout:g}: is longer than a picture at --fps {job.fps}, {1 / job.fps:.4g} s"
+        )
     return Shutter(close=exposed, readout=readout)
 
 

@@ -26,9 +26,11 @@ from solari_vk.scene.model import Camera, Instance, Scene
 
 COCO, CLASSES, BOP, SHARDS, OBJECTS = "annotations.json", "classes.txt", "bop", "shards", "objects"
 ANNOTATIONS = {
-    "coco": ("instance_id",), "yolo": ("instance_id",), "objects": ("instance_id", SILHOUETTES),
+    "coco": ("instance_id",),
+    "yolo": ("instance_id",),
+    "objects": ("instance_id", SILHOUETTES),
     "bop": ("instance_id", SILHOUETTES, "depth"),
-}  # fmt: skip
+}
 """The kinds of annotations, each with the layers that it is made of."""
 
 
@@ -37,9 +39,14 @@ class Annotating:
     BOP."""
 
     def __init__(
-        self, folder: Path, annotations: Annotations, instances: Mapping[int, Instance], style: Style, scene: Scene,
+        self,
+        folder: Path,
+        annotations: Annotations,
+        instances: Mapping[int, Instance],
+        style: Style,
+        scene: Scene,
         split: str,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._folder, self._annotations, self._style, self._scene = folder, annotations, style, scene
         self._labels, self._split = annotations.labels, split
         self._instances = {number: instances[number] for number in self._labels}
@@ -86,8 +93,11 @@ class Annotating:
             if bop is not None or "objects" in kinds:
                 objects = self._annotations.objects
                 with self._style.randomized(self._scene, number):
-                    shown = {row: np.isin(ids, parts) for row, parts in objects.items()
-                             if any(self._instances[part].visible for part in parts)}  # fmt: skip
+                    shown = {
+                        row: np.isin(ids, parts)
+                        for row, parts in objects.items()
+                        if any(self._instances[part].visible for part in parts)
+                    }
                     silhouettes = read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
                     if "objects" in kinds:
                         rows = self._objects(view.camera, silhouettes, points)
@@ -119,13 +129,20 @@ class Annotating:
                 parts = [self._instances[part] for part in self._annotations.objects[number]]
                 box = box_around(parts, camera, self._style.size)
                 name = parts[0].part_of if len(parts) > 1 else parts[0].name
-                rows.append({
-                    "id": number, "name": name, "label": self._labels[number],
-                    "center": box.center.tolist(), "rotation": box.rotation.tolist(), "size": box.size.tolist(),
-                    "corners": [corner if np.isfinite(corner).all() else None for corner in box.pixels.tolist()],
-                    "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
-                    "whole_box": silhouette.box, "visible_fraction": silhouette.fraction,
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "id": number,
+                        "name": name,
+                        "label": self._labels[number],
+                        "center": box.center.tolist(),
+                        "rotation": box.rotation.tolist(),
+                        "size": box.size.tolist(),
+                        "corners": [corner if np.isfinite(corner).all() else None for corner in box.pixels.tolist()],
+                        "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
+                        "whole_box": silhouette.box,
+                        "visible_fraction": silhouette.fraction,
+                    }
+                )
                 named = self._annotations.points_of(number, points)
                 if len(named):
                     places = [row if np.isfinite(row).all() else [None, None, 0] for row in named.tolist()]

@@ -91,8 +91,10 @@ def run(job: DatasetJob) -> int:
             check_colmap(cameras, job.size)
         if FLOWS & set(style.layers):
             ends = [None, *cameras, None]
-            views = [dataclasses.replace(view, before=ends[number], after=ends[number + 2])
-                     for number, view in enumerate(views)]  # fmt: skip
+            views = [
+                dataclasses.replace(view, before=ends[number], after=ends[number + 2])
+                for number, view in enumerate(views)
+            ]
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
@@ -122,8 +124,10 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
     if "bop" in job.annotations and job.format not in BOP_SPLITS:
         raise SolariError("--annotations bop: its pictures are .png or .jpg files: give --format png or jpg")
     if FLOWS & set(job.aov) and (job.randomize is not None or whole):
-        raise SolariError("--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
-                          "leave --randomize out, and give --format png, jpg or npy")  # fmt: skip
+        raise SolariError(
+            "--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
+            "leave --randomize out, and give --format png, jpg or npy"
+        )
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):
         raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
     if job.keypoints is not None:
@@ -141,8 +145,15 @@ def _style(job: DatasetJob) -> Style:
         check_aovs(job.aov, job.mode, (*sv.PathTracer.OUTPUTS[1:], *TRACED))
         if job.denoise:
             oidn.check_installed()
-        return Style(job.size, job.seed, job.aov, job.tonemap, samples=job.samples, max_bounces=job.max_bounces,
-                     denoise=job.denoise)  # fmt: skip
+        return Style(
+            job.size,
+            job.seed,
+            job.aov,
+            job.tonemap,
+            samples=job.samples,
+            max_bounces=job.max_bounces,
+            denoise=job.denoise,
+        )
     if job.denoise:
         raise SolariError("--denoise: is an option of --mode reference: give --settings denoise=on")
     settings = job.make_settings()

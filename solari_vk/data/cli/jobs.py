@@ -27,13 +27,21 @@ class DatasetJob(SharedPicture):
     views: int | None = option("the number of views (all poses of a file)", "N", type=positive)
     cameras: str = option(
         "around the scene; places all around an object, or in a room; or the poses of a JSON file: a list of poses as "
-        "--camera takes them, or a transforms.json (orbit)", "orbit|random|FILE", default="orbit",
+        "--camera takes them, or a transforms.json (orbit)",
+        "orbit|random|FILE",
+        default="orbit",
     )
-    mode: str = option("the path tracer, or realtime lighting, which has motion vectors (reference)",
-                       choices=("reference", "realtime"), default="reference")
+    mode: str = option(
+        "the path tracer, or realtime lighting, which has motion vectors (reference)",
+        choices=("reference", "realtime"),
+        default="reference",
+    )
     aov: tuple[str, ...] = option(
         "more outputs: layers of .exr or .npz files, otherwise .npy files; such as depth, shading_normal, instance_id, "
-        "albedo, variance; in realtime mode guides_motion, error", "A,B", type=words, default=(),
+        "albedo, variance; in realtime mode guides_motion, error",
+        "A,B",
+        type=words,
+        default=(),
     )
     format: str = option("of the pictures (png)", choices=("png", "jpg", "exr", "npz", "npy"), default="png")
     colmap: bool = flag("write the cameras as COLMAP's text files too, into the folder sparse/0")
@@ -43,19 +51,27 @@ class DatasetJob(SharedPicture):
     annotations: tuple[str, ...] = option(
         "labels of instances that have a class: coco (annotations.json: boxes and masks), yolo (boxes: a text file for "
         "each picture), objects (boxes in space, poses and the share that is seen: NUMBER.objects.json), bop (a folder "
-        "in the format of that benchmark)", "coco,yolo,objects,bop", type=words, default=(),
+        "in the format of that benchmark)",
+        "coco,yolo,objects,bop",
+        type=words,
+        default=(),
     )
     sensor: str | None = option(
         "write the raw digital numbers of an image sensor too, NUMBER.raw.npy: fields of Sensor as JSON, such as "
-        '{"iso": 400, "bayer": "RGGB"}, or in a file', "JSON|FILE",
+        '{"iso": 400, "bayer": "RGGB"}, or in a file',
+        "JSON|FILE",
     )
     keypoints: Path | None = option(
         "named points of instances for the annotations coco and objects: a JSON file such as "
-        '{"Chair*": {"seat": [0, 0.4, 0]}}', "FILE", type=Path
+        '{"Chair*": {"seat": [0, 0.4, 0]}}',
+        "FILE",
+        type=Path,
     )
     randomize: Path | None = option(
         "what is random in each view: a .yaml file of ranges, or a .py file with a function randomize(scene, random, "
-        "number)", "FILE", type=Path
+        "number)",
+        "FILE",
+        type=Path,
     )
     shards: int | None = option("write the files of N views each into tar files too (WebDataset)", "N", type=positive)
     time: float | None = option("pose the scene as it is S seconds into its animation", "S", type=float)
@@ -66,5 +82,6 @@ class DatasetJob(SharedPicture):
         "stop after this many seconds of rendering, with exit code 1 if views are missing", "S", type=float
     )
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
-    average: int = option(f"each picture is the mean of N frames ({ANIMATION_AVERAGE})", "N", type=positive,
-                          default=ANIMATION_AVERAGE)
+    average: int = option(
+        f"each picture is the mean of N frames ({ANIMATION_AVERAGE})", "N", type=positive, default=ANIMATION_AVERAGE
+    )

@@ -24,9 +24,13 @@ if TYPE_CHECKING:
 
 
 def metered(
-    pool: WorkerPool | OneDevice, subject: Subject, cameras: Sequence[Camera], size: tuple[int, int],
-    randomizer: Randomizer | None = None, numbers: Sequence[int] = (),
-) -> float:  # fmt: skip
+    pool: WorkerPool | OneDevice,
+    subject: Subject,
+    cameras: Sequence[Camera],
+    size: tuple[int, int],
+    randomizer: Randomizer | None = None,
+    numbers: Sequence[int] = (),
+) -> float:
     """The exposure that suits pictures of some cameras. randomizer, numbers: as of Meter."""
     answers = pool.map(subject.scene, [Meter(tuple(cameras), size, randomizer, tuple(numbers))])
     return float(next(done[1] for done in answers if done is not None))

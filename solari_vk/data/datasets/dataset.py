@@ -86,8 +86,9 @@ def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
     if min(len(poses), count or len(poses)) > MAX_CAMERAS:
-        raise SolariError(f"--cameras {path}: it has {len(poses):,} poses, of which at most {MAX_CAMERAS:,} are read: "
-                          "give --views")
+        raise SolariError(
+            f"--cameras {path}: it has {len(poses):,} poses, of which at most {MAX_CAMERAS:,} are read: give --views"
+        )
     if count is not None and count > len(poses):
         raise SolariError(f"--cameras {path}: it has {len(poses)} poses, --views asks for {count}")
     cameras = []
@@ -148,11 +149,15 @@ def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
     for number, camera in enumerate(cameras):
         if camera.orthographic_height or camera.projection in ("stereographic", "cube") or len(camera.distortion) > 8:
             kind = "orthographic" if camera.orthographic_height else camera.projection
-            raise SolariError(f"view {number}: {camera.describe()} is {kind}: {NAME} describes perspective, fisheye "
-                              "and equirectangular ones, without thin prism distortion")  # fmt: skip
+            raise SolariError(
+                f"view {number}: {camera.describe()} is {kind}: {NAME} describes perspective, fisheye "
+                "and equirectangular ones, without thin prism distortion"
+            )
         if camera.projection != cameras[0].projection:
-            raise SolariError(f"view {number}: {camera.describe()} is {camera.projection} and view 0 isn't: {NAME} has "
-                              "one camera_model")  # fmt: skip
+            raise SolariError(
+                f"view {number}: {camera.describe()} is {camera.projection} and view 0 isn't: {NAME} has "
+                "one camera_model"
+            )
     return [View(f"{number:05}{suffix}", camera) for number, camera in enumerate(cameras)]
 
 
@@ -170,14 +175,25 @@ def _transforms(style: Style, views: Sequence[View]) -> dict[str, Any]:
         transform = camera.transform.copy()
         transform[:3, :3] /= np.linalg.norm(transform[:3, :3], axis=0)
         beside = style.files_of(view)[1:]
-        frames.append({
-            "file_path": view.name, "transform_matrix": transform.tolist(), **_nerf_lens(camera, style.size),
-            "exposure": camera.exposure, "layer_paths": dict(zip(style.layers, beside, strict=False)),
-        })  # fmt: skip
+        frames.append(
+            {
+                "file_path": view.name,
+                "transform_matrix": transform.tolist(),
+                **_nerf_lens(camera, style.size),
+                "exposure": camera.exposure,
+                "layer_paths": dict(zip(style.layers, beside, strict=False)),
+            }
+        )
     model = {"fisheye": "OPENCV_FISHEYE", "equirectangular": "EQUIRECTANGULAR"}
     shared = _nerf_lens(views[0].camera, style.size)
-    return {"camera_model": model.get(views[0].camera.projection, "OPENCV"), "w": width, "h": height, **shared,
-            "layers": list(style.layers), "frames": frames}  # fmt: skip
+    return {
+        "camera_model": model.get(views[0].camera.projection, "OPENCV"),
+        "w": width,
+        "h": height,
+        **shared,
+        "layers": list(style.layers),
+        "frames": frames,
+    }
 
 
 def _nerf_lens(camera: Camera, size: tuple[int, int]) -> dict[str, float]:
@@ -190,5 +206,8 @@ def _nerf_lens(camera: Camera, size: tuple[int, int]) -> dict[str, float]:
     if camera.projection == "perspective":
         lens["camera_angle_x"] = 2 * math.atan(size[0] / (2 * fx))
     given = [*camera.distortion.tolist(), *[0.0] * len(names)]
-    return lens | {name: term for number, (name, term) in enumerate(zip(names, given, strict=False))
-                   if number < 4 or any(given[4:])}  # fmt: skip
+    return lens | {
+        name: term
+        for number, (name, term) in enumerate(zip(names, given, strict=False))
+        if number < 4 or any(given[4:])
+    }

@@ -110,9 +110,13 @@ def open_journal(path: Path, pool: WorkerPool | OneDevice, scene: Scene, tasks: 
 
 
 def render_tasks(
-    pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask], path: Path, *,
+    pool: WorkerPool | OneDevice,
+    scene: Scene,
+    tasks: Sequence[RenderTask],
+    path: Path,
+    *,
     progress: Callable[[int], object] | None = None,
-) -> int:  # fmt: skip
+) -> int:
     """Render the tasks that aren't finished into the folder of their journal, `path`; returns the number of pictures
     that are there at the end.
 
@@ -124,9 +128,12 @@ def render_tasks(
 
 
 def render_missing(
-    pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask], journal: Journal,
+    pool: WorkerPool | OneDevice,
+    scene: Scene,
+    tasks: Sequence[RenderTask],
+    journal: Journal,
     progress: Callable[[int], object] | None,
-) -> int:  # fmt: skip
+) -> int:
     """`render_tasks` with an open journal."""
     remove_unfinished(journal.folder, {name for task in tasks for name in task.files})
     missing = [task for task in tasks if not journal.has(task)]

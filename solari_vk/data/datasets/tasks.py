@@ -218,10 +218,18 @@ class RenderTask:
             write_npy(folder / f"{Path(view.name).stem}.{SILHOUETTES}.npy", runs)
         if KEYPOINTS in self.style.layers:
             tracer = session.ray_tracer()
-            found = keypoints(tracer, view.camera, self.style.size, json.loads(self.style.points),
-                              instances=self.style.objects(session.scene))  # fmt: skip
-            rows = [(number, *point.pixel, point.state) for number, instance in sorted(tracer.instances.items())
-                    for point in found.get(instance, {}).values()]  # fmt: skip
+            found = keypoints(
+                tracer,
+                view.camera,
+                self.style.size,
+                json.loads(self.style.points),
+                instances=self.style.objects(session.scene),
+            )
+            rows = [
+                (number, *point.pixel, point.state)
+                for number, instance in sorted(tracer.instances.items())
+                for point in found.get(instance, {}).values()
+            ]
             write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))
         for layer, pair in ((FLOW, (view.camera, view.after)), (FLOW_BACK, (view.before, view.camera))):
             if layer in self.style.layers:
@@ -231,9 +239,12 @@ class RenderTask:
             seed = numbered_seed(self.style.seed, number)
             layers[RAW] = self.style.sensor.expose(results["radiance"], view.camera, seed=seed)
         save_image(
-            folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,
+            folder / view.name,
+            results["radiance"],
+            exposure=view.camera.exposure,
+            tonemap=self.style.tonemap,
             layers=layers,
-        )  # fmt: skip
+        )
 
     def _flow(
         self, session: DeviceSession, cameras: tuple[Camera | None, Camera | None], back: bool

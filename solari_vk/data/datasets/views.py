@@ -25,8 +25,10 @@ class Sample(dict[str, NDArray[Any]]):
     """The layers of a view, by name."""
 
     def __missing__(self, name: str) -> NoReturn:
-        raise SolariError(f"Views: samples have {', '.join(self)}, and no {name}: name what they shall have, "
-                          f"Views(folder, [{', '.join(map(repr, (*self, name)))}])")  # fmt: skip
+        raise SolariError(
+            f"Views: samples have {', '.join(self)}, and no {name}: name what they shall have, "
+            f"Views(folder, [{', '.join(map(repr, (*self, name)))}])"
+        )
 
 
 class Views(Hints):

@@ -36,8 +36,10 @@ def check(value: Any, place: str) -> None:
     values = value if isinstance(value, list) else [value]
     is_plain = all(isinstance(one, str | bool) for one in values) and values
     if not (is_plain or value is None or _is_range(value) or is_numbers(value)):
-        raise SolariError(f"{place}: give a value, two numbers or two vectors from which to which, or "
-                          f"{{choose: [...]}}, not {quoted(value)}")  # fmt: skip
+        raise SolariError(
+            f"{place}: give a value, two numbers or two vectors from which to which, or "
+            f"{{choose: [...]}}, not {quoted(value)}"
+        )
 
 
 def draw(value: Any, random: np.random.Generator) -> Any:

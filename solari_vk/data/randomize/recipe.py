@@ -30,9 +30,12 @@ PREFIX = "distractor "  # of the names of those, by which workers know them
 DISTRACTORS = ("count", "shapes", "size", "within", "material")
 SHAPES = ("box", "sphere", "cylinder", "cone", "capsule", "torus")
 RELATIVE: dict[str, tuple[str, ...]] = {
-    "cameras": ("offset", "target", "ev", "roll"), "instances": ("offset", "turn"), "materials": (),
-    "lights": ("offset", "brightness"), "environment": ("turn", "brightness"),
-}  # fmt: skip
+    "cameras": ("offset", "target", "ev", "roll"),
+    "instances": ("offset", "turn"),
+    "materials": (),
+    "lights": ("offset", "brightness"),
+    "environment": ("turn", "brightness"),
+}
 SECTIONS = ("seed", *RELATIVE, "distractors")
 PATTERNS = ("instances", "materials", "lights")
 
@@ -55,8 +58,9 @@ def check_recipe(recipe: Any, who: str) -> None:
             _check_values(values, f"{place}: {pattern}", known)
     given = recipe.get("distractors", {})
     place = f"{who}: distractors"
-    _check_values({name: value for name, value in _mapping(given, place).items() if name != "material"}, place,
-                  DISTRACTORS)  # fmt: skip
+    _check_values(
+        {name: value for name, value in _mapping(given, place).items() if name != "material"}, place, DISTRACTORS
+    )
     _check_values(given.get("material", {}), f"{place}: material", _known("materials", Material))
     wanted = given.get("shapes", [])
     wanted = wanted.get("choose", [None]) if isinstance(wanted, Mapping) else wanted
@@ -113,8 +117,11 @@ def _choices(value: Any) -> list[Any]:
 
 def files_of(recipe: Mapping[str, Any]) -> list[str]:
     """The names of the pictures that a recipe takes."""
-    places = [recipe.get("environment", {}), recipe.get("distractors", {}).get("material", {}),
-              *recipe.get("materials", {}).values()]  # fmt: skip
+    places = [
+        recipe.get("environment", {}),
+        recipe.get("distractors", {}).get("material", {}),
+        *recipe.get("materials", {}).values(),
+    ]
     found = dict[str, None]()
     for values in places:
         for name, value in values.items():
@@ -136,8 +143,10 @@ class Recipe:
         """Add what pictures show or hide: distractors, and an environment; check the patterns and the lights' keys."""
         if "distractors" in self._recipe:
             for taken in (item for item in scene.instances if item.name.startswith(PREFIX)):
-                raise SolariError(f"{self._who}: distractors: {scene.describe()} has {taken.describe()} already: "
-                                  f"prepare a scene once, and call its own objects otherwise")  # fmt: skip
+                raise SolariError(
+                    f"{self._who}: distractors: {scene.describe()} has {taken.describe()} already: "
+                    f"prepare a scene once, and call its own objects otherwise"
+                )
             for number in range(max(math.ceil(largest(self._recipe["distractors"].get("count", 1))), 0)):
                 scene.add(Instance(_shape("box"), name=f"{PREFIX}{number}", visible=False))
         if "environment" in self._recipe and not isinstance(scene.environment, Environment):
@@ -227,10 +236,13 @@ class Recipe:
             turn = random.normal(size=4)
             with self._blame(place):
                 item.update(
-                    mesh=_shape(self._draw(given["shapes"], number, f"{place}/shape")), visible=True,
-                    position=random.uniform(low, high), rotation=(turn / np.linalg.norm(turn)).tolist(),
-                    scale=self._draw(given["size"], number, f"{place}/size"), material=Material(name=item.name),
-                )  # fmt: skip
+                    mesh=_shape(self._draw(given["shapes"], number, f"{place}/shape")),
+                    visible=True,
+                    position=random.uniform(low, high),
+                    rotation=(turn / np.linalg.norm(turn)).tolist(),
+                    scale=self._draw(given["size"], number, f"{place}/size"),
+                    material=Material(name=item.name),
+                )
             self._apply(item.material, given["material"], number, f"{place}/material")
 
 
@@ -258,8 +270,12 @@ def _turn(item: Any, degrees: float, *others: Instance) -> None:
         item.rotation = about @ item.rotation
         return
     into = np.linalg.inv(item.transform)
-    points = np.concatenate([transform_points(into @ part.transform, part.posed_mesh().positions.astype(np.float64))
-                             for part in (item, *others)])  # fmt: skip
+    points = np.concatenate(
+        [
+            transform_points(into @ part.transform, part.posed_mesh().positions.astype(np.float64))
+            for part in (item, *others)
+        ]
+    )
     middle = transform_points(item.transform, (points.min(axis=0) + points.max(axis=0)) / 2)
     move = np.eye(4)
     move[:3, :3], move[:3, 3] = about, middle - about @ middle
@@ -285,8 +301,13 @@ def _expose(camera: Any, stops: float) -> None:
 
 
 _RELATIVELY: dict[str, Callable[..., None]] = {
-    "offset": _move, "turn": _turn, "target": _aim, "roll": _roll, "brightness": _brighten, "ev": _expose
-}  # fmt: skip
+    "offset": _move,
+    "turn": _turn,
+    "target": _aim,
+    "roll": _roll,
+    "brightness": _brighten,
+    "ev": _expose,
+}
 """In the order in which they are applied."""
 
 
@@ -311,6 +332,9 @@ def _content(path: Path, sha256: str, who: str) -> bytes:
 @lru_cache
 def _shape(name: str) -> Any:
     """A shape that fits into a cube of 1 m."""
-    made = {"sphere": lambda: shapes.sphere(0.5), "capsule": lambda: shapes.capsule(0.25, 0.5),
-            "torus": lambda: shapes.torus(0.35, 0.15)}  # fmt: skip
+    made = {
+        "sphere": lambda: shapes.sphere(0.5),
+        "capsule": lambda: shapes.capsule(0.25, 0.5),
+        "torus": lambda: shapes.torus(0.35, 0.15),
+    }
     return made.get(name, getattr(shapes, name))()

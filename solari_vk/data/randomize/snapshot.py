@@ -19,8 +19,10 @@ class Snapshot:
     def check_members(self, who: str) -> None:
         """Raise SolariError if instances or lights were added or removed."""
         if (list(self._scene.instances), list(self._scene.lights)) != self._members:
-            raise SolariError(f"{who}: adds or removes instances or lights: add them in prepare(scene), and change "
-                              "their visible or intensity here")  # fmt: skip
+            raise SolariError(
+                f"{who}: adds or removes instances or lights: add them in prepare(scene), and change "
+                "their visible or intensity here"
+            )
 
     def restore(self) -> None:
         """Give all fields the values that they had, and take away what was added."""

@@ -25,8 +25,9 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         for key, _ in node.value:
             name = key.tag, str(key.value)
             if name in seen:
-                raise yaml.MarkedYAMLError(problem=f"the key {quoted(key.value)} is there twice",
-                                           problem_mark=key.start_mark)  # fmt: skip
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {quoted(key.value)} is there twice", problem_mark=key.start_mark
+                )
             seen.add(name)
         return node
 
@@ -35,5 +36,6 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
             return super().construct_object(node, deep)
         except (ValueError, LookupError, AttributeError) as error:  # of numbers and dates that there aren't
             kind = node.tag.rpartition(":")[2]
-            raise yaml.MarkedYAMLError(problem=f"{quoted(node.value)} isn't of the kind {kind}: {error}",
-                                       problem_mark=node.start_mark) from None  # fmt: skip
+            raise yaml.MarkedYAMLError(
+                problem=f"{quoted(node.value)} isn't of the kind {kind}: {error}", problem_mark=node.start_mark
+            ) from None

@@ -73,8 +73,10 @@ def checked_numbers(kind: Any, ranges: dict[str, tuple[float, float, str]]) -> N
     for name, (low, high, unit) in ranges.items():
         value = getattr(kind, name)
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not low <= value <= high:
-            raise SolariError(f"{type(kind).__name__}: {name} is a number between {low:g} and {high:g}"
-                              f"{unit and f' {unit}'}, not {quoted(value)}")  # fmt: skip
+            raise SolariError(
+                f"{type(kind).__name__}: {name} is a number between {low:g} and {high:g}"
+                f"{unit and f' {unit}'}, not {quoted(value)}"
+            )
 
 
 def from_preset(kind: type[Any], presets: dict[str, dict[str, Any]], name: str, fields: dict[str, Any]) -> Any:

@@ -38,20 +38,38 @@ def _spread(first: float, last: float, count: int) -> tuple[float, ...]:
 # at a high signal; range_resolution: "range resolution"; divergence: "beam divergence, FWHM"; returns: "# of returns".
 PRESETS: dict[str, dict[str, Any]] = {
     "VLP-16": {
-        "elevations": _spread(-15, 15, 16), "azimuth_steps": 1800, "period": 0.1, "min_range": 0.5, "max_range": 100.0,
-        "range_noise": 0.03, "range_resolution": 0.002, "returns": 2,
+        "elevations": _spread(-15, 15, 16),
+        "azimuth_steps": 1800,
+        "period": 0.1,
+        "min_range": 0.5,
+        "max_range": 100.0,
+        "range_noise": 0.03,
+        "range_resolution": 0.002,
+        "returns": 2,
     },
     "OS1-64": {
-        "elevations": _spread(-16.6, 16.6, 64), "azimuth_steps": 1024, "period": 0.1, "min_range": 0.8,
-        "max_range": 120.0, "range_noise": 0.015, "range_resolution": 0.012, "divergence": math.radians(0.13),
+        "elevations": _spread(-16.6, 16.6, 64),
+        "azimuth_steps": 1024,
+        "period": 0.1,
+        "min_range": 0.8,
+        "max_range": 120.0,
+        "range_noise": 0.015,
+        "range_resolution": 0.012,
+        "divergence": math.radians(0.13),
         "reference": (40.0, 0.1),
     },
     "OS1-128": {
-        "elevations": _spread(-22.5, 22.5, 128), "azimuth_steps": 2048, "period": 0.1, "min_range": 0.8,
-        "max_range": 120.0, "range_noise": 0.015, "range_resolution": 0.012, "divergence": math.radians(0.18),
+        "elevations": _spread(-22.5, 22.5, 128),
+        "azimuth_steps": 2048,
+        "period": 0.1,
+        "min_range": 0.8,
+        "max_range": 120.0,
+        "range_noise": 0.015,
+        "range_resolution": 0.012,
+        "divergence": math.radians(0.18),
         "reference": (40.0, 0.1),
     },
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,19 +119,29 @@ class Lidar:
             object.__setattr__(self, name, tuple(values.tolist()))
         for name in ("azimuth_steps", "returns", "rays_per_beam", "max_surfaces"):
             checks.check_whole(f"Lidar: {name}", getattr(self, name), 1)
-        checked_numbers(self, {
-            "period": (0, 1e6, "s"), "min_range": (0, 1e6, "m"), "max_range": (1e-3, 1e6, "m"),
-            "separation": (0, 1e6, "m"), "divergence": (0, 1, "radians"), "range_noise": (0, 1e3, "m"),
-            "range_resolution": (0, 1e3, "m"),
-        })  # fmt: skip
+        checked_numbers(
+            self,
+            {
+                "period": (0, 1e6, "s"),
+                "min_range": (0, 1e6, "m"),
+                "max_range": (1e-3, 1e6, "m"),
+                "separation": (0, 1e6, "m"),
+                "divergence": (0, 1, "radians"),
+                "range_noise": (0, 1e3, "m"),
+                "range_resolution": (0, 1e3, "m"),
+            },
+        )
         if not self.elevations or max(map(abs, self.elevations)) > math.pi / 2 + 1e-9:
-            raise SolariError("Lidar: elevations are angles between -pi/2 and pi/2 radians, at least one: "
-                              "np.radians(...) takes degrees")  # fmt: skip
+            raise SolariError(
+                "Lidar: elevations are angles between -pi/2 and pi/2 radians, at least one: "
+                "np.radians(...) takes degrees"
+            )
         if not self.min_range < self.max_range:
             raise SolariError(f"Lidar: min_range, {self.min_range:g} m, must be below max_range, {self.max_range:g} m")
         if any(self.reference) and not min(self.reference) > 0:
-            raise SolariError(f"Lidar: reference is a distance and a reflectivity above 0, or (0, 0), not "
-                              f"{self.reference}")  # fmt: skip
+            raise SolariError(
+                f"Lidar: reference is a distance and a reflectivity above 0, or (0, 0), not {self.reference}"
+            )
 
     @classmethod
     def preset(cls, name: str, **fields: Any) -> Lidar:
@@ -150,9 +178,10 @@ class Lidar:
         flat, high, zero = np.cos(elevation), np.sin(elevation), np.zeros_like(elevation)
         sine, cosine = np.sin(azimuth), np.cos(azimuth)
         return (
-            np.stack([cosine, zero, sine], -1), np.stack([-high * sine, flat, high * cosine], -1),
+            np.stack([cosine, zero, sine], -1),
+            np.stack([-high * sine, flat, high * cosine], -1),
             np.stack([flat * sine, high, -flat * cosine], -1),
-        )  # fmt: skip
+        )
 
     def scan(
         self, tracer: RayTracer, pose: ArrayLike | Callable[[float], ArrayLike], *, seed: int = 0, noise: bool = True

@@ -15,10 +15,20 @@ from solari_vk.base.files import write_whole
 from solari_vk.output.picture import write_npy
 
 Floats = NDArray[np.float64]
-POINT = np.dtype([
-    ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("distance", "<f4"), ("time", "<f4"),
-    ("channel", "<u2"), ("column", "<u2"), ("number", "u1"), ("instance", "<i4"),
-])  # fmt: skip
+POINT = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("distance", "<f4"),
+        ("time", "<f4"),
+        ("channel", "<u2"),
+        ("column", "<u2"),
+        ("number", "u1"),
+        ("instance", "<i4"),
+    ]
+)
 PLY_TYPES = {"<f4": "float", "<u2": "ushort", "|u1": "uchar", "<i4": "int"}
 
 

@@ -33,8 +33,9 @@ def relative_illumination(
             raise SolariError(f"Sensor: vignetting {error}") from None
         share: Floats = np.polynomial.polynomial.polyval(squared, [1.0, *terms.tolist()])
         if not (share >= 0).all():
-            raise SolariError(f"Sensor: the vignetting {quoted(list(vignetting))} is negative in a picture of "
-                              f"{shape[1]}x{shape[0]}")  # fmt: skip
+            raise SolariError(
+                f"Sensor: the vignetting {quoted(list(vignetting))} is negative in a picture of {shape[1]}x{shape[0]}"
+            )
         return share
     if vignetting == "none":
         return np.ones(shape)

@@ -79,11 +79,18 @@ class Sensor:
 
     def __post_init__(self) -> None:
         given: dict[str, tuple[float, float, str]] = {
-            "iso": (1e-3, 1e9, ""), "gain": (1e-9, 1e9, "DN for each electron"), "f_number": (0.1, 1e3, ""),
-            "exposure_time": (1e-9, 1e6, "s"), "pixel_pitch": (1e-8, 1e-2, "m"), "full_well": (1, 1e12, "electrons"),
-            "black_level": (0, 65535, "DN"), "read_noise": (0, 1e9, "electrons"),
-            "dark_current": (0, 1e12, "electrons a second"), "prnu": (0, 1, ""), "dsnu": (0, 1e9, "electrons"),
-        }  # fmt: skip
+            "iso": (1e-3, 1e9, ""),
+            "gain": (1e-9, 1e9, "DN for each electron"),
+            "f_number": (0.1, 1e3, ""),
+            "exposure_time": (1e-9, 1e6, "s"),
+            "pixel_pitch": (1e-8, 1e-2, "m"),
+            "full_well": (1, 1e12, "electrons"),
+            "black_level": (0, 65535, "DN"),
+            "read_noise": (0, 1e9, "electrons"),
+            "dark_current": (0, 1e12, "electrons a second"),
+            "prnu": (0, 1, ""),
+            "dsnu": (0, 1e9, "electrons"),
+        }
         checked_numbers(self, {name: rule for name, rule in given.items() if getattr(self, name) is not None})
         checks.check_whole("Sensor: bit_depth", self.bit_depth, 1, 16)
         checks.check_whole("Sensor: pattern_seed", self.pattern_seed)
@@ -106,11 +113,15 @@ class Sensor:
             raise SolariError("Sensor: iso and gain say the same: give one of them")
         if self.iso is not None and self.iso < self.base_iso * (1 - 1e-3):
             well = self.full_well * self.base_iso / self.iso
-            raise SolariError(f"Sensor: iso, {self.iso:g}, is below base_iso, {self.base_iso:.5g}: the well is full "
-                              f"before white: give base_iso or more, a full_well of {well:.5g}, or gain")  # fmt: skip
+            raise SolariError(
+                f"Sensor: iso, {self.iso:g}, is below base_iso, {self.base_iso:.5g}: the well is full "
+                f"before white: give base_iso or more, a full_well of {well:.5g}, or gain"
+            )
         if not self.black_level < self.white_level:
-            raise SolariError(f"Sensor: black_level, {self.black_level:g} DN, must be below the largest number of "
-                              f"{self.bit_depth:g} bits")  # fmt: skip
+            raise SolariError(
+                f"Sensor: black_level, {self.black_level:g} DN, must be below the largest number of "
+                f"{self.bit_depth:g} bits"
+            )
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> Sensor:
@@ -271,5 +282,7 @@ class Sensor:
         variance = self.read_noise**2 + dark * self.shot_noise + 1 / 12 / self.dn_per_electron**2
         threshold = math.sqrt(variance) + 0.5
         reach, ratio = (20 * math.log10(most / threshold), 10 * math.log10(most)) if most else (-math.inf, -math.inf)
-        return (f"{self.dn_per_electron:.4g} DN/e-, saturation {most:.0f} e-, absolute threshold {threshold:.4g} e-, "
-                f"dynamic range {reach:.1f} dB, SNR {ratio:.1f} dB")  # fmt: skip
+        return (
+            f"{self.dn_per_electron:.4g} DN/e-, saturation {most:.0f} e-, absolute threshold {threshold:.4g} e-, "
+            f"dynamic range {reach:.1f} dB, SNR {ratio:.1f} dB"
+        )

@@ -41,10 +41,16 @@ class StructuredLightCamera:
     disparity_step: float = 1 / 8
 
     def __post_init__(self) -> None:
-        checked_numbers(self, {
-            "baseline": (1e-6, 1e3, "m"), "min_range": (0, 1e6, "m"), "max_range": (1e-6, 1e6, "m"),
-            "max_angle": (0, math.pi / 2, "radians"), "disparity_step": (0, 1e3, "pixels"),
-        })  # fmt: skip
+        checked_numbers(
+            self,
+            {
+                "baseline": (1e-6, 1e3, "m"),
+                "min_range": (0, 1e6, "m"),
+                "max_range": (1e-6, 1e6, "m"),
+                "max_angle": (0, math.pi / 2, "radians"),
+                "disparity_step": (0, 1e3, "pixels"),
+            },
+        )
 
     def capture(
         self, tracer: RayTracer, camera: Camera, size: tuple[int, int], *, seed: int = 0, noise: bool = True

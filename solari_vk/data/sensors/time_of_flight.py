@@ -70,26 +70,39 @@ class TimeOfFlightCamera:
             if not frequencies or not all(1e3 <= f <= 1e11 and f == round(f) for f in frequencies):
                 raise ValueError
         except (TypeError, ValueError):
-            raise SolariError("TimeOfFlightCamera: frequencies are whole numbers between 1e3 and 1e11 Hz, at least "
-                              f"one, not {quoted(self.frequencies)}") from None  # fmt: skip
+            raise SolariError(
+                "TimeOfFlightCamera: frequencies are whole numbers between 1e3 and 1e11 Hz, at least "
+                f"one, not {quoted(self.frequencies)}"
+            ) from None
         object.__setattr__(self, "frequencies", frequencies)
-        checked_numbers(self, {
-            "signal": (0, 1e15, "electrons"), "background": (0, 1e15, "electrons"), "contrast": (1e-3, 1, ""),
-            "min_amplitude": (0, 1e15, "electrons"), "full_well": (1, 1e15, "electrons"), "min_range": (0, 1e6, "m"),
-            "max_range": (0, 1e6, "m"),
-        })  # fmt: skip
+        checked_numbers(
+            self,
+            {
+                "signal": (0, 1e15, "electrons"),
+                "background": (0, 1e15, "electrons"),
+                "contrast": (1e-3, 1, ""),
+                "min_amplitude": (0, 1e15, "electrons"),
+                "full_well": (1, 1e15, "electrons"),
+                "min_range": (0, 1e6, "m"),
+                "max_range": (0, 1e6, "m"),
+            },
+        )
         for name in ("rays_per_pixel", "max_surfaces"):
             check_whole(f"TimeOfFlightCamera: {name}", getattr(self, name), 1, 64)
         if len(set(frequencies)) < len(frequencies):
             raise SolariError(f"TimeOfFlightCamera: frequencies must differ, or they measure the same: {frequencies}")
         if self.max_range > self.unambiguous_range:
-            raise SolariError(f"TimeOfFlightCamera: max_range, {self.max_range:g} m, is beyond the unambiguous range "
-                              f"of these frequencies, {self.unambiguous_range:g} m: add a frequency, so that their "
-                              "greatest common divisor is smaller")  # fmt: skip
+            raise SolariError(
+                f"TimeOfFlightCamera: max_range, {self.max_range:g} m, is beyond the unambiguous range "
+                f"of these frequencies, {self.unambiguous_range:g} m: add a frequency, so that their "
+                "greatest common divisor is smaller"
+            )
         turns = self.farthest * 2 * max(frequencies) / SPEED_OF_LIGHT
         if turns > MOST_TURNS:
-            raise SolariError(f"TimeOfFlightCamera: up to {self.farthest:g} m {max(frequencies):g} Hz have more than "
-                              f"{MOST_TURNS:,} turns: give a smaller max_range")  # fmt: skip
+            raise SolariError(
+                f"TimeOfFlightCamera: up to {self.farthest:g} m {max(frequencies):g} Hz have more than "
+                f"{MOST_TURNS:,} turns: give a smaller max_range"
+            )
 
     @property
     def unambiguous_range(self) -> float:
@@ -112,8 +125,10 @@ class TimeOfFlightCamera:
         check_view("TimeOfFlightCamera.capture", tracer, camera, size)
         check_whole("TimeOfFlightCamera.capture: seed", seed)
         if camera.orthographic_height:
-            raise SolariError(f"TimeOfFlightCamera.capture: {camera.describe()}: an orthographic camera sends no light "
-                              "out of one point")  # fmt: skip
+            raise SolariError(
+                f"TimeOfFlightCamera.capture: {camera.describe()}: an orthographic camera sends no light "
+                "out of one point"
+            )
         count = self.rays_per_pixel
         rows, columns = np.divmod(np.arange(size[0] * size[1]), size[0])
         steps = (np.arange(count) + 0.5) / count - 0.5

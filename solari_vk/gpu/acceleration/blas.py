@@ -31,9 +31,14 @@ class Blas(Structure):
     """
 
     def __init__(
-        self, device: Device, geometries: Sequence[Geometry], *, allow_compaction: bool = True, name: str = "blas",
+        self,
+        device: Device,
+        geometries: Sequence[Geometry],
+        *,
+        allow_compaction: bool = True,
+        name: str = "blas",
         **options: Any,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.geometries = tuple(geometries)
         self.compacted = False
         check_switch(allow_compaction, f"Blas {name}: allow_compaction")

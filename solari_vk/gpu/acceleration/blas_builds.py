@@ -32,9 +32,13 @@ class BlasBuild:
 
 
 def build_blases(
-    device: Device, blases: Sequence[Blas], *, compact: bool = True, update: bool = False,
+    device: Device,
+    blases: Sequence[Blas],
+    *,
+    compact: bool = True,
+    update: bool = False,
     scratch_budget: int = SCRATCH_BUDGET,
-) -> None:  # fmt: skip
+) -> None:
     """Build structures in as few batches as the scratch budget (bytes) allows, and compact them.
 
     Batches run after all earlier and before all later work. With `compact`, each batch is waited for, so that only one

@@ -113,9 +113,11 @@ class BuildCall:
         return self._device.submitted
 
     def _build(
-        self, uploader: Uploader, gathered: Sequence[tuple[Sequence[Blas | None], NDArray[Any]]],
+        self,
+        uploader: Uploader,
+        gathered: Sequence[tuple[Sequence[Blas | None], NDArray[Any]]],
         used: Sequence[Sequence[Blas]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         at = clock.tick()
         with uploader.uploads:
             placed = [[source.place(uploader) for source in entry.geometries] for entry in self._entries]

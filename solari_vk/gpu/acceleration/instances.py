@@ -101,9 +101,13 @@ class TlasInstances:
     """
 
     def __init__(
-        self, blases: Blas | Sequence[Blas | None], transforms: Any, custom_data: Any = 0, mask: Any = 0xFF,
+        self,
+        blases: Blas | Sequence[Blas | None],
+        transforms: Any,
+        custom_data: Any = 0,
+        mask: Any = 0xFF,
         flags: Any = InstanceFlags.NONE,
-    ) -> None:  # fmt: skip
+    ) -> None:
         matrices = _affine(transforms)
         if isinstance(blases, Blas):
             blases = [blases] * len(matrices)

@@ -79,9 +79,16 @@ class Structure:
     """
 
     def __init__(
-        self, device: Device, kind: int, options: BuildOptions, geometries: Sequence[raw.CData], counts: list[int],
-        name: str, *, more_flags: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        kind: int,
+        options: BuildOptions,
+        geometries: Sequence[raw.CData],
+        counts: list[int],
+        name: str,
+        *,
+        more_flags: int = 0,
+    ) -> None:
         check_kind(name, str, "acceleration structure: the name", "give a string")
         self.device = device
         self.name = name
@@ -137,9 +144,7 @@ class Structure:
         self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))
         self.size = size
 
-    def build_info(
-        self, scratch: int = 0, *, update: bool = False, source: Structure | None = None
-    ) -> raw.CData:
+    def build_info(self, scratch: int = 0, *, update: bool = False, source: Structure | None = None) -> raw.CData:
         """The VkAccelerationStructureBuildGeometryInfoKHR of a build or, with `update`, a refit.
 
         source: the structure of the same kind of geometry that a refit starts from, by default this one.

@@ -59,9 +59,15 @@ class Tlas(Structure):
             self._scratch, self._scratch_address = make_scratch(device, scratch_bytes, f"{name} scratch")
 
     def record_build(
-        self, cmd: raw.CData, instances: int, count: int, *, update: bool = False, blases: Iterable[Blas] = (),
+        self,
+        cmd: raw.CData,
+        instances: int,
+        count: int,
+        *,
+        update: bool = False,
+        blases: Iterable[Blas] = (),
         at: int | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Record a build over `count` records at a device address (16-byte aligned), with its barriers.
 
         It runs after everything before it and before everything after it. `update` refits after transforms changed; the
@@ -176,11 +182,14 @@ class TlasBuilds:
         step = stride * INSTANCE_DTYPE.itemsize
         each = list(zip(structures, counts, strict=True))
         infos = [tlas._info(instances + index * step, count) for index, (tlas, count) in enumerate(each)]
-        sizes = {count: raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)
-                  for count in set(counts)}  # fmt: skip
+        sizes = {
+            count: raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count) for count in set(counts)
+        }
         ranges = [sizes[count] for count in counts]
-        arguments = (raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos),
-                     raw.array("VkAccelerationStructureBuildRangeInfoKHR*", ranges))  # fmt: skip
+        arguments = (
+            raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos),
+            raw.array("VkAccelerationStructureBuildRangeInfoKHR*", ranges),
+        )
 
         def record(cmd: raw.CData) -> None:
             device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())

@@ -37,7 +37,7 @@ class CompileNotes:
 
     @property
     def after(self) -> str:
-        """" after compiling for 9.1 s", or nothing if that was quick."""
+        """The words " after compiling for 9.1 s", or nothing if that was quick."""
         return f" after compiling for {self.seconds:.1f} s" if self.seconds >= self.patience else ""
 
     def __call__(self, state: Compiling) -> None:

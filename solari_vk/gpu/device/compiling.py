@@ -36,7 +36,7 @@ OnCompile = Callable[[Compiling], object]
 @contextmanager
 def announced(
     on_compile: OnCompile | None, what: str, names: Sequence[str], items: Sequence[T]
-) -> Iterator[Iterator[T]]:  # fmt: skip
+) -> Iterator[Iterator[T]]:
     """A context with the items, each after its name was announced; at its end, also by an error, that all are done."""
 
     def each() -> Iterator[T]:

@@ -114,9 +114,11 @@ class Cuda:
         """A timeline semaphore, whose file descriptor then belongs to CUDA."""
         semaphore = _ffi.new("CUexternalSemaphore *")
         with closed_on_error(fd), self.current():
-            self.call("cuImportExternalSemaphore", semaphore, _ffi.new(
-                "CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC *", {"type": _TIMELINE_FD, "handle": {"fd": fd}}
-            ))  # fmt: skip
+            self.call(
+                "cuImportExternalSemaphore",
+                semaphore,
+                _ffi.new("CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC *", {"type": _TIMELINE_FD, "handle": {"fd": fd}}),
+            )
         return semaphore[0]
 
     def destroy_semaphore(self, semaphore: CData) -> None:
@@ -126,15 +128,25 @@ class Cuda:
         """Have the work that a stream gets from now on wait until a timeline semaphore has a value."""
         wait = _ffi.new("CUDA_EXTERNAL_SEMAPHORE_WAIT_PARAMS *", {"params": {"value": value}})
         with self.current():
-            self.call("cuWaitExternalSemaphoresAsync", _ffi.new("CUexternalSemaphore *", semaphore), wait, 1,
-                      _ffi.cast("CUstream", stream))  # fmt: skip
+            self.call(
+                "cuWaitExternalSemaphoresAsync",
+                _ffi.new("CUexternalSemaphore *", semaphore),
+                wait,
+                1,
+                _ffi.cast("CUstream", stream),
+            )
 
     def signal(self, semaphore: CData, value: int, stream: int) -> None:
         """Have a timeline semaphore get a value when the work that a stream has now is done."""
         signal = _ffi.new("CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS *", {"params": {"value": value}})
         with self.current():
-            self.call("cuSignalExternalSemaphoresAsync", _ffi.new("CUexternalSemaphore *", semaphore), signal, 1,
-                      _ffi.cast("CUstream", stream))  # fmt: skip
+            self.call(
+                "cuSignalExternalSemaphoresAsync",
+                _ffi.new("CUexternalSemaphore *", semaphore),
+                signal,
+                1,
+                _ffi.cast("CUstream", stream),
+            )
 
     def signal_now(self, semaphore: CData, value: int) -> None:
         """Give a timeline semaphore a value now, whatever other streams wait for."""
@@ -191,8 +203,9 @@ class Hip(Cuda):
         try:
             self.call("hipDeviceGetByPCIBusId", ordinal, identity.encode())
         except DeviceError as error:
-            raise DeviceError(f"HIP shows no device at the PCI address {identity}: see HIP_VISIBLE_DEVICES; {error}"
-                              ) from None  # fmt: skip
+            raise DeviceError(
+                f"HIP shows no device at the PCI address {identity}: see HIP_VISIBLE_DEVICES; {error}"
+            ) from None
         return int(ordinal[0])
 
 
@@ -214,14 +227,23 @@ class CudaMemory:
         self._cuda = cuda
         memory, pointer = _ffi.new("CUexternalMemory *"), _ffi.new("CUdeviceptr *")
         with closed_on_error(fd), cuda.current():
-            cuda.call("cuImportExternalMemory", memory, _ffi.new("CUDA_EXTERNAL_MEMORY_HANDLE_DESC *", {
-                "type": _OPAQUE_FD, "handle": {"fd": fd}, "size": allocated, "flags": _DEDICATED,
-            }))  # fmt: skip
+            cuda.call(
+                "cuImportExternalMemory",
+                memory,
+                _ffi.new(
+                    "CUDA_EXTERNAL_MEMORY_HANDLE_DESC *",
+                    {"type": _OPAQUE_FD, "handle": {"fd": fd}, "size": allocated, "flags": _DEDICATED},
+                ),
+            )
         self._memory = memory[0]
         with cuda.current():
             try:
-                cuda.call("cuExternalMemoryGetMappedBuffer", pointer, self._memory,
-                          _ffi.new("CUDA_EXTERNAL_MEMORY_BUFFER_DESC *", {"size": size}))  # fmt: skip
+                cuda.call(
+                    "cuExternalMemoryGetMappedBuffer",
+                    pointer,
+                    self._memory,
+                    _ffi.new("CUDA_EXTERNAL_MEMORY_BUFFER_DESC *", {"size": size}),
+                )
             except BaseException:
                 cuda.call("cuDestroyExternalMemory", self._memory)
                 raise

@@ -48,7 +48,7 @@ class Taken:
 
     def __init__(
         self, lease: Lease[_Way], shape: tuple[int, ...], dtype: np.dtype[Any], strides: tuple[int, ...], begin: int = 0
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.shape, self.dtype, self.strides = shape, dtype, strides
         self._lease: Lease[_Way] | None = lease
         self._begin = begin

@@ -122,9 +122,12 @@ class CudaTensor:
     """
 
     def __init__(
-        self, lease: Lease[Place], await_written: Callable[[int | None], None], shape: tuple[int, ...],
+        self,
+        lease: Lease[Place],
+        await_written: Callable[[int | None], None],
+        shape: tuple[int, ...],
         dtype: np.dtype[Any],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.shape, self.dtype = shape, dtype
         self._lease, self._await_written = lease, await_written
 
@@ -144,9 +147,12 @@ class CudaTensor:
         reader = None if stream == NO_SYNC else int(stream or 0)
         self._await_written(reader)
         return dlpack.capsule(
-            lease.place.memory.address, self.shape, self.dtype, self.__dlpack_device__(),
+            lease.place.memory.address,
+            self.shape,
+            self.dtype,
+            self.__dlpack_device__(),
             lambda: lease.place.release(reader),
-        )  # fmt: skip
+        )
 
     def __repr__(self) -> str:
         cuda = self._lease.place.cuda

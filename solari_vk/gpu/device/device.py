@@ -46,9 +46,14 @@ class Device(WorkQueue):
 
     @checked_keywords()
     def __init__(
-        self, select: str | int | None = None, *, validation: bool | None = None, staging: bool | None = None,
-        rays: str | None = None, on_compile: OnCompile | Literal["stderr"] | None = "stderr",
-    ) -> None:  # fmt: skip
+        self,
+        select: str | int | None = None,
+        *,
+        validation: bool | None = None,
+        staging: bool | None = None,
+        rays: str | None = None,
+        on_compile: OnCompile | Literal["stderr"] | None = "stderr",
+    ) -> None:
         if not (on_compile is None or on_compile == "stderr" or callable(on_compile)):
             raise SolariError(f"on_compile is a function, None or 'stderr', not {quoted(on_compile)}")
         super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation, rays)

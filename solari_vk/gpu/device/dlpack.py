@@ -75,9 +75,18 @@ def capsule(
     """A capsule "dltensor" for packed memory. released: called, by any thread, when nobody needs the memory."""
     sizes = (ctypes.c_int64 * len(shape))(*shape)
     tensor = _Tensor(
-        address, *device, len(shape), _KINDS[dtype.kind], 8 * dtype.itemsize, 1, sizes, None, 0, None,
+        address,
+        *device,
+        len(shape),
+        _KINDS[dtype.kind],
+        8 * dtype.itemsize,
+        1,
+        sizes,
+        None,
+        0,
+        None,
         ctypes.cast(_delete_in_c, ctypes.c_void_p),
-    )  # fmt: skip
+    )
     at = ctypes.addressof(tensor)
     _held[at] = tensor, sizes, released
     return _python.PyCapsule_New(at, b"dltensor", ctypes.cast(_delete_unused_in_c, ctypes.c_void_p))

@@ -30,9 +30,16 @@ class Image:
     """
 
     def __init__(
-        self, staging: StagingPool, width: int, height: int, format: int, name: str, *,
-        usage: int = raw.VK_IMAGE_USAGE_SAMPLED_BIT, mip_levels: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        staging: StagingPool,
+        width: int,
+        height: int,
+        format: int,
+        name: str,
+        *,
+        usage: int = raw.VK_IMAGE_USAGE_SAMPLED_BIT,
+        mip_levels: int = 1,
+    ) -> None:
         self.device = device = staging.device
         memory = staging.memory
         self._staging = staging

@@ -9,9 +9,15 @@ from solari_vk.gpu.device.physical import PhysicalDevice
 VALIDATION_LAYER = "VK_LAYER_KHRONOS_validation"
 # Enabled where present: a window may be opened later, and debug names and labels cost next to nothing.
 OPTIONAL_EXTENSIONS = (
-    "VK_EXT_debug_utils", "VK_KHR_surface", "VK_KHR_xcb_surface", "VK_KHR_xlib_surface", "VK_KHR_wayland_surface",
-    "VK_KHR_win32_surface", "VK_EXT_metal_surface", "VK_EXT_headless_surface",
-)  # fmt: skip
+    "VK_EXT_debug_utils",
+    "VK_KHR_surface",
+    "VK_KHR_xcb_surface",
+    "VK_KHR_xlib_surface",
+    "VK_KHR_wayland_surface",
+    "VK_KHR_win32_surface",
+    "VK_EXT_metal_surface",
+    "VK_EXT_headless_surface",
+)
 # Extensions that validation layers in use may not know, and the header version that introduced each.
 _EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
 
@@ -112,9 +118,13 @@ class Instance:
 def _with_setting(chain: raw.CData, name: str) -> raw.CData:
     """The pNext chain of a VkInstanceCreateInfo before which a setting of the validation layer is turned on."""
     setting = raw.struct(
-        "VkLayerSettingEXT", pLayerName=VALIDATION_LAYER, pSettingName=name, type=raw.VK_LAYER_SETTING_TYPE_BOOL32_EXT,
-        valueCount=1, pValues=raw.array("VkBool32", [1]),
-    )  # fmt: skip
+        "VkLayerSettingEXT",
+        pLayerName=VALIDATION_LAYER,
+        pSettingName=name,
+        type=raw.VK_LAYER_SETTING_TYPE_BOOL32_EXT,
+        valueCount=1,
+        pValues=raw.array("VkBool32", [1]),
+    )
     return raw.struct("VkLayerSettingsCreateInfoEXT", pNext=chain, settingCount=1, pSettings=[setting])
 
 

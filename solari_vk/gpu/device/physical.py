@@ -13,9 +13,12 @@ from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
 
 REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")
 OPTIONAL_EXTENSIONS = (
-    "VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget", "VK_KHR_external_memory_fd",
+    "VK_KHR_ray_tracing_position_fetch",
+    "VK_KHR_swapchain",
+    "VK_EXT_memory_budget",
+    "VK_KHR_external_memory_fd",
     "VK_KHR_external_semaphore_fd",
-)  # fmt: skip
+)
 
 # The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
 _STRUCTURES = {
@@ -132,8 +135,9 @@ class PhysicalDevice:
         ray_pipelines = raw.struct("VkPhysicalDeviceRayTracingPipelinePropertiesKHR")
         last = None
         for extension, structure in (
-            ("VK_KHR_acceleration_structure", acceleration), (RAYS["pipeline"], ray_pipelines)
-        ):  # fmt: skip
+            ("VK_KHR_acceleration_structure", acceleration),
+            (RAYS["pipeline"], ray_pipelines),
+        ):
             if extension in self.extensions:
                 structure.pNext, last = last or raw.NULL, structure
         core13 = raw.struct("VkPhysicalDeviceVulkan13Properties", pNext=last)

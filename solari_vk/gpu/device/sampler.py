@@ -15,9 +15,17 @@ class Sampler:
     """
 
     def __init__(
-        self, device: WorkQueue, *, magnify: str = "linear", minify: str = "linear", mipmap: str = "linear",
-        wrap_u: str = "repeat", wrap_v: str = "repeat", anisotropy: float = 1.0, shared: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        device: WorkQueue,
+        *,
+        magnify: str = "linear",
+        minify: str = "linear",
+        mipmap: str = "linear",
+        wrap_u: str = "repeat",
+        wrap_v: str = "repeat",
+        anisotropy: float = 1.0,
+        shared: bool = False,
+    ) -> None:
         filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
         modes = {
             "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,

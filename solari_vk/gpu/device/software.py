@@ -25,16 +25,20 @@ def why_software(devices: Sequence[PhysicalDevice], chosen: PhysicalDevice, rays
         lacks = "; ".join(f"{card.properties.name} lacks {', '.join(card.lacks(rays))}" for card in cards)
         why = f"{lacks}: update its driver, or take a card that traces rays"
     elif glob(NVIDIA):
-        why = ("an NVIDIA card is here, but not its Vulkan driver: start the container with "
-               "NVIDIA_DRIVER_CAPABILITIES=all, or install the driver's package with libGLX_nvidia.so")  # fmt: skip
+        why = (
+            "an NVIDIA card is here, but not its Vulkan driver: start the container with "
+            "NVIDIA_DRIVER_CAPABILITIES=all, or install the driver's package with libGLX_nvidia.so"
+        )
     elif found := [path for path in glob(CARDS) if _is_known(path)]:
         closed = [path for path in found if not os.access(path, os.R_OK | os.W_OK)]
         remedy = f"let this user open {closed[0]} (group render)" if closed else "install its Vulkan driver"
         why = f"a graphics card is here, but no Vulkan driver has it: {remedy}"
     elif maker := _maker():
         passed = "--gpus all" if maker == "NVIDIA" else "--device /dev/dri"
-        why = (f"the machine has a graphics card of {maker}, but no driver of the kernel shows it here: install the "
-               f"driver, or start the container with {passed}")  # fmt: skip
+        why = (
+            f"the machine has a graphics card of {maker}, but no driver of the kernel shows it here: install the "
+            f"driver, or start the container with {passed}"
+        )
     else:
         return ""
     return f"rendering on the processor, by {chosen.properties.name}, which is slow: {why}; solari-vk info says more"

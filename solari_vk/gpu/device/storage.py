@@ -31,9 +31,15 @@ class Storage:
     """
 
     def __init__(
-        self, memory: Allocator, size_bytes: int, name: str, *, host: bool = False, usage: int = BUFFER_USAGE,
+        self,
+        memory: Allocator,
+        size_bytes: int,
+        name: str,
+        *,
+        host: bool = False,
+        usage: int = BUFFER_USAGE,
         shared: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.device = device = memory.device
         self.size = int(size_bytes)
         self.name = name

@@ -17,9 +17,12 @@ class Submission:
     """
 
     def __init__(
-        self, timeline: raw.CData, command_buffers: Sequence[raw.CData], waits: Sequence[SemaphoreValue] = (),
+        self,
+        timeline: raw.CData,
+        command_buffers: Sequence[raw.CData],
+        waits: Sequence[SemaphoreValue] = (),
         signals: Sequence[SemaphoreValue] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.commands = tuple(command_buffers)
         self._waits, self._signals = _semaphores(waits), _semaphores([timeline, *signals])
         self.signal = self._signals[0]
@@ -35,8 +38,10 @@ class Submission:
     def _make_room(self, count: int) -> None:
         """Have an array for `count` command buffers ahead of the submission's own."""
         self._room = count
-        infos = [raw.struct("VkCommandBufferSubmitInfo", commandBuffer=item)
-                 for item in (*[raw.NULL] * count, *self.commands)]  # fmt: skip
+        infos = [
+            raw.struct("VkCommandBufferSubmitInfo", commandBuffer=item)
+            for item in (*[raw.NULL] * count, *self.commands)
+        ]
         self._array = raw.array("VkCommandBufferSubmitInfo", infos)
 
     def info_behind(self, ahead: Collection[raw.CData]) -> raw.CData:
@@ -53,6 +58,8 @@ class Submission:
 
 def _semaphores(items: Sequence[SemaphoreValue]) -> raw.CData:
     pairs = [item if isinstance(item, tuple) else (item, 0) for item in items]
-    infos = [raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=ALL_COMMANDS)
-             for semaphore, value in pairs]  # fmt: skip
+    infos = [
+        raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=ALL_COMMANDS)
+        for semaphore, value in pairs
+    ]
     return raw.array("VkSemaphoreSubmitInfo", infos)

@@ -58,9 +58,11 @@ class WorkQueue(GatheringDevice):
     # ---- submissions --------------------------------------------------------------------------------
 
     def submission(
-        self, command_buffers: Sequence[raw.CData], waits: Sequence[SemaphoreValue] = (),
+        self,
+        command_buffers: Sequence[raw.CData],
+        waits: Sequence[SemaphoreValue] = (),
         signals: Sequence[SemaphoreValue] = (),
-    ) -> Submission:  # fmt: skip
+    ) -> Submission:
         """A submission for `submit_prepared`, which can be submitted many times."""
         return Submission(self.timeline, command_buffers, waits, signals)
 

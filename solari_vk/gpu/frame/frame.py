@@ -69,9 +69,15 @@ class Frame(InParts):
 
     @checked_keywords()
     def __init__(
-        self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
-        barrier_every_pass: bool | None = None, glsl_root: Roots | None = None, features: Collection[str] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        stages: Sequence[Stage],
+        *,
+        external: Mapping[str, Any] | None = None,
+        barrier_every_pass: bool | None = None,
+        glsl_root: Roots | None = None,
+        features: Collection[str] | None = None,
+    ) -> None:
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
         self.frame_count = self.timed_value = 0
@@ -94,9 +100,11 @@ class Frame(InParts):
             undo.pop_all()
 
     def rebuild(
-        self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,
+        self,
+        stages: Sequence[Stage] | None = None,
+        external: Mapping[str, Any] | None = None,
         features: Collection[str] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Use changed shaders, other stages (sizes, constants), external resources or features.
 
         Only what changed is made again; resources that still fit keep their contents. After an error, such as a

@@ -179,8 +179,11 @@ class Interface:
         push constants: `access_by_address`, on software devices."""
         if not self.device.buffers_by_address or module.push_constants is not None:
             return module.spirv, ()
-        buffers = tuple((variable, name) for variable, name in module.variables.items()
-                        if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1)  # fmt: skip
+        buffers = tuple(
+            (variable, name)
+            for variable, name in module.variables.items()
+            if self.bindings[name].kind == "storage_buffer" and self.bindings[name].count == 1
+        )
         return access_by_address(module.spirv, buffers, self._pushed // ADDRESS_BYTES)
 
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:

@@ -159,23 +159,25 @@ class ProgramBuilder:
         program = Program(interface, [], dict(modules), set())
         try:
             named = _named(items)
-            wanted = {name: self._pipeline_info(name, item, parts, program, features)
-                      for (name, item), parts in zip(named.items(), shaders, strict=True)
-                      if not isinstance(item, Step)}  # fmt: skip
+            wanted = {
+                name: self._pipeline_info(name, item, parts, program, features)
+                for (name, item), parts in zip(named.items(), shaders, strict=True)
+                if not isinstance(item, Step)
+            }
             made = dict(zip(wanted, self._pipelines.make(list(wanted.values()), interface), strict=True))
             program.pipeline_keys.update(key for key, _ in made.values())
             for name, item in named.items():
-                program.steps.append(BuiltStep(name, item) if isinstance(item, Step) else
-                                     self._step(item, wanted[name], made[name][1]))  # fmt: skip
+                program.steps.append(
+                    BuiltStep(name, item) if isinstance(item, Step) else self._step(item, wanted[name], made[name][1])
+                )
         except BaseException:
             self.discard(program, old)
             raise
         return program
 
     def _pipeline_info(
-        self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program,
-        features: frozenset[str] | None,
-    ) -> PipelineInfo:  # fmt: skip
+        self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program, features: frozenset[str] | None
+    ) -> PipelineInfo:
         kind: Targets | RayGroups | None = shaders.groups
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)

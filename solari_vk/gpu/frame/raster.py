@@ -42,9 +42,14 @@ def check_draw(device: Device, name: str, item: Draw, interface: Interface) -> N
 
 @contextmanager
 def rendering(
-    device: Device, cmd: raw.CData, size: tuple[int, int], colors: Sequence[Attachment],
-    depth: Attachment | None = None, *, clears: bool = True,
-) -> Iterator[None]:  # fmt: skip
+    device: Device,
+    cmd: raw.CData,
+    size: tuple[int, int],
+    colors: Sequence[Attachment],
+    depth: Attachment | None = None,
+    *,
+    clears: bool = True,
+) -> Iterator[None]:
     """Dynamic rendering around the draws that are recorded inside the `with` block.
 
     Viewport and scissor cover the size (width, height) in pixels; faces are not culled. `clears`: the attachments are

@@ -52,13 +52,19 @@ def ray_create_info(stages: Sequence[raw.CData], groups: RayGroups, layout: raw.
 
 
 def _group(
-    kind: int, *, general: int | None = None, closest: int | None = None, any_hit: int | None = None,
+    kind: int,
+    *,
+    general: int | None = None,
+    closest: int | None = None,
+    any_hit: int | None = None,
     intersection: int | None = None,
-) -> raw.CData:  # fmt: skip
+) -> raw.CData:
     shaders = {
-        "generalShader": general, "closestHitShader": closest, "anyHitShader": any_hit,
+        "generalShader": general,
+        "closestHitShader": closest,
+        "anyHitShader": any_hit,
         "intersectionShader": intersection,
-    }  # fmt: skip
+    }
     unused = raw.VK_SHADER_UNUSED_KHR
     indices = {field: unused if index is None else index for field, index in shaders.items()}
     return raw.struct("VkRayTracingShaderGroupCreateInfoKHR", type=kind, **indices)
@@ -112,8 +118,10 @@ def _aligned(value: int, alignment: int) -> int:
 def check_launch(device: Device, name: str, threads: tuple[int, int, int]) -> None:
     """Raise SolariError if the device can't launch so many threads at once."""
     limits, most = device.properties.limits, device.properties.ray_pipelines.maxRayDispatchInvocationCount
-    sides = [count * size for count, size in zip(
-        limits.maxComputeWorkGroupCount, limits.maxComputeWorkGroupSize, strict=True)]  # fmt: skip
+    sides = [
+        count * size
+        for count, size in zip(limits.maxComputeWorkGroupCount, limits.maxComputeWorkGroupSize, strict=True)
+    ]
     if any(count > side for count, side in zip(threads, sides, strict=True)) or np.prod(threads, dtype=object) > most:
         raise SolariError(
             f"pass {name}: {threads} threads, but this device's ray pipelines launch at most {most:,}, and at most "

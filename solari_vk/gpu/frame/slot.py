@@ -118,10 +118,12 @@ class Slot:
                     vk.vkCmdPipelineBarrier2(
                         commands,
                         memory_barrier(
-                            barrier.source.access, barrier.target.access,
-                            source=barrier.source.stages, target=barrier.target.stages,
+                            barrier.source.access,
+                            barrier.target.access,
+                            source=barrier.source.stages,
+                            target=barrier.target.stages,
                         ),
-                    )  # fmt: skip
+                    )
                 if isinstance(step.item, Pass):
                     self._bind(bound, step.pipeline)
                     self._dispatch(step, step.item, band)
@@ -258,9 +260,15 @@ class Slot:
             return {}
         ticks = np.zeros(self._query_count, np.uint64)
         self._device.vk.vkGetQueryPoolResults(
-            self._device.handle, self._queries, 0, self._query_count, ticks.nbytes, raw.ffi.from_buffer(ticks), 8,
+            self._device.handle,
+            self._queries,
+            0,
+            self._query_count,
+            ticks.nbytes,
+            raw.ffi.from_buffer(ticks),
+            8,
             raw.VK_QUERY_RESULT_64_BIT,
-        )  # fmt: skip
+        )
         mask = np.uint64((1 << self._device.timestamp_bits) - 1)
         spans = (np.diff(ticks) & mask).astype(np.float64) * self._device.properties.limits.timestampPeriod * 1e-6
         return {step.name: float(span) for step, span in zip(self._program.steps, spans, strict=True)}

@@ -36,8 +36,8 @@ class Modules(dict[ModuleKey, Module]):
     """The modules of a frame with some features. Those that are the same as in `old` are taken from there."""
 
     def __init__(
-        self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module], features: Collection[str] | None,
-    ) -> None:  # fmt: skip
+        self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module], features: Collection[str] | None
+    ) -> None:
         super().__init__()
         self._device = device
         self._hit = _ALPHA_HIT if _ALPHA in (features or ()) else _HIT

@@ -43,9 +43,15 @@ class Stopwatch:
         device.wait_idle()
         ticks = np.zeros(self._count, np.uint64)
         device.vk.vkGetQueryPoolResults(
-            device.handle, self._pool, 0, self._count, ticks.nbytes, raw.ffi.from_buffer(ticks), 8,
+            device.handle,
+            self._pool,
+            0,
+            self._count,
+            ticks.nbytes,
+            raw.ffi.from_buffer(ticks),
+            8,
             raw.VK_QUERY_RESULT_64_BIT,
-        )  # fmt: skip
+        )
         mask = np.uint64((1 << device.timestamp_bits) - 1)
         spans = (np.diff(ticks) & mask).astype(np.float64) * device.properties.limits.timestampPeriod * 1e-6
         return dict(zip(self._parts, spans.tolist(), strict=True))

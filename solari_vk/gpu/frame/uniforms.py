@@ -63,8 +63,9 @@ class Uniforms:
         before = self._fields
         self.memory, self.offsets, self._types = np.zeros(end, np.uint8), offsets, dict(blocks)
         records = {name: self.record(name) for name in blocks}
-        self._fields = {f"{name}.{field}": record[field] for name, record in records.items()
-                        for field in record.dtype.names or ()}  # fmt: skip
+        self._fields = {
+            f"{name}.{field}": record[field] for name, record in records.items() for field in record.dtype.names or ()
+        }
         for name, values in self._fields.items():
             if name in before and before[name].dtype == values.dtype and before[name].shape == values.shape:
                 values[:] = before[name]

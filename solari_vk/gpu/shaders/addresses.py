@@ -36,9 +36,7 @@ _PHYSICAL_ADDRESSES, _PHYSICAL_64, _BLOCK, _OFFSET, _ALIGNED = 5347, 5348, 2, 35
 
 
 @lru_cache(maxsize=128)
-def access_by_address(
-    spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int
-) -> tuple[bytes, tuple[str, ...]]:  # fmt: skip
+def access_by_address(spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int) -> tuple[bytes, tuple[str, ...]]:
     """The module that accesses up to `most` buffers by address, and their names in the order of their addresses in the
     push constants.
 
@@ -54,7 +52,7 @@ def access_by_address(
     for words in code:
         op = words[0] & 0xFFFF
         if op not in (*_CHAINS, _LOAD, _ARRAY_LENGTH):
-            elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1:] if word in chains}
+            elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1 :] if word in chains}
     roots = sorted({*chains.values()} - elsewhere, key=names.__getitem__)[:most]
     places = {variable: at for at, variable in enumerate(roots)}
     chains = {chain: root for chain, root in chains.items() if root in places}
@@ -119,8 +117,11 @@ class _Module:
         self._types = {words[1]: words for words in declarations if words[0] & 0xFFFF in range(19, 40)}
         self.pointees = {i: words[3] for i, words in self._types.items() if words[0] & 0xFFFF == OP_TYPE_POINTER}
         self._variables = {words[2]: words[1] for words in declarations if words[0] & 0xFFFF == OP_VARIABLE}
-        self._physical = {words[3]: i for i, words in self._types.items()
-                          if words[0] & 0xFFFF == OP_TYPE_POINTER and words[2] == STORAGE_PHYSICAL}  # fmt: skip
+        self._physical = {
+            words[3]: i
+            for i, words in self._types.items()
+            if words[0] & 0xFFFF == OP_TYPE_POINTER and words[2] == STORAGE_PHYSICAL
+        }
         self._pushed = 0
 
     def new_id(self) -> int:
@@ -151,8 +152,11 @@ class _Module:
         each the types of a pointer to the address and of the address."""
         integers = [i for i, words in self._types.items() if words[0] & 0xFFFF == _TYPE_INT and words[2:] == [32, 0]]
         self._integer = integers[0] if integers else self._add(_TYPE_INT, 32, 0)
-        self._indices = {words[3]: words[2] for words in self._declarations
-                         if words[0] & 0xFFFF == _CONSTANT and words[1] == self._integer}  # fmt: skip
+        self._indices = {
+            words[3]: words[2]
+            for words in self._declarations
+            if words[0] & 0xFFFF == _CONSTANT and words[1] == self._integer
+        }
         members = [self.physical(self.pointees[self._variables[variable]]) for variable in variables]
         block = self._add(_TYPE_STRUCT, *members)
         self._decorations.append(_words(_DECORATE, block, _BLOCK))

@@ -166,8 +166,12 @@ def _reached(blocks: list[Block]) -> list[Block]:
 
 def _joined(blocks: list[Block], before: Mapping[int, set[int]]) -> list[Block]:
     """Blocks that one other block leads to, and only to them, continue it, unless a merge instruction names them."""
-    named = {label for block in blocks for words in block[-2:-1]
-             for label in words[1 : {_LOOP_MERGE: 3, _SELECTION_MERGE: 2}.get(_op(words), 0)]}  # fmt: skip
+    named = {
+        label
+        for block in blocks
+        for words in block[-2:-1]
+        for label in words[1 : {_LOOP_MERGE: 3, _SELECTION_MERGE: 2}.get(_op(words), 0)]
+    }
     into: dict[int, Block] = {}  # the block that now holds what a label began
     kept = []
     for block in blocks:

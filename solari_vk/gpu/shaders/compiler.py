@@ -35,9 +35,14 @@ from solari_vk.gpu.shaders import dead_code, headers, ray_generation, shader_cac
 from solari_vk.gpu.shaders.shader_cache import Sources
 
 __all__ = [
-    "CompilationError", "build_all", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
+    "CompilationError",
+    "build_all",
+    "compile_file_into_spirv",
+    "compile_into_spirv",
+    "compile_shader",
+    "glsl_root",
     "set_include_paths",
-]  # fmt: skip
+]
 
 Roots = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
@@ -75,9 +80,14 @@ def compile_file_into_spirv(
 
 
 def compile_into_spirv(
-    raw: bytes | str, stage: str, filepath: str | os.PathLike[str], language: str = "glsl", optimization: str = "size",
-    suppress_warnings: bool = False, warnings_as_errors: bool = False,
-) -> bytes:  # fmt: skip
+    raw: bytes | str,
+    stage: str,
+    filepath: str | os.PathLike[str],
+    language: str = "glsl",
+    optimization: str = "size",
+    suppress_warnings: bool = False,
+    warnings_as_errors: bool = False,
+) -> bytes:
     """SPIR-V of source text, with the names of variables and members.
 
     `stage` is vert, tesc, tese, geom, frag, comp, or a ray tracing stage such as rgen. Errors show `filepath`, and its
@@ -93,9 +103,15 @@ def compile_into_spirv(
             raise SolariError(f"unknown {what} {quoted(value)}: take one of {', '.join(known)}")
     source = raw.encode() if isinstance(raw, str) else bytes(raw)
     return _compile_text(
-        source, stage, os.fspath(filepath), _include_paths, language=language, optimization=optimization,
-        suppress_warnings=suppress_warnings, warnings_as_errors=warnings_as_errors,
-    )  # fmt: skip
+        source,
+        stage,
+        os.fspath(filepath),
+        _include_paths,
+        language=language,
+        optimization=optimization,
+        suppress_warnings=suppress_warnings,
+        warnings_as_errors=warnings_as_errors,
+    )
 
 
 def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[str], **options: Any) -> bytes:
@@ -175,9 +191,13 @@ def has_many_views(path: str, sources: Sources | None = None) -> bool:
 
 
 def compile_shader(
-    path: str, *, header: str = "", root: Roots | Sources | None = None, ray_pipelines: bool = False,
+    path: str,
+    *,
+    header: str = "",
+    root: Roots | Sources | None = None,
+    ray_pipelines: bool = False,
     features: bool = True,
-) -> bytes:  # fmt: skip
+) -> bytes:
     """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
     `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked

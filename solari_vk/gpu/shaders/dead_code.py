@@ -30,8 +30,12 @@ _IDS = {
     246: (1, 1), 247: (1, 1), 248: (1, 1), 249: (1, 1), 250: (1, 2), 251: (1, 2),  # merges, label, branches
 }  # fmt: skip
 # The literal among the ids: the instruction's number in its set, an image's operands
-_LITERAL = {_EXT_INST: 4, 99: 4, **dict.fromkeys((87, 88, 91, 92, 95, 98), 5),
-            **dict.fromkeys((89, 90, 93, 94, 96, 97), 6)}  # fmt: skip
+_LITERAL = {
+    _EXT_INST: 4,
+    99: 4,
+    **dict.fromkeys((87, 88, 91, 92, 95, 98), 5),
+    **dict.fromkeys((89, 90, 93, 94, 96, 97), 6),
+}
 
 Words = list[int]
 

@@ -51,5 +51,3 @@ def _preamble(spirv: bytes) -> Iterator[list[int]]:
         if words[0] & 0xFFFF != _OP_CAPABILITY:
             return
         yield words
-
-

@@ -29,10 +29,15 @@ OPTIMIZATIONS = {"zero": 0, "size": 1, "performance": 2}
 _STANDARD_INCLUDE = 1
 _NAMES = {
     "linux": ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so"),
-    "darwin": ("libshaderc.1.dylib", "libshaderc_shared.1.dylib", "libshaderc_shared.dylib",
-               "/opt/homebrew/lib/libshaderc_shared.1.dylib", "/usr/local/lib/libshaderc_shared.1.dylib"),
+    "darwin": (
+        "libshaderc.1.dylib",
+        "libshaderc_shared.1.dylib",
+        "libshaderc_shared.dylib",
+        "/opt/homebrew/lib/libshaderc_shared.1.dylib",
+        "/usr/local/lib/libshaderc_shared.1.dylib",
+    ),
     "win32": ("shaderc_shared.dll", "libshaderc_shared.dll"),
-}  # fmt: skip
+}
 
 _declaring = threading.Lock()
 _DECLARATIONS = """
@@ -147,10 +152,18 @@ def _glslc() -> str:
 
 
 def compile_source(
-    source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes] | None = None, *,
-    macros: Mapping[str, int] | None = None, language: str = "glsl", optimization: str = "performance",
-    suppress_warnings: bool = False, warnings_as_errors: bool = False,
-) -> bytes:  # fmt: skip
+    source: bytes,
+    stage: str,
+    name: str,
+    include_paths: Sequence[str],
+    generated: Mapping[str, bytes] | None = None,
+    *,
+    macros: Mapping[str, int] | None = None,
+    language: str = "glsl",
+    optimization: str = "performance",
+    suppress_warnings: bool = False,
+    warnings_as_errors: bool = False,
+) -> bytes:
     """SPIR-V 1.6 for Vulkan 1.3 with debug information. Raises Failure, or SolariError without a compiler.
 
     `generated` are texts of includes that aren't files, by the paths that the sources include them by. Resources that
@@ -160,9 +173,17 @@ def compile_source(
     loaded = library()
     if loaded is None:
         return _by_command(
-            source, stage, name, include_paths, texts, macros, language, optimization, suppress_warnings,
+            source,
+            stage,
+            name,
+            include_paths,
+            texts,
+            macros,
+            language,
+            optimization,
+            suppress_warnings,
             warnings_as_errors,
-        )  # fmt: skip
+        )
     kept: dict[Any, Any] = {}
 
     @_ffi().callback("resolve")  # type: ignore[untyped-decorator]
@@ -227,21 +248,40 @@ def _include(requested: str, kind: int, requesting: str, include_paths: Sequence
 
 
 def _by_command(
-    source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes],
-    macros: Mapping[str, int], language: str, optimization: str, suppress_warnings: bool, warnings_as_errors: bool,
-) -> bytes:  # fmt: skip
+    source: bytes,
+    stage: str,
+    name: str,
+    include_paths: Sequence[str],
+    generated: Mapping[str, bytes],
+    macros: Mapping[str, int],
+    language: str,
+    optimization: str,
+    suppress_warnings: bool,
+    warnings_as_errors: bool,
+) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for path, text in generated.items():
             file = Path(folder, path)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(text)
         command = [
-            _glslc(), f"-fshader-stage={stage}", "-x", language, "--target-env=vulkan1.3", "--target-spv=spv1.6", "-g",
-            "-fauto-bind-uniforms", *(f"-D{macro}={value}" for macro, value in macros.items()),
+            _glslc(),
+            f"-fshader-stage={stage}",
+            "-x",
+            language,
+            "--target-env=vulkan1.3",
+            "--target-spv=spv1.6",
+            "-g",
+            "-fauto-bind-uniforms",
+            *(f"-D{macro}={value}" for macro, value in macros.items()),
             {"zero": "-O0", "size": "-Os", "performance": "-O"}[optimization],
-            *(("-w",) if suppress_warnings else ()), *(("-Werror",) if warnings_as_errors else ()),
-            *(f"-I{path}" for path in (os.path.dirname(name) or ".", folder, *include_paths)), "-o", "-", "-",
-        ]  # fmt: skip
+            *(("-w",) if suppress_warnings else ()),
+            *(("-Werror",) if warnings_as_errors else ()),
+            *(f"-I{path}" for path in (os.path.dirname(name) or ".", folder, *include_paths)),
+            "-o",
+            "-",
+            "-",
+        ]
         done = subprocess.run(command, input=source, capture_output=True, check=False)
     if done.returncode != 0:
         log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")

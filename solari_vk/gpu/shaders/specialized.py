@@ -23,9 +23,14 @@ _SPEC_ID = 1
 _TRUE, _FALSE, _CONSTANT = 41, 42, 43
 _SPEC_TRUE, _SPEC_FALSE, _SPEC_CONSTANT, _SPEC_OPERATION = 48, 49, 50, 52
 _CONDITIONS: dict[int, Callable[..., Any]] = {
-    164: operator.eq, 165: operator.ne, 166: operator.or_, 167: operator.and_, 168: operator.not_,  # of booleans
-    170: operator.eq, 171: operator.ne,  # of integers
-}  # fmt: skip
+    164: operator.eq,
+    165: operator.ne,
+    166: operator.or_,
+    167: operator.and_,
+    168: operator.not_,  # of booleans
+    170: operator.eq,
+    171: operator.ne,  # of integers
+}
 
 
 def has_many_switches(module: Module) -> bool:
@@ -36,8 +41,11 @@ def has_many_switches(module: Module) -> bool:
 def specialized(module: Module, values: Mapping[str, int | float | bool]) -> Module:
     """The module with these values of specialization constants, by name; those without one have their defaults."""
     known = module.constants
-    given = tuple((known[name].id, np.array(value, known[name].dtype).tobytes())
-                  for name, value in values.items() if name in known)  # fmt: skip
+    given = tuple(
+        (known[name].id, np.array(value, known[name].dtype).tobytes())
+        for name, value in values.items()
+        if name in known
+    )
     return replace(module, spirv=_specialized(module.spirv, given))
 
 

@@ -93,14 +93,20 @@ class _Reader:
             self.modes.append(item)
 
     def module(self, writes_by_address: bool) -> Module:
-        bound = {variable: self._binding(variable, pointer, storage) for variable, pointer, storage in self.variables
-                 if storage in code.RESOURCE_STORAGE}  # fmt: skip
+        bound = {
+            variable: self._binding(variable, pointer, storage)
+            for variable, pointer, storage in self.variables
+            if storage in code.RESOURCE_STORAGE
+        }
         analysis = code.AccessAnalysis(self.code, self.name, writes_by_address)
         entries = {}
         for words in self.entry_points:
             entry, found = code.text(words[2:]), analysis.effects(words[1])
-            entries[entry] = Entry(entry, _MODELS.get(words[0], f"model {words[0]}"), *(
-                frozenset(bound[variable].name for variable in part) for part in found))  # fmt: skip
+            entries[entry] = Entry(
+                entry,
+                _MODELS.get(words[0], f"model {words[0]}"),
+                *(frozenset(bound[variable].name for variable in part) for part in found),
+            )
         if any(storage == code.STORAGE_SHADER_RECORD for *_, storage in self.variables):
             raise SolariError(
                 f"{self.name}: shaderRecordEXT: records of the shader binding table hold no data: read a buffer, for "
@@ -108,10 +114,15 @@ class _Reader:
             )
         pushed = [pointer for _, pointer, storage in self.variables if storage == code.STORAGE_PUSH_CONSTANT]
         return Module(
-            self.name, self.spirv, {binding.name: binding for binding in bound.values()},
-            {variable: binding.name for variable, binding in bound.items()}, self._spec_constants(), entries,
-            self._dtype(self.types[pushed[0]].words[2]) if pushed else None, self._sizes(),
-        )  # fmt: skip
+            self.name,
+            self.spirv,
+            {binding.name: binding for binding in bound.values()},
+            {variable: binding.name for variable, binding in bound.items()},
+            self._spec_constants(),
+            entries,
+            self._dtype(self.types[pushed[0]].words[2]) if pushed else None,
+            self._sizes(),
+        )
 
     # ---- bindings
 
@@ -146,8 +157,11 @@ class _Reader:
             kind = "storage_image" if stored else "sampled_image"
             flags["image_format"] = _IMAGE_FORMATS[words[7]] if stored else ""
         else:
-            kind = {_TYPE_SAMPLED_IMAGE: "combined_image_sampler", _TYPE_SAMPLER: "sampler",
-                    _TYPE_ACCELERATION_STRUCTURE: "acceleration_structure"}[op]  # fmt: skip
+            kind = {
+                _TYPE_SAMPLED_IMAGE: "combined_image_sampler",
+                _TYPE_SAMPLER: "sampler",
+                _TYPE_ACCELERATION_STRUCTURE: "acceleration_structure",
+            }[op]
         return Binding(name, place[0], place[1], kind, count, **flags)
 
     def _block(self, struct: int, name: str) -> dict[str, Any]:
@@ -191,8 +205,9 @@ class _Reader:
         # In scalar layout a struct ends after its last member, padded to the alignment of its largest scalar.
         end = max((offset + form.itemsize for offset, form in zip(offsets, formats, strict=True)), default=0)
         align = max((_alignment(form) for form in formats), default=1)
-        return np.dtype({"names": names, "formats": formats, "offsets": offsets,
-                         "itemsize": size or -(-end // align) * align})  # fmt: skip
+        return np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": size or -(-end // align) * align}
+        )
 
     def _column_bytes(self, type_id: int) -> int:
         while self.types[type_id].op == _TYPE_ARRAY:

@@ -26,10 +26,20 @@ _OP_TEXEL_POINTER, _OP_LOAD, _OP_STORE, _OP_COPY_MEMORY, _OP_COPY_SIZED = 60, 61
 _OP_SAMPLED_IMAGE, _OP_IMAGE, _OP_PHI, _OP_SELECT, _OP_COPY_OBJECT = 86, 100, 245, 169, 83
 _ACCESS_CHAINS = (65, 66, 67, 70)
 _OP_U_TO_POINTER, _OP_BITCAST = 117, 124
-_MAKES_POINTERS = frozenset((
-    *_ACCESS_CHAINS, _OP_TEXEL_POINTER, _OP_LOAD, _OP_COPY_OBJECT, _OP_IMAGE, _OP_SAMPLED_IMAGE, _OP_SELECT, _OP_PHI,
-    _OP_U_TO_POINTER, _OP_BITCAST,
-))  # fmt: skip
+_MAKES_POINTERS = frozenset(
+    (
+        *_ACCESS_CHAINS,
+        _OP_TEXEL_POINTER,
+        _OP_LOAD,
+        _OP_COPY_OBJECT,
+        _OP_IMAGE,
+        _OP_SAMPLED_IMAGE,
+        _OP_SELECT,
+        _OP_PHI,
+        _OP_U_TO_POINTER,
+        _OP_BITCAST,
+    )
+)
 _OP_IMAGE_WRITE, _OP_ATOMIC_LOAD, _OP_ATOMIC_STORE, _OP_ATOMIC_FLAG_CLEAR = 99, 227, 228, 319
 # sampling, fetching, gathering and reading; then the same of sparse images
 _IMAGE_READS = frozenset((*range(87, 99), *range(305, 316), 320))
@@ -37,11 +47,29 @@ _IMAGE_READS = frozenset((*range(87, 99), *range(305, 316), 320))
 _ATOMICS = frozenset((*range(229, 243), 318, 5614, 5615, 6035))
 _OP_RAY_QUERY_INITIALIZE, _OP_TRACE_RAY = 4473, 4445
 _USES = frozenset((_OP_LOAD, 68, *range(101, 108)))  # also the length of an array, properties of an image
-_FOLLOWED = frozenset((
-    *_MAKES_POINTERS, *_IMAGE_READS, *_ATOMICS, *_USES, _OP_CALL, _OP_STORE, _OP_COPY_MEMORY, _OP_COPY_SIZED,
-    _OP_IMAGE_WRITE, _OP_ATOMIC_LOAD, _OP_ATOMIC_STORE, _OP_ATOMIC_FLAG_CLEAR, _OP_RAY_QUERY_INITIALIZE,
-    _OP_TRACE_RAY, OP_EXT_INST, OP_FUNCTION, _OP_PARAMETER, OP_VARIABLE, _OP_FUNCTION_END,
-))  # fmt: skip
+_FOLLOWED = frozenset(
+    (
+        *_MAKES_POINTERS,
+        *_IMAGE_READS,
+        *_ATOMICS,
+        *_USES,
+        _OP_CALL,
+        _OP_STORE,
+        _OP_COPY_MEMORY,
+        _OP_COPY_SIZED,
+        _OP_IMAGE_WRITE,
+        _OP_ATOMIC_LOAD,
+        _OP_ATOMIC_STORE,
+        _OP_ATOMIC_FLAG_CLEAR,
+        _OP_RAY_QUERY_INITIALIZE,
+        _OP_TRACE_RAY,
+        OP_EXT_INST,
+        OP_FUNCTION,
+        _OP_PARAMETER,
+        OP_VARIABLE,
+        _OP_FUNCTION_END,
+    )
+)
 
 
 class Instruction(NamedTuple):

@@ -79,8 +79,9 @@ class JudgedSettings(Measurement):
     scene: tuple[str, ...] = option("a built-in scene (four of them; repeatable)", "NAME", action="append", default=())
     references: Path | None = option("keep the path tracer's pictures there", "FOLDER", type=Path)
     still: bool = flag("only the camera that stands still")
-    timed_size: tuple[int, int] = option("of the frames whose time is taken (1920x1080)", "WxH", type=size,
-                                         default=(1920, 1080))
+    timed_size: tuple[int, int] = option(
+        "of the frames whose time is taken (1920x1080)", "WxH", type=size, default=(1920, 1080)
+    )
     size: tuple[int, int] = option("of the pictures (256x256)", "WxH", type=size, default=(256, 256))
     seeds: int = option("independent runs of each case (4)", "N", type=positive, default=4)
     samples: int = option("of the path tracer's pictures (4096)", "N", type=positive, default=4096)
@@ -91,8 +92,9 @@ class JudgedSettings(Measurement):
 class FrameMs(Measurement):
     MODULE = "frame_ms"
     scene: tuple[str, ...] = option("a built-in scene (four of them; repeatable)", "NAME", action="append", default=())
-    target: tuple[float, ...] = option("milliseconds (3/4 and 1 of a scene's own; repeatable)", "MS", action="append",
-                                       type=factor, default=())
+    target: tuple[float, ...] = option(
+        "milliseconds (3/4 and 1 of a scene's own; repeatable)", "MS", action="append", type=factor, default=()
+    )
     size: tuple[int, int] = option("of the frames (1920x1080)", "WxH", type=size, default=(1920, 1080))
     frames: int = option("that count, with four cuts (400)", "N", type=positive, default=400)
 
@@ -100,8 +102,9 @@ class FrameMs(Measurement):
 @dataclass(frozen=True, kw_only=True)
 class Portals(Measurement):
     MODULE = "portals"
-    files: tuple[Path, ...] = option("environment maps beside the built-in skies", names=("files",), nargs="*",
-                                     type=Path, default=())
+    files: tuple[Path, ...] = option(
+        "environment maps beside the built-in skies", names=("files",), nargs="*", type=Path, default=()
+    )
     size: tuple[int, int] = option("of the pictures (128x96)", "WxH", type=size, default=(128, 96))
     samples: int = option("of the pictures that are judged (64)", "N", type=positive, default=64)
     converged: int = option("samples of the pictures that judge (16384)", "N", type=positive, default=16384)
@@ -118,8 +121,9 @@ class Lamps(Measurement):
 @dataclass(frozen=True, kw_only=True)
 class Cluster(Measurement):
     MODULE = "cluster"
-    workers: tuple[int, ...] = option("processes, one for each device (1 and 2; repeatable)", "N", type=positive,
-                                      action="append", default=(1, 2))
+    workers: tuple[int, ...] = option(
+        "processes, one for each device (1 and 2; repeatable)", "N", type=positive, action="append", default=(1, 2)
+    )
     views: int = option("views of each round (32)", "N", type=positive, default=32)
     size: tuple[int, int] = option("of a view (128x128)", "WxH", type=size, default=(128, 128))
     samples: int = option("samples per pixel (16)", "N", type=positive, default=16)
@@ -129,8 +133,9 @@ class Cluster(Measurement):
 @dataclass(frozen=True, kw_only=True)
 class Batch(Measurement):
     MODULE = "batch"
-    views: tuple[int, ...] = option("of a batch (1, 16 and 64; repeatable)", "N", type=positive, action="append",
-                                    default=(1, 16, 64))
+    views: tuple[int, ...] = option(
+        "of a batch (1, 16 and 64; repeatable)", "N", type=positive, action="append", default=(1, 16, 64)
+    )
     size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
     renderers: tuple[str, ...] = option("labels, reference, realtime (all)", "A,B", type=words, default=())
     worlds: bool = flag("batches with a world for each view too")
@@ -168,16 +173,27 @@ class Still(Measurement):
 @dataclass(frozen=True, kw_only=True)
 class Cpu(Measurement):
     MODULE = "cpu"
-    against: tuple[str, ...] = option("the other renderers: cycles, mitsuba, luxcore (the first two)", "A,B",
-                                      type=words, default=("cycles", "mitsuba"))
+    against: tuple[str, ...] = option(
+        "the other renderers: cycles, mitsuba, luxcore (the first two)",
+        "A,B",
+        type=words,
+        default=("cycles", "mitsuba"),
+    )
     python: tuple[str, ...] = option(
-        "the Python that has a renderer (repeatable; SOLARI_VK_TRIAL_PYTHON, or the one that runs this)", "NAME=PATH",
-        action="append", default=())
+        "the Python that has a renderer (repeatable; SOLARI_VK_TRIAL_PYTHON, or the one that runs this)",
+        "NAME=PATH",
+        action="append",
+        default=(),
+    )
     scenes: tuple[str, ...] = option("built-in scenes (six)", "A,B", type=words, default=())
     size: tuple[int, int] = option("width and height of pictures (128x128)", "WxH", type=size, default=(128, 128))
     samples: int = option("samples per pixel of the converged pictures (8192)", "N", type=positive, default=8192)
-    time_limit: float = option("seconds for loading and for each picture of a renderer, which is stopped then (900)",
-                               "S", type=factor, default=900.0)
+    time_limit: float = option(
+        "seconds for loading and for each picture of a renderer, which is stopped then (900)",
+        "S",
+        type=factor,
+        default=900.0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,8 +28,9 @@ class ConformanceJob(DeviceOptions):
 
     only: tuple[str, ...] = option("one group (all; repeatable)", "GROUP", action="append", default=())
     full: bool = flag("up to a hundred times as many rays, instances and structures: takes much longer")
-    time_limit: float | None = option("end a check that takes longer, as hung (600; with --full 6000)", "SECONDS",
-                                      type=float)
+    time_limit: float | None = option(
+        "end a check that takes longer, as hung (600; with --full 6000)", "SECONDS", type=float
+    )
     in_process: bool = flag("measure in this process, without time limit, for a debugger: a crash ends the run")
     junit: Path | None = option("write the report as JUnit XML", "FILE", type=Path)
     markdown: Path | None = option("write the report as Markdown", "FILE", type=Path)
@@ -42,6 +43,11 @@ def run(job: ConformanceJob) -> int:
     from solari_vk.lab.conformance.worker import Work
 
     return run(
-        Work(job.device, job.full, job.rays), only=job.only, time_limit=job.time_limit, in_process=job.in_process,
-        junit=job.junit, markdown=job.markdown, html=job.html,
+        Work(job.device, job.full, job.rays),
+        only=job.only,
+        time_limit=job.time_limit,
+        in_process=job.in_process,
+        junit=job.junit,
+        markdown=job.markdown,
+        html=job.html,
     )

@@ -87,5 +87,7 @@ def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, den
     finally:
         renderer.close()
     write_codes(path, codes)
-    print(f"wrote {path}: {size[0]}x{size[1]}, {samples} samples a pixel{', denoised' if denoise else ''}",
-          file=sys.stderr)  # fmt: skip
+    print(
+        f"wrote {path}: {size[0]}x{size[1]}, {samples} samples a pixel{', denoised' if denoise else ''}",
+        file=sys.stderr,
+    )

@@ -29,24 +29,44 @@ class TrialJob(DeviceOptions):
     )
 
     files: tuple[Path, ...] = option("glTF files, each a scene", names=("files",), nargs="+", type=Path)
-    against: tuple[str, ...] = option("the other renderers: cycles, mitsuba, luxcore (the first two)", "A,B",
-                                      type=words, default=("cycles", "mitsuba"))
-    output: Path = option("for the page, index.html, with trial.json and pictures; made if it isn't there", "FOLDER",
-                          names=("-o", "--output"), type=Path, required=True)
+    against: tuple[str, ...] = option(
+        "the other renderers: cycles, mitsuba, luxcore (the first two)",
+        "A,B",
+        type=words,
+        default=("cycles", "mitsuba"),
+    )
+    output: Path = option(
+        "for the page, index.html, with trial.json and pictures; made if it isn't there",
+        "FOLDER",
+        names=("-o", "--output"),
+        type=Path,
+        required=True,
+    )
     size: tuple[int, int] = option("width and height of pictures (256x256)", "WxH", type=size, default=(256, 256))
     samples: int = option("samples per pixel of each picture (256)", "N", type=positive, default=256)
-    error: float | None = option("measure the time to this error too, as relMSE: samples double up to --samples", "E",
-                                 type=factor)
+    error: float | None = option(
+        "measure the time to this error too, as relMSE: samples double up to --samples", "E", type=factor
+    )
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     environment: str = option(
         "what surrounds the scenes; auto: what the file has, and soft boxes for files without light; never with a "
-        "floor, which the other renderers don't have (auto)", "auto|studio|sky|none|FILE", default="auto")
+        "floor, which the other renderers don't have (auto)",
+        "auto|studio|sky|none|FILE",
+        default="auto",
+    )
     camera: str | None = option("a camera of the scenes by index or name, or a pose, as for render", "N|NAME|JSON|FILE")
     python: tuple[str, ...] = option(
-        "the Python that has a renderer (repeatable; SOLARI_VK_TRIAL_PYTHON, or the one that runs this)", "NAME=PATH",
-        action="append", default=())
-    time_limit: float = option("seconds for loading and for each picture of a renderer, which is stopped then (600)",
-                               "S", type=factor, default=600.0)
+        "the Python that has a renderer (repeatable; SOLARI_VK_TRIAL_PYTHON, or the one that runs this)",
+        "NAME=PATH",
+        action="append",
+        default=(),
+    )
+    time_limit: float = option(
+        "seconds for loading and for each picture of a renderer, which is stopped then (600)",
+        "S",
+        type=factor,
+        default=600.0,
+    )
     markdown: Path | None = option("write the figures as Markdown too", "FILE", type=Path)
 
     def check(self) -> None:

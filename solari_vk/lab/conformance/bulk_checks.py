@@ -38,9 +38,17 @@ _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith(
 
 
 def trace(
-    shaders: ShaderRunner, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0,
-    t_max: ArrayLike = 1e30, flags: int = 0, cull_mask: int = 0xFF, box_t: float = 0.0,
-) -> np.ndarray:  # fmt: skip
+    shaders: ShaderRunner,
+    tlas: Tlas,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    *,
+    t_min: ArrayLike = 0.0,
+    t_max: ArrayLike = 1e30,
+    flags: int = 0,
+    cull_mask: int = 0xFF,
+    box_t: float = 0.0,
+) -> np.ndarray:
     """The closest hits of N rays: records of t, custom_data, instance, geometry and primitive; t < 0 is a miss.
 
     Boxes are hit at `box_t`, or ignored when it is 0.
@@ -56,9 +64,15 @@ def trace(
 
 
 def trace_world(
-    shaders: ShaderRunner, shapes: Shapes, placed: Sequence[Placed], origins: ArrayLike, directions: ArrayLike, *,
-    damage: Callable[[np.ndarray], None] | None = None, box_t: float = 0.0,
-) -> np.ndarray:  # fmt: skip
+    shaders: ShaderRunner,
+    shapes: Shapes,
+    placed: Sequence[Placed],
+    origins: ArrayLike,
+    directions: ArrayLike,
+    *,
+    damage: Callable[[np.ndarray], None] | None = None,
+    box_t: float = 0.0,
+) -> np.ndarray:
     """`trace` in a world of its own; see `World`."""
     with World(shaders.device, shapes, placed, damage=damage) as world:
         return trace(shaders, world.tlas, origins, directions, box_t=box_t)
@@ -75,8 +89,9 @@ def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32
     """About 2 * segments^2 thin, uneven triangles (T, 3, 3), in spatial order, that close a ball around the origin."""
     random = np.random.default_rng(seed)
     rings = segments
-    polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(segments) * (2 * np.pi / segments),
-                                indexing="ij")  # fmt: skip
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.arange(segments) * (2 * np.pi / segments), indexing="ij"
+    )
     radius = 1 + bumps * np.sin(polar) * random.uniform(-1, 1, polar.shape)
     sine = np.sin(polar)
     sine[[0, -1]] = 0
@@ -244,9 +259,13 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
         changes |= {f"{name} = {value}": {i: value} for value in (np.nan, np.inf, -np.inf)}
     del changes["t_max = inf"]
     changes |= {
-        "dir = 0": {5: 0.0}, "t_max < t_min": {6: 9.0, 7: 1.0}, "t_max < 0": {7: -1.0}, "t_min < 0": {6: -1.0},
-        "t_min = t_max = inf": {6: np.inf, 7: np.inf}, "t_min = -inf, t_max = inf": {6: -np.inf, 7: np.inf},
-    }  # fmt: skip
+        "dir = 0": {5: 0.0},
+        "t_max < t_min": {6: 9.0, 7: 1.0},
+        "t_max < 0": {7: -1.0},
+        "t_min < 0": {6: -1.0},
+        "t_min = t_max = inf": {6: np.inf, 7: np.inf},
+        "t_min = -inf, t_max = inf": {6: -np.inf, 7: np.inf},
+    }
     table = np.tile(np.array((0.1, 0.2, 5.0, 0.0, 0.0, -1.0, 0.0, 100.0)), (len(changes), 1))
     for ray, change in zip(table, changes.values(), strict=True):
         ray[list(change)] = list(change.values())

@@ -116,8 +116,11 @@ def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) 
             directions = (targets - origins).astype(np.float32)
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             hits = trace(shaders, world.tlas, origins, directions)
-            found = np.where(hits["t"] < 0, -1, first[np.minimum(hits["instance"], len(placed) - 1)]
-                             + np.minimum(hits["primitive"], len(corners)))  # fmt: skip
+            found = np.where(
+                hits["t"] < 0,
+                -1,
+                first[np.minimum(hits["instance"], len(placed) - 1)] + np.minimum(hits["primitive"], len(corners)),
+            )
             found = np.minimum(found, len(corners) - 1)
             right = oracle.run(origins, directions)
             t_found, edge_found = meet(corners, found, origins, directions)

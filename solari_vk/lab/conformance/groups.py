@@ -21,8 +21,12 @@ RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
 GROUPS: dict[str, dict[str, Measure]] = {
     "acceleration_structures": {
         "inactive_instances": lambda run: structure_checks.measure_inactive_instances(run.shaders),
-        **cases_of("inactive", lambda run, kind: structure_checks.measure_inactive_primitives(run.shaders, kind),
-                   "triangle", "box"),
+        **cases_of(
+            "inactive",
+            lambda run, kind: structure_checks.measure_inactive_primitives(run.shaders, kind),
+            "triangle",
+            "box",
+        ),
         "ways": lambda run: structure_checks.measure_ways(run.shaders),
         "formats": lambda run: structure_checks.measure_formats(run.shaders),
         "indices": lambda run: structure_checks.measure_indices(run.shaders),
@@ -33,12 +37,15 @@ GROUPS: dict[str, dict[str, Measure]] = {
     },
     "ray_pipelines": {
         **cases_of("probes", ray_cases.ray_probes, *WAYS),
-        "records": by("pipeline", ray_pipeline_checks.RECORD_RULES,
-                      lambda run: ray_pipeline_checks.measure_records(run.shaders)),
-        "launches": by("pipeline", ray_pipeline_checks.LAUNCH_RULES,
-                       lambda run: ray_pipeline_checks.measure_launches(run.shaders)),
-        "reports": by("pipeline", ray_pipeline_checks.REPORT_RULES,
-                      lambda run: ray_pipeline_checks.measure_reports(run.shaders)),
+        "records": by(
+            "pipeline", ray_pipeline_checks.RECORD_RULES, lambda run: ray_pipeline_checks.measure_records(run.shaders)
+        ),
+        "launches": by(
+            "pipeline", ray_pipeline_checks.LAUNCH_RULES, lambda run: ray_pipeline_checks.measure_launches(run.shaders)
+        ),
+        "reports": by(
+            "pipeline", ray_pipeline_checks.REPORT_RULES, lambda run: ray_pipeline_checks.measure_reports(run.shaders)
+        ),
     },
     "ray_queries": {
         **cases_of("probes", ray_cases.probes, *WAYS),
@@ -59,4 +66,4 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "frames": lambda run: renderer_checks.measure_frames(run.device),
         "gbuffer": lambda run: renderer_checks.measure_gbuffer(run.device),
     },
-}  # fmt: skip
+}

@@ -31,10 +31,11 @@ def measure_positions(shaders: ShaderRunner, probes: Sequence[Probe], header: st
         found = shaders.run("conformance/positions", len(rays), inputs, outputs, header=header)["corners"]
     for (which, several), rule in RULES.items():
         errors = {
-            probe.label: _error(got, which, expected) for probe, got in zip(probes, found, strict=True)
+            probe.label: _error(got, which, expected)
+            for probe, got in zip(probes, found, strict=True)
             if (len(SHAPES[INSTANCES[probe.on].shape]) > 1) == several
             and (expected := _corners(probe, which)) is not None
-        }  # fmt: skip
+        }
         if errors:
             worst = max(errors, key=errors.__getitem__)
             yield Measurement(rule, errors[worst], 1e-6, "absolute error", worst)

@@ -58,11 +58,19 @@ def run_rays(
     one_triangle = {"probe_draws": np.array([3, 1, 0, 0], np.uint32), "probe_draw_count": np.ones(1, np.uint32)}
     row = (len(rays), 1)
     found = shaders.run_steps(
-        [Draw("conformance/probe", [DrawList("probe_draws", "probe_draw_count", 1, culls_backs=False)],
-              colors=["probe_kinds"], depth="probe_depth"), Pass("conformance/probe_kinds", threads=len(rays))],
-        {**inputs, **one_triangle}, {**outputs, "kinds_seen": len(rays)},
+        [
+            Draw(
+                "conformance/probe",
+                [DrawList("probe_draws", "probe_draw_count", 1, culls_backs=False)],
+                colors=["probe_kinds"],
+                depth="probe_depth",
+            ),
+            Pass("conformance/probe_kinds", threads=len(rays)),
+        ],
+        {**inputs, **one_triangle},
+        {**outputs, "kinds_seen": len(rays)},
         images={"probe_kinds": row, "probe_depth": row},
-    )  # fmt: skip
+    )
     answers = found["answers"]
     assert (found["kinds_seen"] == answers["committed"]["kind"] + 1).all(), "the image differs from the fragments'"
     return answers, faults["count"]
@@ -74,9 +82,12 @@ def rules() -> list[Rule]:
 
 
 def measure_probes(
-    shaders: ShaderRunner, world: World, stage: str = STAGES[0], probes: Sequence[Probe] = PROBES,
+    shaders: ShaderRunner,
+    world: World,
+    stage: str = STAGES[0],
+    probes: Sequence[Probe] = PROBES,
     damage: Callable[[np.ndarray], None] | None = None,
-) -> Iterator[Measurement]:  # fmt: skip
+) -> Iterator[Measurement]:
     """Measure all rules that the probes prove. `damage` changes the rays before they are sent, to seed bugs."""
     rays = probe_rays(shaders.element("conformance/probe", "probes"), probes)
     sent = rays.copy()
@@ -137,8 +148,14 @@ def measure_getters(
             yield Measurement(rule, error, bars[name], "relative error", label)
 
 
-_DISCRETE = ("instance_custom_data", "instance_index", "sbt_record_offset", "geometry_index", "primitive_index",
-             "front_face")  # fmt: skip
+_DISCRETE = (
+    "instance_custom_data",
+    "instance_index",
+    "sbt_record_offset",
+    "geometry_index",
+    "primitive_index",
+    "front_face",
+)
 
 
 class Checked:
@@ -239,9 +256,11 @@ class Checked:
         """Whether the getters of the ray return the ray that was sent."""
         got, ray = self.answer, self.ray
         same = [
-            got["t_min"] == ray["t_min"], got["flags"] == ray["flags"],
-            (got["world_origin"] == ray["origin"]).all(), (got["world_direction"] == ray["direction"]).all(),
-        ]  # fmt: skip
+            got["t_min"] == ray["t_min"],
+            got["flags"] == ray["flags"],
+            (got["world_origin"] == ray["origin"]).all(),
+            (got["world_direction"] == ray["direction"]).all(),
+        ]
         return all(map(bool, same))
 
     def tells_opaque_boxes(self) -> bool:

@@ -65,26 +65,44 @@ _SHEAR = np.array([(2.0, 0.5, 0.0), (0.0, 0.75, -0.25), (0.0, 0.0, 0.5)])
 def _instances() -> dict[str, Placed]:
     """The instances by label, 10 apart."""
     linear = {
-        "mirrored": np.diag((-1.0, 1, 1)), "turned": _TURN, "stretched": np.diag((3.0, 0.5, 1.25)),
-        "sheared": _TURN @ _SHEAR, "inverted": -_TURN @ np.diag((0.5, 2.0, 1)), "tiny": np.eye(3) * 2.0**-10,
-        "turned boxes": _TURN @ np.diag((1.0, 0.5, 2)), "flipped mirrored": np.diag((-1.0, 1, 1)),
-    }  # fmt: skip
+        "mirrored": np.diag((-1.0, 1, 1)),
+        "turned": _TURN,
+        "stretched": np.diag((3.0, 0.5, 1.25)),
+        "sheared": _TURN @ _SHEAR,
+        "inverted": -_TURN @ np.diag((0.5, 2.0, 1)),
+        "tiny": np.eye(3) * 2.0**-10,
+        "turned boxes": _TURN @ np.diag((1.0, 0.5, 2)),
+        "flipped mirrored": np.diag((-1.0, 1, 1)),
+    }
     told: dict[str, dict[str, object]] = {
         **{name: {"shape": name} for name in SHAPES},
         "many": {"shape": "many", "custom": 0x5A5A5A},
         "made opaque": {"shape": "glass", "flags": INSTANCE_OPAQUE},
         "made glass": {"flags": INSTANCE_NO_OPAQUE},
         "opaque stack": {"shape": "glass stack", "flags": INSTANCE_OPAQUE},
-        "two-sided": {"flags": CULL_DISABLE}, "flipped": {"flags": FLIP_FACING},
+        "two-sided": {"flags": CULL_DISABLE},
+        "flipped": {"flags": FLIP_FACING},
         "flipped mirrored": {"flags": FLIP_FACING},
-        "mask 01": {"mask": 0x01}, "mask 80": {"mask": 0x80}, "mask 5A": {"mask": 0x5A},
-        "all bits": {"custom": 0xFFFFFF}, "top bit": {"custom": 0x800001}, "zero": {"custom": 0},
+        "mask 01": {"mask": 0x01},
+        "mask 80": {"mask": 0x80},
+        "mask 5A": {"mask": 0x5A},
+        "all bits": {"custom": 0xFFFFFF},
+        "top bit": {"custom": 0x800001},
+        "zero": {"custom": 0},
         "record offset": {"sbt_offset": 0x123456},
-        "mirrored": {}, "turned": {}, "stretched": {}, "sheared": {}, "inverted": {}, "tiny": {},
-        "turned boxes": {"shape": "boxes"}, "boxes over a wall": {"shape": "boxes"}, "wall in boxes": {},
+        "mirrored": {},
+        "turned": {},
+        "stretched": {},
+        "sheared": {},
+        "inverted": {},
+        "tiny": {},
+        "turned boxes": {"shape": "boxes"},
+        "boxes over a wall": {"shape": "boxes"},
+        "wall in boxes": {},
         # Last, so that a driver that lets them hide others fails only the rules about that, in structure_checks.py.
-        "inactive": {"active": False}, "mask 00": {"mask": 0x00},
-    }  # fmt: skip
+        "inactive": {"active": False},
+        "mask 00": {"mask": 0x00},
+    }
     found: dict[str, Placed] = {}
     for place, (label, fields) in enumerate(told.items()):
         matrix = np.zeros((3, 4))

@@ -49,9 +49,10 @@ def _chosen(probes: Iterable[Probe], part: str) -> list[Probe]:
 def parts(check: Check) -> list[str]:
     """The parts by which a check is measured again when the driver didn't survive it: single probes."""
     probing = {
-        ("ray_queries", "probes"): PROBES, ("ray_queries", "vertex_return"): position_checks.HITTING,
+        ("ray_queries", "probes"): PROBES,
+        ("ray_queries", "vertex_return"): position_checks.HITTING,
         ("ray_pipelines", "probes"): ray_probe_checks.ASKED,
-    }  # fmt: skip
+    }
     return [probe.label for probe in probing.get((check.group, check.case.split("-")[0]), ())]
 
 

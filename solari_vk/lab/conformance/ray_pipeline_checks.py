@@ -49,9 +49,11 @@ def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
         damage(rays)
     hits = [HitGroup(f"{_FOLDER}/record_{number}.rchit") for number in _NUMBERS]
     step = RayPass(
-        "conformance/records", threads=len(rays), hits=hits,
+        "conformance/records",
+        threads=len(rays),
+        hits=hits,
         misses=[f"{_FOLDER}/record_{number}.rmiss" for number in _NUMBERS[:_MISSES]],
-    )  # fmt: skip
+    )
     with World(shaders.device, {"row": parts}, placed, own_records=True) as world:
         found = shaders.run_steps([step], {"tlas": world.tlas, "record_rays": rays}, {"records_run": len(rays)})
     run = found["records_run"]
@@ -66,10 +68,12 @@ def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
 
 # ---- launches ---------------------------------------------------------------------------------------
 
-_LAUNCH = Rule("a launch runs each invocation once, with its gl_LaunchIDEXT and gl_LaunchSizeEXT", GLSL,
-               "Built-In Variables")  # fmt: skip
-_INDIRECT = Rule("vkCmdTraceRaysIndirectKHR launches as many invocations as the buffer says", VULKAN,
-                 "Ray Tracing Commands")  # fmt: skip
+_LAUNCH = Rule(
+    "a launch runs each invocation once, with its gl_LaunchIDEXT and gl_LaunchSizeEXT", GLSL, "Built-In Variables"
+)
+_INDIRECT = Rule(
+    "vkCmdTraceRaysIndirectKHR launches as many invocations as the buffer says", VULKAN, "Ray Tracing Commands"
+)
 SIZES = ((1,), (1009,), (37, 5), (1, 300), (7, 5, 3), (1, 1, 64))
 
 
@@ -105,15 +109,21 @@ def measure_launches(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 _CONFIRMATION = "Ray Intersection Confirmation"
 _ACCEPTED = Rule(
-    "reportIntersectionEXT accepts hits between Tmin and the nearest so far that no any-hit shader ignores", VULKAN,
+    "reportIntersectionEXT accepts hits between Tmin and the nearest so far that no any-hit shader ignores",
+    VULKAN,
     _CONFIRMATION,
-)  # fmt: skip
-_NEAREST = Rule("of several hits of one intersection shader the nearest accepted one is hit", VULKAN,
-                "Ray Closest Hit Determination")  # fmt: skip
-_ATTRIBUTES = Rule("hitAttributeEXT: any-hit and closest-hit shaders get the attributes of their report", GLSL,
-                   "hitAttributeEXT")  # fmt: skip
-_KEPT = Rule("hitAttributeEXT: the closest hit keeps its attributes when later reports are refused", GLSL,
-             "hitAttributeEXT")  # fmt: skip
+)
+_NEAREST = Rule(
+    "of several hits of one intersection shader the nearest accepted one is hit",
+    VULKAN,
+    "Ray Closest Hit Determination",
+)
+_ATTRIBUTES = Rule(
+    "hitAttributeEXT: any-hit and closest-hit shaders get the attributes of their report", GLSL, "hitAttributeEXT"
+)
+_KEPT = Rule(
+    "hitAttributeEXT: the closest hit keeps its attributes when later reports are refused", GLSL, "hitAttributeEXT"
+)
 _IGNORED = 127  # report.glsl
 # By name: Tmin, Tmax, the reported t and their kinds, which of them are accepted (None: this depends on the order in
 # which the driver meets the boxes), and x of the ray: 0.5 meets a box that reports all, 2.5 three that report one each.
@@ -132,7 +142,7 @@ _REPORTS: dict[str, tuple[float, float, Triple, Triple, Triple | None, float]] =
     # All behind the boxes, so that each box is met.
     "of several boxes": (0, 100, (40, 60, 50), (1, 2, 3), None, 2.5),
     "of several boxes, in another order": (0, 100, (60, 40, 50), (1, 2, 3), None, 2.5),
-}  # fmt: skip
+}
 
 
 def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
@@ -145,8 +155,10 @@ def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     files = (f"{_FOLDER}/report.{suffix}" for suffix in ("rchit", "rahit", "rint"))
     step = RayPass("conformance/report", threads=len(rays), misses=[f"{_FOLDER}/report.rmiss"], hits=[HitGroup(*files)])
     # The box reaches far enough for rays with a large Tmin to meet it, and no report depends on where it is.
-    box, several = (np.array([[(x, 0, low - 2 * i), (x + 1, 1, 1 - 2 * i)] for i in range(count)])
-                    for x, low, count in ((0, -1000, 1), (2, 0, 3)))  # fmt: skip
+    box, several = (
+        np.array([[(x, 0, low - 2 * i), (x + 1, 1, 1 - 2 * i)] for i in range(count)])
+        for x, low, count in ((0, -1000, 1), (2, 0, 3))
+    )
     shapes = {"box": [Boxes(box)], "several": [Boxes(several)]}
     with World(shaders.device, shapes, [Placed("box"), Placed("several", custom=1)], own_records=True) as world:
         before = np.zeros(len(rays), shaders.element("conformance/report.rgen", "reported"))

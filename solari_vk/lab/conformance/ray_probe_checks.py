@@ -33,12 +33,16 @@ _CLOSEST, _RESULT, _CANDIDATES = "Ray Closest Hit Determination", "Ray Result De
 _BUILT_INS = "Built-In Variables"
 _COUNTERPARTS = {
     "no flag": (
-        _CONFIRMATION, "gl_RayFlagsNoneEXT: any-hit shaders run for triangles that aren't opaque, and for no others"),
+        _CONFIRMATION,
+        "gl_RayFlagsNoneEXT: any-hit shaders run for triangles that aren't opaque, and for no others",
+    ),
     "FORCE_OPAQUE": (_CONFIRMATION, "gl_RayFlagsOpaqueEXT: all triangles are hit, and no any-hit shader runs"),
     "FORCE_NO_OPAQUE": (_CONFIRMATION, "gl_RayFlagsNoOpaqueEXT: any-hit shaders run for all triangles"),
     "TERMINATE_ON_FIRST_HIT": (_CLOSEST, "gl_RayFlagsTerminateOnFirstHitEXT: the first accepted hit ends the search"),
     "SKIP_CLOSEST_HIT_SHADER": (
-        _RESULT, "gl_RayFlagsSkipClosestHitShaderEXT: neither a closest-hit nor a miss shader runs after a hit"),
+        _RESULT,
+        "gl_RayFlagsSkipClosestHitShaderEXT: neither a closest-hit nor a miss shader runs after a hit",
+    ),
     "CULL_BACK_FACING": (_CULLING, "gl_RayFlagsCullBackFacingTrianglesEXT: back faces are not hit"),
     "CULL_FRONT_FACING": (_CULLING, "gl_RayFlagsCullFrontFacingTrianglesEXT: front faces are not hit"),
     "CULL_OPAQUE": (_CULLING, "gl_RayFlagsCullOpaqueEXT: opaque geometry is not hit"),
@@ -50,37 +54,58 @@ _COUNTERPARTS = {
     "RayDesc.t_max": (_CANDIDATES, "Tmax of traceRayEXT: only points before it"),
     "RayDesc.dir": (_CANDIDATES, "direction of traceRayEXT: t is in units of its length"),
     "RayIntersection.instance_index, instance_custom_data, sbt_record_offset": (
-        _BUILT_INS, "gl_InstanceID and gl_InstanceCustomIndexEXT of instances with all bits"),
+        _BUILT_INS,
+        "gl_InstanceID and gl_InstanceCustomIndexEXT of instances with all bits",
+    ),
     "RayIntersection.geometry_index, primitive_index": (
-        _BUILT_INS, "gl_GeometryIndexEXT and gl_PrimitiveID of several geometries"),
+        _BUILT_INS,
+        "gl_GeometryIndexEXT and gl_PrimitiveID of several geometries",
+    ),
     "RayIntersection.object_to_world, world_to_object of moved, rotated, mirrored and sheared instances": (
-        _BUILT_INS, "gl_ObjectToWorldEXT and gl_WorldToObjectEXT of moved, rotated, mirrored and sheared instances"),
+        _BUILT_INS,
+        "gl_ObjectToWorldEXT and gl_WorldToObjectEXT of moved, rotated, mirrored and sheared instances",
+    ),
     "rayQueryGenerateIntersection commits a hit that is the nearest so far": (
-        _CLOSEST, "reportIntersectionEXT: the nearest hit that it accepts is the closest hit"),
+        _CLOSEST,
+        "reportIntersectionEXT: the nearest hit that it accepts is the closest hit",
+    ),
     "rayQueryProceed stops at each AABB, opaque or not": (
-        _CONFIRMATION, "intersection shaders run for each AABB, opaque or not"),
+        _CONFIRMATION,
+        "intersection shaders run for each AABB, opaque or not",
+    ),
     "rayQueryConfirmIntersection commits the candidate triangle": (
-        _CONFIRMATION, "ignoreIntersectionEXT lets the ray through; triangles that no any-hit shader ignores are hit"),
+        _CONFIRMATION,
+        "ignoreIntersectionEXT lets the ray through; triangles that no any-hit shader ignores are hit",
+    ),
     "rayQueryTerminate ends the search and keeps what is committed": (
-        _CLOSEST, "terminateRayEXT accepts the hit and ends the search"),
-}  # fmt: skip
+        _CLOSEST,
+        "terminateRayEXT accepts the hit and ends the search",
+    ),
+}
 _MEMBERS = {
-    "instance_custom_data": "gl_InstanceCustomIndexEXT", "instance_index": "gl_InstanceID",
-    "geometry_index": "gl_GeometryIndexEXT", "primitive_index": "gl_PrimitiveID",
-    "front_face": "gl_HitKindFrontFacingTriangleEXT", "t": "gl_HitTEXT", "barycentrics": "hitAttributeEXT of triangles",
-    "object_to_world": "gl_ObjectToWorldEXT", "world_to_object": "gl_WorldToObjectEXT",
+    "instance_custom_data": "gl_InstanceCustomIndexEXT",
+    "instance_index": "gl_InstanceID",
+    "geometry_index": "gl_GeometryIndexEXT",
+    "primitive_index": "gl_PrimitiveID",
+    "front_face": "gl_HitKindFrontFacingTriangleEXT",
+    "t": "gl_HitTEXT",
+    "barycentrics": "hitAttributeEXT of triangles",
+    "object_to_world": "gl_ObjectToWorldEXT",
+    "world_to_object": "gl_WorldToObjectEXT",
     "object_ray": "gl_ObjectRayOriginEXT, gl_ObjectRayDirectionEXT",
-}  # fmt: skip
+}
 _STAGES = {"committed": "closest-hit shaders", "candidate": "any-hit and intersection shaders"}
 _ENDS = Rule(
     "traceRayEXT runs one closest-hit or one miss shader, whose payload the ray generation shader gets", VULKAN, _RESULT
 )
-_KIND = Rule("gl_HitKindEXT: the face of a triangle, or the kind that reportIntersectionEXT was given", GLSL,
-             _BUILT_INS)  # fmt: skip
+_KIND = Rule(
+    "gl_HitKindEXT: the face of a triangle, or the kind that reportIntersectionEXT was given", GLSL, _BUILT_INS
+)
 _RAY = Rule(
-    "gl_RayTminEXT, gl_IncomingRayFlagsEXT, gl_WorldRayOriginEXT, gl_WorldRayDirectionEXT tell the traced ray", GLSL,
+    "gl_RayTminEXT, gl_IncomingRayFlagsEXT, gl_WorldRayOriginEXT, gl_WorldRayDirectionEXT tell the traced ray",
+    GLSL,
     _BUILT_INS,
-)  # fmt: skip
+)
 _OPAQUE_BOX = Rule("any-hit shaders run for reported hits of AABBs unless these are opaque", VULKAN, _CONFIRMATION)
 
 # Ending a search without accepting the hit is for ray queries only.
@@ -110,9 +135,12 @@ def rules() -> list[Rule]:
 
 
 def measure_probes(
-    shaders: ShaderRunner, world: World, probes: Sequence[Probe] = tuple(ASKED),
-    damage: Callable[[np.ndarray], None] | None = None, culling: bool = True,
-) -> Iterator[Measurement]:  # fmt: skip
+    shaders: ShaderRunner,
+    world: World,
+    probes: Sequence[Probe] = tuple(ASKED),
+    damage: Callable[[np.ndarray], None] | None = None,
+    culling: bool = True,
+) -> Iterator[Measurement]:
     """Measure all rules that the probes prove. `damage` changes the rays before they are sent, to seed bugs.
 
     culling: whether the device has the feature CULLING, which some flags of rays need."""

@@ -28,9 +28,15 @@ class Report:
     facts: about the device, empty when none could be opened; spent: seconds for each check."""
 
     def __init__(
-        self, facts: Mapping[str, str], outcomes: Sequence[Outcome], full: bool, seconds: float,
-        spent: Mapping[Check, float] = MappingProxyType({}), left_out: Sequence[str] = (), interrupted: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        facts: Mapping[str, str],
+        outcomes: Sequence[Outcome],
+        full: bool,
+        seconds: float,
+        spent: Mapping[Check, float] = MappingProxyType({}),
+        left_out: Sequence[str] = (),
+        interrupted: bool = False,
+    ) -> None:
         self._outcomes = outcomes
         self._spent = spent
         self.rows = rows(outcomes)

@@ -60,12 +60,17 @@ class Results:
 
     def finish(self) -> list[str]:
         """What of the table wasn't measured to its end. After a whole run, count faults of no rule as errors."""
-        left = {group: [case for case in cases if Check(group, case) not in self.seconds]
-                for group, cases in self._groups.items()}  # fmt: skip
+        left = {
+            group: [case for case in cases if Check(group, case) not in self.seconds]
+            for group, cases in self._groups.items()
+        }
         if self.facts and not any(left.values()):
             self.outcomes += unexplained(self._faults, self.outcomes)
-        told = [f"group {group}" if len(cases) == len(list(self._groups[group])) else f"{len(cases)} checks of {group}"
-                for group, cases in left.items() if cases]  # fmt: skip
+        told = [
+            f"group {group}" if len(cases) == len(list(self._groups[group])) else f"{len(cases)} checks of {group}"
+            for group, cases in left.items()
+            if cases
+        ]
         return told + [": ".join(check) for check in self.left_out]
 
     def _add(self, outcome: Outcome) -> None:

@@ -23,9 +23,15 @@ _MOST_PARTS = 3  # that may end in a crash or hang before the other parts of the
 
 
 def run(
-    work: Work, *, only: Sequence[str] = (), time_limit: float | None = None, in_process: bool = False,
-    junit: Path | None = None, markdown: Path | None = None, html: Path | None = None,
-) -> int:  # fmt: skip
+    work: Work,
+    *,
+    only: Sequence[str] = (),
+    time_limit: float | None = None,
+    in_process: bool = False,
+    junit: Path | None = None,
+    markdown: Path | None = None,
+    html: Path | None = None,
+) -> int:
     """Run groups (all by default), print the report and write it to files; 0 when it is green, else 1.
 
     Ctrl-C and SIGTERM end the run, but not the report. Raises SolariError for wrong arguments or variables,

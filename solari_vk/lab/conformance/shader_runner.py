@@ -44,17 +44,29 @@ class ShaderRunner:
         return self._tables
 
     def run(
-        self, name: str, threads: int, inputs: Mapping[str, Any], outputs: Mapping[str, int | np.ndarray], *,
-        header: str = "", constants: Mapping[str, Any] | None = None, uniforms: Mapping[str, Any] | None = None,
-    ) -> dict[str, np.ndarray]:  # fmt: skip
+        self,
+        name: str,
+        threads: int,
+        inputs: Mapping[str, Any],
+        outputs: Mapping[str, int | np.ndarray],
+        *,
+        header: str = "",
+        constants: Mapping[str, Any] | None = None,
+        uniforms: Mapping[str, Any] | None = None,
+    ) -> dict[str, np.ndarray]:
         """Dispatch passes/NAME.comp once; see `run_steps`."""
         step = Pass(name, threads=threads, header=header, constants=constants or {})
         return self.run_steps([step], inputs, outputs, uniforms=uniforms)
 
     def run_steps(
-        self, steps: Sequence[Pass | Draw], inputs: Mapping[str, Any], outputs: Mapping[str, int | np.ndarray], *,
-        images: Mapping[str, tuple[int, int]] | None = None, uniforms: Mapping[str, Any] | None = None,
-    ) -> dict[str, np.ndarray]:  # fmt: skip
+        self,
+        steps: Sequence[Pass | Draw],
+        inputs: Mapping[str, Any],
+        outputs: Mapping[str, int | np.ndarray],
+        *,
+        images: Mapping[str, tuple[int, int]] | None = None,
+        uniforms: Mapping[str, Any] | None = None,
+    ) -> dict[str, np.ndarray]:
         """Run steps in order and return the outputs by name.
 
         Inputs are arrays, or buffers, images and structures, which are bound as they are. Outputs are element counts or

@@ -87,13 +87,15 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
     ball = bumpy_ball(12, 0.2)
     moved = translation(0.25, -0.5, 0.125)
     variants = {
-        "no indices": Triangles(ball), "uint16": Triangles(ball, index_dtype=np.uint16),
-        "uint32": Triangles(ball, index_dtype=np.uint32), "stride 20": Triangles(ball, stride=20),
+        "no indices": Triangles(ball),
+        "uint16": Triangles(ball, index_dtype=np.uint16),
+        "uint32": Triangles(ball, index_dtype=np.uint32),
+        "stride 20": Triangles(ball, stride=20),
         "uint16, stride 32": Triangles(ball, index_dtype=np.uint16, stride=32),
         "not opaque": Triangles(ball, opaque=False),
         "transform": Triangles(ball - moved[:, 3].astype(np.float32), transform=moved),
         "transform, uint32": Triangles(ball - moved[:, 3].astype(np.float32), transform=moved, index_dtype=np.uint32),
-    }  # fmt: skip
+    }
     random = np.random.default_rng(21)
     origins = random.uniform(-1.5, 1.5, (4000, 3))
     directions = random.uniform(-0.7, 0.7, (4000, 3)) - origins
@@ -131,9 +133,13 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
     line = np.array([[(0, 0, 0), (1, 1, 0), (2, 2, 0)]])
     gone = np.full((1, 3, 3), np.nan)
     shapes: Shapes = {
-        "empty": [Triangles(empty)], "point": [Triangles(point)], "line": [Triangles(line)],
-        "NaN": [Triangles(gone)], "no boxes": [Boxes(np.zeros((0, 2, 3)))], "one": [Triangles(_FLAT)],
-    }  # fmt: skip
+        "empty": [Triangles(empty)],
+        "point": [Triangles(point)],
+        "line": [Triangles(line)],
+        "NaN": [Triangles(gone)],
+        "no boxes": [Boxes(np.zeros((0, 2, 3)))],
+        "one": [Triangles(_FLAT)],
+    }
     random = np.random.default_rng(22)
     origins = np.stack([*random.uniform(0.05, 0.9, (2, 64)), np.ones(64)], axis=1)
     worlds: dict[str, list[Placed]] = {name: [Placed(name)] for name in shapes}

@@ -17,10 +17,13 @@ SLOW = ("large_tlas-1000000", "embree-mesh of a million", "probes-rebuilt", "pro
 _measured: dict[Check, list[Outcome]] = {}
 
 
-@pytest.mark.parametrize("check", [
-    pytest.param(check, id=f"{check.group}-{check.case}", marks=[pytest.mark.slow] if check.case in SLOW else [])
-    for check in CHECKS
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "check",
+    [
+        pytest.param(check, id=f"{check.group}-{check.case}", marks=[pytest.mark.slow] if check.case in SLOW else [])
+        for check in CHECKS
+    ],
+)
 def test_check(worker_of: Callable[[str], Worker], check: Check) -> None:
     """Measure one check, unless it is known that the driver doesn't survive it."""
     worker = worker_of(check.group)

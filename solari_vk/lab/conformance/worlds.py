@@ -105,9 +105,16 @@ class World:
     """
 
     def __init__(
-        self, device: Device, shapes: Shapes, placed: Sequence[Placed], way: str = FRESH, *,
-        fast_trace: bool = True, own_records: bool = False, damage: Callable[[np.ndarray], None] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        shapes: Shapes,
+        placed: Sequence[Placed],
+        way: str = FRESH,
+        *,
+        fast_trace: bool = True,
+        own_records: bool = False,
+        damage: Callable[[np.ndarray], None] | None = None,
+    ) -> None:
         self.device = device
         self.placed = list(placed)
         if device.rays == "pipeline" and not own_records:
@@ -121,12 +128,16 @@ class World:
         self.blases: dict[str, Blas] = {
             name: self._own(
                 Blas(
-                    device, [self._geometry(part) for part in parts], prefer_fast_trace=fast_trace,
-                    update_mode=mode, allow_compaction=compact, name=name,
+                    device,
+                    [self._geometry(part) for part in parts],
+                    prefer_fast_trace=fast_trace,
+                    update_mode=mode,
+                    allow_compaction=compact,
+                    name=name,
                 )
             )
             for name, parts in shapes.items()
-        }  # fmt: skip
+        }
         self.tlas = self._own(Tlas(device, len(placed), update_mode=mode, prefer_fast_trace=fast_trace))
         self._instances = self._own(device.buffer(max(len(placed), 1) * INSTANCE_DTYPE.itemsize, "instances"))
         if way in (REBUILT, REFITTED):
@@ -167,15 +178,25 @@ class World:
             transform = self._buffer(matrix, "geometry transform", moves=False).address
         positions = self._buffer(_strided(vertices, part.stride), "positions")
         return TriangleGeometry(
-            positions.address, len(vertices), len(part.corners), indices=indices,
-            index_dtype=part.index_dtype or np.uint32, position_stride=part.stride, transform=transform,
-            opaque=part.opaque, no_duplicate_any_hit=True,
-        )  # fmt: skip
+            positions.address,
+            len(vertices),
+            len(part.corners),
+            indices=indices,
+            index_dtype=part.index_dtype or np.uint32,
+            position_stride=part.stride,
+            transform=transform,
+            opaque=part.opaque,
+            no_duplicate_any_hit=True,
+        )
 
     def _build(
-        self, *, displaced: bool = False, update: bool = False, compact: bool = False,
+        self,
+        *,
+        displaced: bool = False,
+        update: bool = False,
+        compact: bool = False,
         damage: Callable[[np.ndarray], None] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         with self.device.uploads() as uploads:
             for buffer, data in self._uploads:
                 uploads.buffer(buffer, data * np.float32(1.5) + np.float32(7) if displaced else data)

@@ -73,9 +73,16 @@ Works = Iterator[Row]
 
 
 def run(
-    select: str | None, views: Sequence[int], size: tuple[int, int], markdown: Path | None, *, rays: str | None = None,
-    renderers: Sequence[str] = (), worlds: bool = False, tensors: bool = False,
-) -> None:  # fmt: skip
+    select: str | None,
+    views: Sequence[int],
+    size: tuple[int, int],
+    markdown: Path | None,
+    *,
+    rays: str | None = None,
+    renderers: Sequence[str] = (),
+    worlds: bool = False,
+    tensors: bool = False,
+) -> None:
     """Measure and report. views: of each batch. size: of a view. renderers: all, if there are none. worlds: batches
     with a world for each view too. tensors: results of batches stay on the device. Raises SolariError for an unknown
     renderer."""
@@ -115,8 +122,11 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
             work()
         device.wait_idle()
 
-    works: dict[str, Work] = {name: partial(until_done, work) for name in ("together", "many", "alone", "one")
-                              if (work := getattr(row, name)) is not None}  # fmt: skip
+    works: dict[str, Work] = {
+        name: partial(until_done, work)
+        for name in ("together", "many", "alone", "one")
+        if (work := getattr(row, name)) is not None
+    }
     works["in a row"] = partial(until_done, row.together, AT_ONCE)
     for work in works.values():
         warm(device, work, 2, 0.2)
@@ -186,8 +196,9 @@ def _works(
             every = np.tile(poses, (AT_ONCE, 1, 1, 1))
             every[:, :, :3, 3] += 1e-3 * np.sin(np.arange(AT_ONCE))[:, None, None]
             cuts = np.full((AT_ONCE, count), cut)
-            frames = batch.render_many(every, frames=AT_ONCE, outputs=names, vertical_fov=fov, samples=samples,
-                                       reset=cuts)  # fmt: skip
+            frames = batch.render_many(
+                every, frames=AT_ONCE, outputs=names, vertical_fov=fov, samples=samples, reset=cuts
+            )
             _take(frames, names, tensors)
 
         if renderer == "labels":
@@ -218,10 +229,17 @@ def _works(
                         frames.reset()
                     frames.render(camera if cut else cameras[0])["radiance"]
 
-            yield Row("realtime, moving", render, lambda: moving(read), many, lambda: follow(False),
-                      lambda: moving(read_one))  # fmt: skip
-            yield Row("realtime, cut", lambda: render(True), lambda: read(True), lambda: many(True),
-                      lambda: follow(True), lambda: read_one(True))  # fmt: skip
+            yield Row(
+                "realtime, moving", render, lambda: moving(read), many, lambda: follow(False), lambda: moving(read_one)
+            )
+            yield Row(
+                "realtime, cut",
+                lambda: render(True),
+                lambda: read(True),
+                lambda: many(True),
+                lambda: follow(True),
+                lambda: read_one(True),
+            )
 
 
 def _works_in_worlds(
@@ -249,8 +267,9 @@ def _works_in_worlds(
             moves = {name: np.tile(place, (AT_ONCE, 1, 1, 1)) for name, place in places.items()}
             for move in moves.values():
                 move[:, :, ::2, 3] += rng.uniform(-1e-3, 1e-3, (AT_ONCE, count, 2))
-            frames = batch.render_many(poses, frames=AT_ONCE, outputs=names, transforms=moves, vertical_fov=fov,
-                                       samples=samples)  # fmt: skip
+            frames = batch.render_many(
+                poses, frames=AT_ONCE, outputs=names, transforms=moves, vertical_fov=fov, samples=samples
+            )
             _take(frames, names, tensors)
 
         yield Row(f"{renderer}, worlds", render, read, many)

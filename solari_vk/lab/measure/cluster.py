@@ -51,9 +51,16 @@ INTRO = (
 
 
 def run(
-    device: str | None, workers: Sequence[int], views: int, size: tuple[int, int], samples: int,
-    markdown: Path | None, simulate: bool = False, *, rays: str | None = None,
-) -> None:  # fmt: skip
+    device: str | None,
+    workers: Sequence[int],
+    views: int,
+    size: tuple[int, int],
+    samples: int,
+    markdown: Path | None,
+    simulate: bool = False,
+    *,
+    rays: str | None = None,
+) -> None:
     """Measure and report. views: of each round. simulate: the load of the scheduler too."""
     opening = Opening(device, rays)
     with opening.open() as opened:
@@ -64,10 +71,26 @@ def run(
         apart, together = _measure(opening, count, views, size, samples)
         (speed_apart, spent_apart), (speed, spent) = (np.median(found / views, axis=0) for found in (apart, together))
         in_time, in_processor_time = np.median(apart / together, axis=0)
-        rows.append((str(count), f"{1 / speed_apart:.2f}", f"{1 / speed:.2f}", f"{in_time:.3f}", f"{spent_apart:.3f}",
-                     f"{spent:.3f}", f"{in_processor_time:.3f}"))  # fmt: skip
-    head = ("workers", "views/s of processes apart", "views/s of a pool", "efficiency", "processor s a view apart",
-            "processor s a view of a pool", "efficiency in processor time")  # fmt: skip
+        rows.append(
+            (
+                str(count),
+                f"{1 / speed_apart:.2f}",
+                f"{1 / speed:.2f}",
+                f"{in_time:.3f}",
+                f"{spent_apart:.3f}",
+                f"{spent:.3f}",
+                f"{in_processor_time:.3f}",
+            )
+        )
+    head = (
+        "workers",
+        "views/s of processes apart",
+        "views/s of a pool",
+        "efficiency",
+        "processor s a view apart",
+        "processor s a view of a pool",
+        "efficiency in processor time",
+    )
     report.table(f"{views} views of {SCENE}, {size[0]}x{size[1]}, {samples} samples a pixel", head, rows)
     if simulate:
         logging.getLogger("distributed").setLevel(logging.ERROR)
@@ -82,13 +105,13 @@ def run(
 
 def _tasks(scene: Scene, folder: str, views: int, size: tuple[int, int], samples: int) -> list[sv.cluster.RenderTask]:
     cameras, style = orbit(scene.camera, scene.bounds.center, views, 40.0), sv.cluster.Style(size, samples=samples)
-    return [sv.cluster.RenderTask(style, number, (sv.cluster.View(f"{number}.npy", camera),), folder=folder)
-            for number, camera in enumerate(cameras)]  # fmt: skip
+    return [
+        sv.cluster.RenderTask(style, number, (sv.cluster.View(f"{number}.npy", camera),), folder=folder)
+        for number, camera in enumerate(cameras)
+    ]
 
 
-def _measure(
-    opening: Opening, count: int, views: int, size: tuple[int, int], samples: int
-) -> tuple[Floats, Floats]:
+def _measure(opening: Opening, count: int, views: int, size: tuple[int, int], samples: int) -> tuple[Floats, Floats]:
     """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a pool."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
@@ -119,7 +142,9 @@ def _measure(
     return np.array(apart), np.array(together)
 
 
-def _apart(line: Any, opening: Opening, count: int, first: list[sv.cluster.RenderTask], share: list[sv.cluster.RenderTask]) -> None:
+def _apart(
+    line: Any, opening: Opening, count: int, first: list[sv.cluster.RenderTask], share: list[sv.cluster.RenderTask]
+) -> None:
     """One of `count` processes, which renders its share of the tasks whenever it is told to."""
     os.environ.update(software_threads(count))
     scene = builtin(SCENE)

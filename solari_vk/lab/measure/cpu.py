@@ -32,14 +32,29 @@ INTRO = (
     "picture, beside what the others' raw pictures have after as many processor seconds (by the same rule, also where "
     "that is less than one sample).",
 )
-HEAD = ("scene and renderer", f"to {COARSE.error:g}", f"to {FINE.error:g}", f"denoised, to {DENOISED.error:g}",
-        "over ours", "in motion, at equal time")  # fmt: skip
+HEAD = (
+    "scene and renderer",
+    f"to {COARSE.error:g}",
+    f"to {FINE.error:g}",
+    f"denoised, to {DENOISED.error:g}",
+    "over ours",
+    "in motion, at equal time",
+)
 
 
 def run(
-    select: str | None, against: Sequence[str], python: Sequence[str], size: tuple[int, int], samples: int,
-    scenes: Sequence[str], time_limit: float, markdown: Path | None, *, rays: str | None = None, child: Path = CHILD,
-) -> None:  # fmt: skip
+    select: str | None,
+    against: Sequence[str],
+    python: Sequence[str],
+    size: tuple[int, int],
+    samples: int,
+    scenes: Sequence[str],
+    time_limit: float,
+    markdown: Path | None,
+    *,
+    rays: str | None = None,
+    child: Path = CHILD,
+) -> None:
     """Measure and report. samples: of the converged pictures, and the most that are tried. scenes: names of built-in
     ones. time_limit: seconds for each picture. Other arguments are those of `solari-vk trial`."""
     pythons = pythons_of(python, os.environ.get("SOLARI_VK_TRIAL_PYTHON", sys.executable))

@@ -46,17 +46,24 @@ Work = Callable[[], object]
 
 
 def run(
-    select: str | None, files: Sequence[Path], views: int, size: tuple[int, int], markdown: Path | None, *,
+    select: str | None,
+    files: Sequence[Path],
+    views: int,
+    size: tuple[int, int],
+    markdown: Path | None,
+    *,
     rays: str | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Measure and report. views: of a batch, and of a round. size: of a view. files: beside the built-in scenes."""
     with measuring(select, rays, markdown, "Outputs of data sets", *INTRO) as (device, report):
         scenes = {name: builtin(name) for name in SCENES} | {path.name: from_file(path) for path in files}
         for name, scene in scenes.items():
             report.progress(name)
             times = measured(device, scene, views, size)
-            rows = [(what, f"{1 / time:,.1f}", *(f"{time / times[lit]:.3g}" for lit in (PATH_TRACER, REALTIME)))
-                    for what, time in times.items()]  # fmt: skip
+            rows = [
+                (what, f"{1 / time:,.1f}", *(f"{time / times[lit]:.3g}" for lit in (PATH_TRACER, REALTIME)))
+                for what, time in times.items()
+            ]
             report.table(f"{name}, {views} views of {size[0]}x{size[1]}", HEAD, rows)
 
 

@@ -78,10 +78,17 @@ class Look:
 
 
 def run(
-    select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
-    pictures: Path | None = None, references: Path | None = None, seeds: int = 1, lighting: str = "paths",
+    select: str | None,
+    files: Sequence[Path],
+    *,
+    rays: str | None = None,
+    markdown: Path | None = None,
+    pictures: Path | None = None,
+    references: Path | None = None,
+    seeds: int = 1,
+    lighting: str = "paths",
     quick: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Measure and print everything.
 
     seeds: the number of independent runs of each case; errors are means over them. lighting: the setting of this name.
@@ -209,8 +216,10 @@ def _add_oidn(device: Device, scene: Scene, camera: Camera, runs: Sequence[Seque
 
 def _guides(frame: RenderedFrame) -> tuple[Picture, Picture]:
     """The albedo of both lobes and the normal (h, w, 3) that a frame's pixels show, in mirrors too."""
-    parts = [np.asarray(frame[f"guides_{name}"], np.float64)[..., :3]
-             for name in ("diffuse_albedo", "specular_albedo", "normal_roughness")]  # fmt: skip
+    parts = [
+        np.asarray(frame[f"guides_{name}"], np.float64)[..., :3]
+        for name in ("diffuse_albedo", "specular_albedo", "normal_roughness")
+    ]
     return parts[0] + parts[1], parts[2]
 
 
@@ -221,21 +230,29 @@ def _row(looks: Sequence[Look], references: Picture, exposure: float) -> list[st
     def error(picture: Picture | None) -> float:
         return math.nan if picture is None else true_relative_mse(picture, *references)
 
-    errors = [[error(picture) for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)]
-              for look in looks]  # fmt: skip
+    errors = [
+        [error(picture) for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)]
+        for look in looks
+    ]
     raw, mean, denoised, by_oidn, plus = np.mean(errors, axis=0)
-    flips = [np.mean([flip(picture, truth, exposure) for picture in pictures])
-             for pictures in ([look.denoised for look in looks], [look.oidn for look in looks])]  # fmt: skip
+    flips = [
+        np.mean([flip(picture, truth, exposure) for picture in pictures])
+        for pictures in ([look.denoised for look in looks], [look.oidn for look in looks])
+    ]
     cells = [
-        *(f"{value:.3g}" for value in (raw, mean, denoised, by_oidn)), f"{denoised / by_oidn:.2f}",
-        f"{plus:.3g}", f"{denoised / plus:.2f}", *(f"{flip:.3f}" for flip in flips),
-    ]  # fmt: skip
+        *(f"{value:.3g}" for value in (raw, mean, denoised, by_oidn)),
+        f"{denoised / by_oidn:.2f}",
+        f"{plus:.3g}",
+        f"{denoised / plus:.2f}",
+        *(f"{flip:.3f}" for flip in flips),
+    ]
     return [str(looks[0].frame), *("" if cell == "nan" else cell for cell in cells)]
 
 
 def _sheet(looks: Sequence[Look], truth: Picture, exposure: float) -> Image.Image:
     """A row of pictures for each look: the raw frame, the denoised one, OIDN's, and the path tracer's."""
-    rows = [[picture for picture in (look.raw, look.denoised, look.oidn, truth) if picture is not None]
-            for look in looks]  # fmt: skip
+    rows = [
+        [picture for picture in (look.raw, look.denoised, look.oidn, truth) if picture is not None] for look in looks
+    ]
     codes = [np.concatenate([encode_picture(picture, exposure=exposure) for picture in row], axis=1) for row in rows]
     return Image.fromarray(np.concatenate(codes))

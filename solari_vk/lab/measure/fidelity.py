@@ -39,9 +39,13 @@ DEFAULTS: dict[str, Any] = {
 }
 """What scenarios may leave out; `pt` has no meaning here: --samples has one number for all."""
 LIMITS = {
-    "dimensions": (1, 2**13), "target": (-1e6, 1e6), "orbit": (-1e6, 1e6), "verticalFoV": (0.01, 179),
-    "clearColor": (0, 0), "pt": (1, 2**24),
-}  # fmt: skip
+    "dimensions": (1, 2**13),
+    "target": (-1e6, 1e6),
+    "orbit": (-1e6, 1e6),
+    "verticalFoV": (0.01, 179),
+    "clearColor": (0, 0),
+    "pt": (1, 2**24),
+}
 
 
 @dataclass(frozen=True)
@@ -85,8 +89,9 @@ class Scenario:
         up = (-math.cos(phi) * math.sin(theta), math.sin(phi), -math.cos(phi) * math.cos(theta))
         reach = max(self.radius, extent, 1e-5)
         eye = np.array(self.target) + self.radius * outward
-        return Camera.look_at(eye, eye - reach * outward, up, fov=self.vertical_fov, near=2 * reach / 1000,
-                              ev100=-math.log2(1.2))  # fmt: skip
+        return Camera.look_at(
+            eye, eye - reach * outward, up, fov=self.vertical_fov, near=2 * reach / 1000, ev100=-math.log2(1.2)
+        )
 
 
 def read_scenarios(source: str) -> tuple[list[Scenario], Path | None]:
@@ -124,18 +129,30 @@ def _scenario(given: Any, where: str, folder: Path) -> Scenario:
     for key in given:
         if key not in ("name", "model", *DEFAULTS):
             raise unknown_name(f"{where}: there is no key", key, ("name", "model", *DEFAULTS))
-    values = {key: _merged(given.get(key, default), default, f"{where}: '{key}'", LIMITS.get(key))
-              for key, default in DEFAULTS.items()}  # fmt: skip
+    values = {
+        key: _merged(given.get(key, default), default, f"{where}: '{key}'", LIMITS.get(key))
+        for key, default in DEFAULTS.items()
+    }
     target, orbit, size = (values[key] for key in ("target", "orbit", "dimensions"))
     if orbit["radius"] < 0:
         raise SolariError(f"{where}: 'orbit' has a radius of {orbit['radius']}: give one of at least 0")
     if not isinstance(given.get("model"), str):
         raise SolariError(f"{where}: 'model' must be the path of a file, not {quoted(given.get('model'))}")
     return Scenario(
-        name, where, folder, given["model"], values["lighting"], (round(size["width"]), round(size["height"])),
-        (target["x"], target["y"], target["z"]), orbit["theta"], orbit["phi"], orbit["radius"], values["verticalFoV"],
-        values["renderSkybox"], RENDERER in values["exclude"],
-    )  # fmt: skip
+        name,
+        where,
+        folder,
+        given["model"],
+        values["lighting"],
+        (round(size["width"]), round(size["height"])),
+        (target["x"], target["y"], target["z"]),
+        orbit["theta"],
+        orbit["phi"],
+        orbit["radius"],
+        values["verticalFoV"],
+        values["renderSkybox"],
+        RENDERER in values["exclude"],
+    )
 
 
 def _merged(given: Any, default: Any, where: str, limits: tuple[float, float] | None) -> Any:
@@ -143,8 +160,9 @@ def _merged(given: Any, default: Any, where: str, limits: tuple[float, float] | 
     if isinstance(default, dict):
         if not isinstance(given, dict) or not default.keys() >= given.keys():
             raise SolariError(f"{where} must be an object of {', '.join(default)}, not {quoted(given)}")
-        return {key: _merged(given.get(key, value), value, f"{where}: '{key}'", limits)
-                for key, value in default.items()}  # fmt: skip
+        return {
+            key: _merged(given.get(key, value), value, f"{where}: '{key}'", limits) for key, value in default.items()
+        }
     if limits is None:
         if not isinstance(given, type(default)):
             raise SolariError(f"{where} must be of the type {type(default).__name__}, not {quoted(given)}")

@@ -41,9 +41,15 @@ LATER = 8
 
 
 def run(
-    select: str | None, views: int, size: tuple[int, int], samples: int, scenes: Sequence[str], markdown: Path | None,
-    *, rays: str | None = None,
-) -> None:  # fmt: skip
+    select: str | None,
+    views: int,
+    size: tuple[int, int],
+    samples: int,
+    scenes: Sequence[str],
+    markdown: Path | None,
+    *,
+    rays: str | None = None,
+) -> None:
     """Measure and report. views: of the batch. size: of a view. samples: of the path tracer's pictures."""
     with measuring(select, rays, markdown, "First frames", *INTRO) as (device, report):
         rows = []
@@ -52,9 +58,22 @@ def run(
             alone, shared, light_alone, light_shared, light_more, slower, later, few = _errors(
                 device, name, views, size, samples
             )
-            rows.append((name, f"{alone:.4f}", f"{shared:.4f}", f"{shared / alone:.2f}", f"{light_alone:.4f}",
-                         f"{light_shared:.4f}", f"{light_shared / light_alone:.2f}", f"{light_more:.4f}",
-                         f"{light_more / light_alone:.2f}", f"{slower:.2f}", f"{later:.4f}", f"{few:.4f}"))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    f"{alone:.4f}",
+                    f"{shared:.4f}",
+                    f"{shared / alone:.2f}",
+                    f"{light_alone:.4f}",
+                    f"{light_shared:.4f}",
+                    f"{light_shared / light_alone:.2f}",
+                    f"{light_more:.4f}",
+                    f"{light_more / light_alone:.2f}",
+                    f"{slower:.2f}",
+                    f"{later:.4f}",
+                    f"{few:.4f}",
+                )
+            )
         report.table(f"{views} views of {size[0]}x{size[1]}", HEAD, rows)
 
 
@@ -91,9 +110,12 @@ def _errors(device: Device, name: str, views: int, size: tuple[int, int], sample
 
 
 def _cuts(
-    device: Device, binder: SceneBinder, size: tuple[int, int], places: Sequence[Camera],
+    device: Device,
+    binder: SceneBinder,
+    size: tuple[int, int],
+    places: Sequence[Camera],
     earlier: Sequence[Sequence[Camera]],
-) -> list[tuple[NDArray[np.float32], NDArray[np.float32], float]]:  # fmt: skip
+) -> list[tuple[NDArray[np.float32], NDArray[np.float32], float]]:
     """For the default settings and MORE_PATHS: what a batch shows of places after a cut, at first and after cuts to
     earlier places, and the time of one of these, in turns."""
 
@@ -102,8 +124,10 @@ def _cuts(
 
     with ExitStack() as stack:
         options: dict[str, Any] = {"renderer": "realtime", "outputs": (), "seed": 4}
-        batches = [stack.enter_context(Batch(device, binder, size, len(places), settings=settings, **options))
-                   for settings in (Settings(), MORE_PATHS)]  # fmt: skip
+        batches = [
+            stack.enter_context(Batch(device, binder, size, len(places), settings=settings, **options))
+            for settings in (Settings(), MORE_PATHS)
+        ]
         first = [show(batch, places) for batch in batches]
         times = [[seconds(partial(show, batch, cameras)) for batch in batches] for cameras in earlier]
         return list(zip(first, [show(batch, places) for batch in batches], np.median(times, axis=0), strict=True))

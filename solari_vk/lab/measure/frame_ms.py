@@ -27,14 +27,28 @@ INTRO = (
     f"start of each quarter, after {WARM_UP} frames that don't count. The setting is to hold the 95th percentile (p95) "
     "of all frames. Row 0: without it. First: the first frame after a cut, the longest of them."
 )
-HEAD = ("scene", "frame_ms", "median", "p95", "over frame_ms", f"p95 of the {AFTER} after cuts", "of the others",
-        "first")  # fmt: skip
+HEAD = (
+    "scene",
+    "frame_ms",
+    "median",
+    "p95",
+    "over frame_ms",
+    f"p95 of the {AFTER} after cuts",
+    "of the others",
+    "first",
+)
 
 
 def run(
-    select: str | None, *, rays: str | None = None, markdown: Path | None = None, scene: Sequence[str] = (),
-    target: Sequence[float] = (), size: tuple[int, int] = (1920, 1080), frames: int = 400,
-) -> None:  # fmt: skip
+    select: str | None,
+    *,
+    rays: str | None = None,
+    markdown: Path | None = None,
+    scene: Sequence[str] = (),
+    target: Sequence[float] = (),
+    size: tuple[int, int] = (1920, 1080),
+    frames: int = 400,
+) -> None:
     """Measure and print a table. scene: names of built-in scenes, by default SCENES. target: values of `frame_ms`,
     milliseconds; by default 3/4 and 1 of the p95 of a scene's frames that don't follow a cut. size: (width, height) of
     the frames. frames: that count. Raises SolariError for unknown scenes, for fewer frames than cuts need, and without

@@ -35,11 +35,22 @@ HEAD = ("scene", "case", "frame", "raw, before", "after", "ratio", "denoised, be
 
 
 def run(
-    select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
-    base: str = "", change: Sequence[str] = (), scene: Sequence[str] = (), size: tuple[int, int] = (256, 256),
-    timed_size: tuple[int, int] = (1920, 1080), seeds: int = 4, samples: int = 4096, references: Path | None = None,
-    still: bool = False, quick: bool = False,
-) -> None:  # fmt: skip
+    select: str | None,
+    files: Sequence[Path],
+    *,
+    rays: str | None = None,
+    markdown: Path | None = None,
+    base: str = "",
+    change: Sequence[str] = (),
+    scene: Sequence[str] = (),
+    size: tuple[int, int] = (256, 256),
+    timed_size: tuple[int, int] = (1920, 1080),
+    seeds: int = 4,
+    samples: int = 4096,
+    references: Path | None = None,
+    still: bool = False,
+    quick: bool = False,
+) -> None:
     """Measure and print a table for each of `change`, KEY=VALUE[,KEY=VALUE...] each.
 
     base: settings of both sides. scene: names of built-in scenes, by default SCENES. references: a folder that keeps
@@ -103,8 +114,10 @@ def milliseconds(
 def _judge(device: Device, scene: Scene, case: Case, truths: Picture, settings: Settings, seeds: int) -> Errors:
     """Errors (looks, raw and denoised, seeds)."""
     size = truths.shape[2], truths.shape[1]
-    errors = [[(true_relative_mse(look.raw, *truths), true_relative_mse(look.denoised, *truths)) for look in looks]
-              for looks in (measure(device, scene, case, size, case.looks, settings, SEED + i) for i in range(seeds))]
+    errors = [
+        [(true_relative_mse(look.raw, *truths), true_relative_mse(look.denoised, *truths)) for look in looks]
+        for looks in (measure(device, scene, case, size, case.looks, settings, SEED + i) for i in range(seeds))
+    ]
     return np.array(errors).transpose(1, 2, 0)
 
 

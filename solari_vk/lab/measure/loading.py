@@ -58,10 +58,15 @@ def measure(device: Device, path: Path) -> list[str]:
     pixels = {id(image): image.pixels.shape[0] * image.pixels.shape[1] for image in _images(scene)}
     triangles = sum(len(mesh.triangles) for mesh in set(scene.meshes))
     return [
-        path.name, f"{_bytes(path) / 1e6:.2f}", f"{len(scene.instances):,}", f"{triangles:,}", str(len(pixels)),
-        f"{sum(pixels.values()) / 1e6:.1f}", *(f"{min(times):.3f}" for times in (read, decode, upload)),
+        path.name,
+        f"{_bytes(path) / 1e6:.2f}",
+        f"{len(scene.instances):,}",
+        f"{triangles:,}",
+        str(len(pixels)),
+        f"{sum(pixels.values()) / 1e6:.1f}",
+        *(f"{min(times):.3f}" for times in (read, decode, upload)),
         f"{held / 1e6:.1f}",
-    ]  # fmt: skip
+    ]
 
 
 def _images(scene: Scene) -> Iterator[Any]:

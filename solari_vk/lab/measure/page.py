@@ -67,8 +67,14 @@ def head(title: str, intro: Sequence[str], facts: Mapping[str, str]) -> list[str
 
 def wrapped(text: str, indent: str = "") -> list[str]:
     """The lines of a paragraph, or of an item of a list."""
-    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=" " * len(indent),
-                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return textwrap.wrap(
+        text,
+        WIDTH,
+        initial_indent=indent,
+        subsequent_indent=" " * len(indent),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def markdown_list(items: Sequence[str]) -> list[str]:
@@ -101,8 +107,10 @@ def text_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequ
     """The lines of a table for a terminal, columns aligned."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     aligned = [
-        [cell.rjust(width) if column in numbers else cell.ljust(width)
-         for column, (cell, width) in enumerate(zip(row, widths, strict=True))]
+        [
+            cell.rjust(width) if column in numbers else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
         for row in (head, *rows)
-    ]  # fmt: skip
+    ]
     return ["  " + "  ".join(row).rstrip() for row in aligned]

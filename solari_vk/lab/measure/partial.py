@@ -23,9 +23,15 @@ class PartialRenderer(Renderer):
     """
 
     def __init__(
-        self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int], settings: Settings | None = None, *,
-        seed: int = 0, passes: Iterable[str],
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        size: tuple[int, int],
+        settings: Settings | None = None,
+        *,
+        seed: int = 0,
+        passes: Iterable[str],
+    ) -> None:
         self._passes = tuple(passes)
         super().__init__(device, scene, size, settings, seed=seed)
 
@@ -36,12 +42,13 @@ class PartialRenderer(Renderer):
         known = {name.removeprefix("previous_") for name in named}
         return [
             dataclasses.replace(
-                stage, passes=steps,
+                stage,
+                passes=steps,
                 buffers={name: size for name, size in stage.buffers.items() if name.removeprefix("previous_") in known},
                 images={name: size for name, size in stage.images.items() if name in known},
             )
             for stage, steps in zip(every, kept, strict=True)
-        ]  # fmt: skip
+        ]
 
 
 def _resources(step: Pass | Draw | Step, sources: Sources) -> set[str]:

@@ -35,18 +35,27 @@ FRAMES = (1, 8, 32)
 
 
 def run(
-    select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
-    size: tuple[int, int] = (128, 96), samples: int = 64, converged: int = 16384, seeds: int = 4, quick: bool = False,
-) -> None:  # fmt: skip
+    select: str | None,
+    files: Sequence[Path],
+    *,
+    rays: str | None = None,
+    markdown: Path | None = None,
+    size: tuple[int, int] = (128, 96),
+    samples: int = 64,
+    converged: int = 16384,
+    seeds: int = 4,
+    quick: bool = False,
+) -> None:
     """Measure and print a table.
 
     files: environment maps beside the built-in skies. size: of the pictures, (width, height). samples: of the path
     tracer's pictures that are judged, converged: of those that judge. quick: tiny pictures of one sky.
     """
     skies: list[tuple[str, Callable[[], EnvironmentLight]]] = [
-        ("one color", lambda: Environment(1000.0)), ("clear sky", lambda: Environment(Sky().image)),
+        ("one color", lambda: Environment(1000.0)),
+        ("clear sky", lambda: Environment(Sky().image)),
         *((path.name, lambda path=path: Environment(path, rotation=1.5)) for path in files),
-    ]  # fmt: skip
+    ]
     frames: tuple[int, ...] = FRAMES
     if quick:
         skies, frames, size, samples, converged, seeds = skies[:1], (2,), (16, 16), 4, 16, 2
@@ -70,12 +79,17 @@ def window_room(environment: EnvironmentLight, *, with_portal: bool) -> Scene:
     scene = Scene(name="window_room")
     walls, wood = matte(0.7, "walls"), matte((0.5, 0.3, 0.2), "wood")
     for low, high in (
-        ((-0.2, -0.2, -0.2), (5.2, 0, 4.2)), ((-0.2, 2.8, -0.2), (5.2, 3, 4.2)), ((-0.2, 0, -0.2), (5.2, 2.8, 0)),
-        ((-0.2, 0, 4), (5.2, 2.8, 4.2)), ((-0.2, 0, 0), (0, 2.8, 4)),
+        ((-0.2, -0.2, -0.2), (5.2, 0, 4.2)),
+        ((-0.2, 2.8, -0.2), (5.2, 3, 4.2)),
+        ((-0.2, 0, -0.2), (5.2, 2.8, 0)),
+        ((-0.2, 0, 4), (5.2, 2.8, 4.2)),
+        ((-0.2, 0, 0), (0, 2.8, 4)),
         # around the window in the wall at x = 5
-        ((5, 0, 0), (5.2, 1, 4)), ((5, 1.8, 0), (5.2, 2.8, 4)), ((5, 1, 0), (5.2, 1.8, 1.5)),
+        ((5, 0, 0), (5.2, 1, 4)),
+        ((5, 1.8, 0), (5.2, 2.8, 4)),
+        ((5, 1, 0), (5.2, 1.8, 1.5)),
         ((5, 1, 2.5), (5.2, 1.8, 4)),
-    ):  # fmt: skip
+    ):
         scene.add(shapes.box(low, high), wood if high[1] == 0 else walls)
     scene.add(shapes.box((2.2, 0, 1.2), (3.4, 0.75, 2.4)), wood, name="table")
     scene.add(shapes.sphere(0.3), matte((0.2, 0.4, 0.7), "ball"), place(at=(2.8, 1.05, 1.8)), name="ball")
@@ -111,8 +125,10 @@ def _frames(device: Device, scene: Scene, truths: Picture, frames: Sequence[int]
     runs = [measure(device, scene, case, size, frames, Settings(), SEED + seed) for seed in range(seeds)]
 
     def errors(looks: Sequence[Look]) -> list[Errors]:
-        return [np.array([true_relative_mse(picture, *truths) for picture in pictures])
-                for pictures in ([look.raw for look in looks], [look.denoised for look in looks])]  # fmt: skip
+        return [
+            np.array([true_relative_mse(picture, *truths) for picture in pictures])
+            for pictures in ([look.raw for look in looks], [look.denoised for look in looks])
+        ]
 
     return [found for looks in zip(*runs, strict=True) for found in errors(looks)]
 
@@ -120,5 +136,11 @@ def _frames(device: Device, scene: Scene, truths: Picture, frames: Sequence[int]
 def _cells(before: Errors, time_before: float, after: Errors, time_after: float) -> list[str]:
     ratio, width = interval(after / before)
     gain = after.mean() * time_after / (before.mean() * time_before)
-    return [f"{before.mean():.3g}", f"{after.mean():.3g}", f"{ratio:.2f} ± {width:.2f}", f"{time_before:.1f}",
-            f"{time_after:.1f}", f"{gain:.2f}"]  # fmt: skip
+    return [
+        f"{before.mean():.3g}",
+        f"{after.mean():.3g}",
+        f"{ratio:.2f} ± {width:.2f}",
+        f"{time_before:.1f}",
+        f"{time_after:.1f}",
+        f"{gain:.2f}",
+    ]

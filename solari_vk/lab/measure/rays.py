@@ -79,8 +79,10 @@ def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
         if not np.array_equal(plain["plain_distances"], hits["t"]):
             raise SolariError(f"{name}: the compared kernels find different distances")
         works: list[Work] = [
-            plain.submit, lambda: _run_kernel(tracer, count // BATCH), lambda: tracer.trace(origins, directions),
-        ]  # fmt: skip
+            plain.submit,
+            lambda: _run_kernel(tracer, count // BATCH),
+            lambda: tracer.trace(origins, directions),
+        ]
         times: list[list[float]] = []
         # In turns, so that other work of the machine slows all of them.
         while len(times) < 3 or sum(map(sum, times)) < 3 * seconds:

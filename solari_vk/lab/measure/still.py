@@ -90,9 +90,17 @@ WAYS: dict[str, Callable[..., PathTraced | Realtime]] = {
 
 
 def run(
-    select: str | None, files: Sequence[Path], scenes: Sequence[str], size: tuple[int, int], error: float, limit: int,
-    samples: int, markdown: Path | None, *, rays: str | None = None,
-) -> None:  # fmt: skip
+    select: str | None,
+    files: Sequence[Path],
+    scenes: Sequence[str],
+    size: tuple[int, int],
+    error: float,
+    limit: int,
+    samples: int,
+    markdown: Path | None,
+    *,
+    rays: str | None = None,
+) -> None:
     """Measure and report. error: the relMSE that is enough. limit: the most samples or frames of a picture. samples: of
     each of the two pictures that judge. Other arguments are those of `measuring`."""
     head = ("scene", *(cell for way in WAYS for cell in (way, "first")))

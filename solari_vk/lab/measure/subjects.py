@@ -79,8 +79,10 @@ def glowing(emissive: int, triangles: int = 100_000) -> Scene:
     chosen = np.zeros(len(indices), bool)
     chosen[np.linspace(0, len(indices) - 1, min(emissive, len(indices))).round().astype(int)] = True
     lifted = positions + np.array((0, 1.5, 0), np.float32)
-    floor = Mesh(positions=np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], np.float32),
-                 triangles=np.array([(0, 1, 2), (0, 2, 3)]))  # fmt: skip
+    floor = Mesh(
+        positions=np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], np.float32),
+        triangles=np.array([(0, 1, 2), (0, 2, 3)]),
+    )
     scene = Scene(Instance(mesh=floor, material=matte(0.6, "floor")), _above())
     parts = ((chosen, lamp(2e5 / emissive, double_sided=True)), (~chosen, matte(0.5, "dark", double_sided=True)))
     for use, material in parts:

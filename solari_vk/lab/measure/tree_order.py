@@ -111,9 +111,13 @@ WAYS: dict[str, Callable[[], Any]] = {
 
 
 def run(
-    select: str | None, files: Sequence[Path], markdown: Path | None, *, rays: str | None = None,
+    select: str | None,
+    files: Sequence[Path],
+    markdown: Path | None,
+    *,
+    rays: str | None = None,
     scenes: Sequence[str] = (),
-) -> None:  # fmt: skip
+) -> None:
     """Measure and report. files: to load beside built-in scenes, these or SCENES."""
     with measuring(select, rays, markdown, "Rays by what the driver's builder is given", *INTRO) as (device, report):
         subjects = [(name, builtin(name)) for name in scenes or SCENES]
@@ -123,8 +127,9 @@ def run(
             report.progress(name)
             found = measure(device, scene)
             ours = found["renderers"]
-            cells = [f"{rate:.2f}" + ("" if way == "renderers" else f" ({rate / ours:.2f})")
-                     for way, rate in found.items()]  # fmt: skip
+            cells = [
+                f"{rate:.2f}" + ("" if way == "renderers" else f" ({rate / ours:.2f})") for way, rate in found.items()
+            ]
             rows.append([name, *cells])
         report.table(f"Scenes, {SIZE[0]}x{SIZE[1]}", HEAD, rows, *TRIED)
 

@@ -80,8 +80,13 @@ class Result:
         """Numbers for the page."""
         spent = {name: sum(getattr(half, name) for half in self.halves) for name in ("seconds", "processor_seconds")}
         reached = None if self.time is None else asdict(self.time)
-        return {"mean": self.picture.mean(axis=(0, 1)).tolist(), "noise": self.noise, "loading": self.loading,
-                **spent, "reached": reached}  # fmt: skip
+        return {
+            "mean": self.picture.mean(axis=(0, 1)).tolist(),
+            "noise": self.noise,
+            "loading": self.loading,
+            **spent,
+            "reached": reached,
+        }
 
 
 @dataclass(frozen=True)
@@ -164,18 +169,36 @@ def compare(
 
 
 def _measure_times(
-    found: Comparison, processes: dict[str, Process], samples: int, goal: Goal,
-    attempt: Callable[[str, Callable[[], Any]], Any], progress: Callable[[str], None],
-) -> None:  # fmt: skip
+    found: Comparison,
+    processes: dict[str, Process],
+    samples: int,
+    goal: Goal,
+    attempt: Callable[[str, Callable[[], Any]], Any],
+    progress: Callable[[str], None],
+) -> None:
     """Double the samples of each renderer until its error is small enough; renderers take turns."""
     seed = SEEDS_OF_PICTURES[-1]
     # A smaller error takes no fewer samples.
-    count = min((max((reached.samples for other, reached in found.results[name].reached.items()
-                      if other.denoised == goal.denoised and other.error >= goal.error), default=1)
-                 for name in processes), default=1)  # fmt: skip
+    count = min(
+        (
+            max(
+                (
+                    reached.samples
+                    for other, reached in found.results[name].reached.items()
+                    if other.denoised == goal.denoised and other.error >= goal.error
+                ),
+                default=1,
+            )
+            for name in processes
+        ),
+        default=1,
+    )
     while count <= samples:
-        waiting = [name for name in processes if goal not in found.results[name].reached
-                   and (KINDS[name].denoises or not goal.denoised)]  # fmt: skip
+        waiting = [
+            name
+            for name in processes
+            if goal not in found.results[name].reached and (KINDS[name].denoises or not goal.denoised)
+        ]
         if not waiting:
             return
         denoised = " denoised" * goal.denoised
@@ -190,7 +213,8 @@ def _measure_times(
             if name in processes:
                 reached = median(found.results[name].error(render.picture) for render in done)
                 if reached <= goal.error:
-                    seconds, processor = (median(getattr(render, what) for render in done)
-                                          for what in ("seconds", "processor_seconds"))  # fmt: skip
+                    seconds, processor = (
+                        median(getattr(render, what) for render in done) for what in ("seconds", "processor_seconds")
+                    )
                     found.results[name].reached[goal] = Reached(count, reached, seconds, processor)
         count *= 2

@@ -67,90 +67,192 @@ def _is_spot(light: Any) -> bool:
 
 
 TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of translation.py
-    ("attenuation", "left out: the solid is clear there",
-     _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any())),
+    (
+        "attenuation",
+        "left out: the solid is clear there",
+        _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any()),
+    ),
     ("sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
     ("anisotropy", "left out", _with(lambda m: m.anisotropy > 0)),
-    ("clearcoat", "Disney's coat: a quarter as strong, with another roughness, and without its normal texture",
-     _with(lambda m: m.clearcoat > 0)),
-    ("reflectance", "colors and textures of a dielectric's reflections are left out",
-     _with(lambda m: m.specular_texture or m.specular_color_texture or m.reflectance.std() > 0)),
+    (
+        "clearcoat",
+        "Disney's coat: a quarter as strong, with another roughness, and without its normal texture",
+        _with(lambda m: m.clearcoat > 0),
+    ),
+    (
+        "reflectance",
+        "colors and textures of a dielectric's reflections are left out",
+        _with(lambda m: m.specular_texture or m.specular_color_texture or m.reflectance.std() > 0),
+    ),
     ("iridescence", "left out", _with(lambda m: m.iridescence > 0)),
     ("diffuse transmission", "left out", _with(lambda m: m.diffuse_transmission > 0)),
     ("unlit", "left out: black there", _with(lambda m: m.unlit)),
     ("uvs", "all textures of a material take the uvs, and one way to wrap, of the first", _with(_moves_uvs_apart)),
-    ("vertex colors", "with a base color texture they are left out, as is their alpha",
-     lambda scene: any(instance.mesh.colors is not None for instance in scene)),
-)  # fmt: skip
+    (
+        "vertex colors",
+        "with a base color texture they are left out, as is their alpha",
+        lambda scene: any(instance.mesh.colors is not None for instance in scene),
+    ),
+)
 DIFFERENCES = (
     Difference(
-        "cycles", "colored glass", "glTF tints light at each surface of a solid, so twice; Blender takes the root of "
+        "cycles",
+        "colored glass",
+        "glTF tints light at each surface of a solid, so twice; Blender takes the root of "
         "the color, so solids are lighter there: with squared colors TransmissionRoughnessTest agrees within 0.5 %",
-        _with(lambda m: m.transmission > 0 and m.solid)),
-    Difference("cycles", "thin glass", "Blender has no thin glass: shadows of panes have no light through them",
-               _with(lambda m: m.transmission > 0 and not m.solid)),
-    Difference("cycles", "diffuse transmission", "Blender's importer leaves it out",
-               _with(lambda m: m.diffuse_transmission > 0)),
+        _with(lambda m: m.transmission > 0 and m.solid),
+    ),
+    Difference(
+        "cycles",
+        "thin glass",
+        "Blender has no thin glass: shadows of panes have no light through them",
+        _with(lambda m: m.transmission > 0 and not m.solid),
+    ),
+    Difference(
+        "cycles",
+        "diffuse transmission",
+        "Blender's importer leaves it out",
+        _with(lambda m: m.diffuse_transmission > 0),
+    ),
     Difference("cycles", "unlit", "mirrors and glass show them black", _with(lambda m: m.unlit)),
-    Difference("cycles", "sheen", "Blender's sheen is another model, of Zeltner et al.; ours equals that of "
-               "KHR_materials_sheen", _with(lambda m: m.sheen_color.max() > 0)),
-    Difference("cycles", "anisotropy", "Blender makes another pair of roughnesses of an anisotropy",
-               _with(lambda m: m.anisotropy > 0)),
+    Difference(
+        "cycles",
+        "sheen",
+        "Blender's sheen is another model, of Zeltner et al.; ours equals that of KHR_materials_sheen",
+        _with(lambda m: m.sheen_color.max() > 0),
+    ),
+    Difference(
+        "cycles",
+        "anisotropy",
+        "Blender makes another pair of roughnesses of an anisotropy",
+        _with(lambda m: m.anisotropy > 0),
+    ),
     Difference("cycles", "dispersion", "Cycles bends all colors alike", _with(lambda m: m.disperses)),
     Difference("mitsuba", "dispersion", "left out", _with(lambda m: m.disperses)),
-    Difference("luxcore", "dispersion", "its colors are bands of other wavelengths, chosen anew at each surface; rough "
-               "glass has none", _with(lambda m: m.disperses)),
+    Difference(
+        "luxcore",
+        "dispersion",
+        "its colors are bands of other wavelengths, chosen anew at each surface; rough glass has none",
+        _with(lambda m: m.disperses),
+    ),
     Difference("cycles", "iridescence", "Blender's importer leaves it out", _with(lambda m: m.iridescence > 0)),
     Difference(
-        "cycles", "layering", "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
+        "cycles",
+        "layering",
+        "Cycles weakens the diffuse lobe by what the view's direction reflects, ours by both "
         "directions, which is reciprocal: at a roughness of 0.5 ours is 1 to 3 % brighter under steep light and 9 to "
         "13 % darker under light 5 to 10 degrees above the surface",
-        _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture))),
-    *(Difference(
-        judge, "Fresnel", "a dielectric reflects by Fresnel's equations; ours by Schlick's approximation, as in glTF: "
-        "7 % less of uniform light at an index of 1.5, a quarter less at 55 degrees, 6 % more at 85",
-        _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture)))
-      for judge in ("cycles", "mitsuba")),
-    Difference("cycles", "specular", "Blender's importer makes the weight of reflections one at normal incidence: rims "
-               "reflect fully there; glTF weights them too",
-               _with(lambda m: 0 < m.specular < 1 or m.specular_texture)),
-    Difference("mitsuba", "principled", "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
-               "is brighter at grazing angles, and rough metals lose what they reflect more than once",
-               _with(_is_layered)),
-    Difference("mitsuba", "rough glass", "its roughdielectric loses light that a rough surface scatters more than "
-               "once: solids darken with their roughness",
-               _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0)),
-    *(Difference(judge, *row) for judge in ("mitsuba", "luxcore") for row in TRANSLATED),
-    Difference("mitsuba", "suns", "a sun has no disk: its shadows are sharp",
-               _light(lambda light: isinstance(light, DirectionalLight))),
-    Difference("mitsuba", "spotlights", "their light falls off linearly with the angle, and they have no size",
-               _light(_is_spot)),
-    Difference("luxcore", "disney", "LuxCore's `disney` stands for the material: its diffuse lobe is brighter at "
-               "grazing angles, and rough metals lose what they reflect more than once", _with(_is_layered)),
-    Difference("luxcore", "partial glass", "left out: a material that transmits a part of its light is opaque there",
-               _with(lambda m: 0 < m.transmission < 1 or m.transmission_texture or m.metallic > 0 < m.transmission)),
-    Difference("luxcore", "thin glass", "its archglass lets all light pass and reflects a part besides: panes are up "
-               "to 4 % brighter",
-               _with(lambda m: m.transmission > 0 and not m.solid)),
-    Difference("luxcore", "rough glass", "its roughglass has another distribution of normals, and loses light that a "
-               "rough surface scatters more than once",
-               _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0)),
-    Difference("luxcore", "texels", "textures are interpolated where the file says nearest, and repeated where it says "
-               "mirrored", _with(lambda m: any(
-                   t.magnification == "nearest" or t.wrap_u == "mirrored_repeat" for t in _textures(m).values()))),
-    Difference("luxcore", "spotlights", "between its cones a spotlight falls off by another curve, and has no size",
-               _light(_is_spot)),
-    Difference("all", "range of lights", "light without an end, as real light",
-               _light(lambda light: isinstance(light, PunctualLight) and light.range is not None)),
+        _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture)),
+    ),
+    *(
+        Difference(
+            judge,
+            "Fresnel",
+            "a dielectric reflects by Fresnel's equations; ours by Schlick's approximation, as in glTF: "
+            "7 % less of uniform light at an index of 1.5, a quarter less at 55 degrees, 6 % more at 85",
+            _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture)),
+        )
+        for judge in ("cycles", "mitsuba")
+    ),
     Difference(
-        "all", "normal maps", "ours bends normals until the mirror direction is above the surface; steep normals "
+        "cycles",
+        "specular",
+        "Blender's importer makes the weight of reflections one at normal incidence: rims "
+        "reflect fully there; glTF weights them too",
+        _with(lambda m: 0 < m.specular < 1 or m.specular_texture),
+    ),
+    Difference(
+        "mitsuba",
+        "principled",
+        "Mitsuba's `principled` stands for the material: Disney's diffuse lobe "
+        "is brighter at grazing angles, and rough metals lose what they reflect more than once",
+        _with(_is_layered),
+    ),
+    Difference(
+        "mitsuba",
+        "rough glass",
+        "its roughdielectric loses light that a rough surface scatters more than "
+        "once: solids darken with their roughness",
+        _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0),
+    ),
+    *(Difference(judge, *row) for judge in ("mitsuba", "luxcore") for row in TRANSLATED),
+    Difference(
+        "mitsuba",
+        "suns",
+        "a sun has no disk: its shadows are sharp",
+        _light(lambda light: isinstance(light, DirectionalLight)),
+    ),
+    Difference(
+        "mitsuba",
+        "spotlights",
+        "their light falls off linearly with the angle, and they have no size",
+        _light(_is_spot),
+    ),
+    Difference(
+        "luxcore",
+        "disney",
+        "LuxCore's `disney` stands for the material: its diffuse lobe is brighter at "
+        "grazing angles, and rough metals lose what they reflect more than once",
+        _with(_is_layered),
+    ),
+    Difference(
+        "luxcore",
+        "partial glass",
+        "left out: a material that transmits a part of its light is opaque there",
+        _with(lambda m: 0 < m.transmission < 1 or m.transmission_texture or m.metallic > 0 < m.transmission),
+    ),
+    Difference(
+        "luxcore",
+        "thin glass",
+        "its archglass lets all light pass and reflects a part besides: panes are up to 4 % brighter",
+        _with(lambda m: m.transmission > 0 and not m.solid),
+    ),
+    Difference(
+        "luxcore",
+        "rough glass",
+        "its roughglass has another distribution of normals, and loses light that a "
+        "rough surface scatters more than once",
+        _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0),
+    ),
+    Difference(
+        "luxcore",
+        "texels",
+        "textures are interpolated where the file says nearest, and repeated where it says mirrored",
+        _with(
+            lambda m: any(t.magnification == "nearest" or t.wrap_u == "mirrored_repeat" for t in _textures(m).values())
+        ),
+    ),
+    Difference(
+        "luxcore",
+        "spotlights",
+        "between its cones a spotlight falls off by another curve, and has no size",
+        _light(_is_spot),
+    ),
+    Difference(
+        "all",
+        "range of lights",
+        "light without an end, as real light",
+        _light(lambda light: isinstance(light, PunctualLight) and light.range is not None),
+    ),
+    Difference(
+        "all",
+        "normal maps",
+        "ours bends normals until the mirror direction is above the surface; steep normals "
         "seen at grazing angles are brighter or darker, also where the surface is matte",
-        _with(lambda m: m.normal_texture)),
-    Difference("all", "back sides", "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
-               "others do: through blended and cut out surfaces, and of parts of meshes that face inwards",
-               lambda scene: any(not item.material.double_sided and (
-                   item.material.alpha_mode != "opaque" or _has_parts_inside_out(item.mesh)) for item in scene)),
-)  # fmt: skip
+        _with(lambda m: m.normal_texture),
+    ),
+    Difference(
+        "all",
+        "back sides",
+        "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
+        "others do: through blended and cut out surfaces, and of parts of meshes that face inwards",
+        lambda scene: any(
+            not item.material.double_sided
+            and (item.material.alpha_mode != "opaque" or _has_parts_inside_out(item.mesh))
+            for item in scene
+        ),
+    ),
+)
 
 
 def that_apply(scene: Scene) -> list[Difference]:

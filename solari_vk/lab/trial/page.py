@@ -22,9 +22,11 @@ from solari_vk.output.compare import squared_scale
 from solari_vk.output.picture import save_image, write_codes
 
 MOST_SHOWN = 0.5  # of the error maps: the relative error that is fully red or blue
-STYLE = ("body{font:14px sans-serif;margin:2em;max-width:90em}table{border-collapse:collapse;margin:1em 0}"
-         "td,th{border:1px solid #ccc;padding:.3em .6em;text-align:left}figure{display:inline-block;margin:0 1em 1em 0}"
-         "img{width:256px;image-rendering:pixelated;display:block}.failed{color:#a00}")  # fmt: skip
+STYLE = (
+    "body{font:14px sans-serif;margin:2em;max-width:90em}table{border-collapse:collapse;margin:1em 0}"
+    "td,th{border:1px solid #ccc;padding:.3em .6em;text-align:left}figure{display:inline-block;margin:0 1em 1em 0}"
+    "img{width:256px;image-rendering:pixelated;display:block}.failed{color:#a00}"
+)
 INTRO = (
     "The same glTF file, camera, environment and lights through several path tracers.",
     "A picture is the mean of two halves with independent noise. Distances are relMSE without noise: the product of "
@@ -38,8 +40,10 @@ INTRO = (
 )
 SUMMARY = "Distances are relMSE. The last columns are seconds of all processors to equal error."
 EXPLAINED = "[The guide](../guides/trial.md#differences-that-are-explained) has the reasons."
-RENDERERS, DISTANCES = ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s",
-                        "to equal error"), ("scene", "pair", "relMSE", "FLIP", "R G B ratio")  # fmt: skip
+RENDERERS, DISTANCES = (
+    ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s", "to equal error"),
+    ("scene", "pair", "relMSE", "FLIP", "R G B ratio"),
+)
 
 
 class Page:
@@ -66,14 +70,18 @@ class Page:
     def facts(self) -> dict[str, Any]:
         """All numbers, as JSON values."""
         return {
-            **self._facts, "left out": self._absent,
-            "scenes": {name: {
-                "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
-                "failures": found.failures,
-                "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
-                "explained": [f"{difference.judge}: {difference.what}" for difference in known],
-            } for name, found, known in self._scenes},
-        }  # fmt: skip
+            **self._facts,
+            "left out": self._absent,
+            "scenes": {
+                name: {
+                    "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
+                    "failures": found.failures,
+                    "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
+                    "explained": [f"{difference.judge}: {difference.what}" for difference in known],
+                }
+                for name, found, known in self._scenes
+            },
+        }
 
     def rows(self, name: str, found: Comparison) -> tuple[list[list[str]], list[list[str]]]:
         """The cells below RENDERERS and below DISTANCES of a scene."""
@@ -81,12 +89,19 @@ class Page:
         for renderer, result in found.results.items():
             facts, reached = result.facts(), result.time
             spent = [f"{facts[key]:.2f}" for key in ("loading", "seconds", "processor_seconds")]
-            time = "" if reached is None else (f"{reached.seconds:.2f} s, {reached.processor_seconds:.2f} s of "
-                                               f"processors, {reached.samples} samples")  # fmt: skip
+            time = (
+                ""
+                if reached is None
+                else (
+                    f"{reached.seconds:.2f} s, {reached.processor_seconds:.2f} s of "
+                    f"processors, {reached.samples} samples"
+                )
+            )
             mean = " ".join(f"{value:.4g}" for value in facts["mean"])
             renderers.append([name, KINDS[renderer].title, mean, f"{facts['noise']:.2g}", *spent, time])
-        distances = [[name, f"{KINDS[a].title} / {KINDS[b].title}", *_cells(far)]
-                     for (a, b), far in found.distances.items()]  # fmt: skip
+        distances = [
+            [name, f"{KINDS[a].title} / {KINDS[b].title}", *_cells(far)] for (a, b), far in found.distances.items()
+        ]
         return renderers, distances
 
     def summary(self) -> tuple[str, list[str], list[list[str]]]:
@@ -104,9 +119,14 @@ class Page:
             known = [distance.relative_mse for distance in apart if distance is not None]
             ours = apart[0]
             farther += [name] if ours is None or len(known) < 2 or ours.relative_mse > min(known) else []
-            rows.append([name, *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
-                         "" if ours is None else _cells(ours)[2],
-                         *("" if time is None else f"{time.processor_seconds:.2f}" for time in times)])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
+                    "" if ours is None else _cells(ours)[2],
+                    *("" if time is None else f"{time.processor_seconds:.2f}" for time in times),
+                ]
+            )
         pairs = [f"{KINDS[renderer].title} / {KINDS[first].title}" for renderer in (OURS, *others)]
         columns = ["scene", *pairs, f"R G B, {pairs[0]}", *(f"{KINDS[renderer].title}, s" for renderer in present)]
         if not others:
@@ -119,16 +139,25 @@ class Page:
         """The page."""
         facts = [f"{name}: {value}" for name, value in self._facts.items()]
         absent = [f"{KINDS[name].title} is left out: {why}" for name, why in self._absent.items()]
-        parts = [f"<!doctype html><meta charset='utf-8'><title>Trial</title><style>{STYLE}</style><h1>Trial</h1>",
-                 *(f"<p>{html.escape(text)}</p>" for text in INTRO), _list(facts), _list(absent, "failed")]  # fmt: skip
+        parts = [
+            f"<!doctype html><meta charset='utf-8'><title>Trial</title><style>{STYLE}</style><h1>Trial</h1>",
+            *(f"<p>{html.escape(text)}</p>" for text in INTRO),
+            _list(facts),
+            _list(absent, "failed"),
+        ]
         said, columns, summed = self.summary()
         if summed:
             parts += [f"<p>{html.escape(f'{said} {SUMMARY}')}</p>", _table(columns, summed)]
         for name, found, known in self._scenes:
             renderers, distances = self.rows(name, found)
-            parts += [f"<h2>{html.escape(name)}</h2>", _list(_failures(found), "failed"), self._pictures(name, found),
-                      _table(RENDERERS[1:], [row[1:] for row in renderers]),
-                      _table(DISTANCES[1:], [row[1:] for row in distances]), _list(_explained(known))]  # fmt: skip
+            parts += [
+                f"<h2>{html.escape(name)}</h2>",
+                _list(_failures(found), "failed"),
+                self._pictures(name, found),
+                _table(RENDERERS[1:], [row[1:] for row in renderers]),
+                _table(DISTANCES[1:], [row[1:] for row in distances]),
+                _list(_explained(known)),
+            ]
         return "\n".join(parts) + "\n"
 
     def _pictures(self, name: str, found: Comparison) -> str:
@@ -140,8 +169,11 @@ class Page:
                 (f"{b}.png", KINDS[b].title),
                 (f"{a}-{b}.png", f"{KINDS[a].title} brighter: red, darker: blue, {MOST_SHOWN:.0%} at most"),
             ]
-            figures = (f"<figure><img src='{html.escape(name)}/{file}' alt='{html.escape(text)}'><figcaption>"
-                       f"{html.escape(text)}</figcaption></figure>" for file, text in cells)  # fmt: skip
+            figures = (
+                f"<figure><img src='{html.escape(name)}/{file}' alt='{html.escape(text)}'><figcaption>"
+                f"{html.escape(text)}</figcaption></figure>"
+                for file, text in cells
+            )
             rows.append(f"<div>{''.join(figures)}</div>")
         if not rows and OURS in found.results:
             rows.append(f"<img src='{html.escape(name)}/{OURS}.png' alt='solari_vk'>")
@@ -157,9 +189,19 @@ class Page:
             lines += ["", "## All scenes", "", *wrapped(f"{said} {SUMMARY}"), "", *markdown_table(columns, summed)]
         lines += ["", "## Distances", "", *markdown_table(DISTANCES, [row for _, rows in tables for row in rows])]
         lines += ["", "## Renderers", "", *markdown_table(RENDERERS, [row for rows, _ in tables for row in rows])]
-        lines += ["", "## Differences that are explained", "", *wrapped(EXPLAINED), "", *markdown_list([
-            f"{name}: {'; '.join([*_failures(found), *_named(known)]) or 'none'}" for name, found, known in self._scenes
-        ])]  # fmt: skip
+        lines += [
+            "",
+            "## Differences that are explained",
+            "",
+            *wrapped(EXPLAINED),
+            "",
+            *markdown_list(
+                [
+                    f"{name}: {'; '.join([*_failures(found), *_named(known)]) or 'none'}"
+                    for name, found, known in self._scenes
+                ]
+            ),
+        ]
         return "\n".join(lines) + "\n"
 
 
@@ -207,6 +249,8 @@ def _list(items: Sequence[str], kind: str = "") -> str:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"<tr>{''.join(f'<{cell}>{html.escape(text)}</{cell}>' for text in row)}</tr>"
-             for cell, row in (("th", columns), *(("td", row) for row in rows))]  # fmt: skip
+    lines = [
+        f"<tr>{''.join(f'<{cell}>{html.escape(text)}</{cell}>' for text in row)}</tr>"
+        for cell, row in (("th", columns), *(("td", row) for row in rows))
+    ]
     return f"<table>{''.join(lines)}</table>"

@@ -73,8 +73,15 @@ class Process:
     Raises Failure where it doesn't load the scene. What it prints is in the folder, NAME.log.
     """
 
-    def __init__(self, name: str, folder: Path, limit: float, python: str = sys.executable,
-                 kinds: Mapping[str, Kind] = KINDS, child: Path = CHILD) -> None:  # fmt: skip
+    def __init__(
+        self,
+        name: str,
+        folder: Path,
+        limit: float,
+        python: str = sys.executable,
+        kinds: Mapping[str, Kind] = KINDS,
+        child: Path = CHILD,
+    ) -> None:
         self._folder, self._limit, self._name = folder, limit, name
         self._log = folder / f"{name}.log"
         environment = dict(os.environ)
@@ -82,9 +89,14 @@ class Process:
             environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(PACKAGES), environment.get("PYTHONPATH"))))
         with open(self._log, "wb") as log:
             self._child = subprocess.Popen(
-                [python, "-u", str(child), kinds[name].module, str(folder)], stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE, stderr=log, text=True, env=environment, start_new_session=True,
-            )  # fmt: skip
+                [python, "-u", str(child), kinds[name].module, str(folder)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                env=environment,
+                start_new_session=True,
+            )
         self._answers: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
         try:

@@ -58,9 +58,15 @@ def present(judges: Sequence[str], pythons: Mapping[str, str]) -> tuple[list[str
 
 
 def run(
-    given: Iterator[Subject | tuple[str, SolariError]], judges: Sequence[str], plan: Plan, conditions: Conditions,
-    pythons: Mapping[str, str], folder: Path, markdown: Path | None = None, child: Path = CHILD,
-) -> Page:  # fmt: skip
+    given: Iterator[Subject | tuple[str, SolariError]],
+    judges: Sequence[str],
+    plan: Plan,
+    conditions: Conditions,
+    pythons: Mapping[str, str],
+    folder: Path,
+    markdown: Path | None = None,
+    child: Path = CHILD,
+) -> Page:
     """Measure all subjects and write the page after each; one that can't be loaded is its name and the error.
 
     Raises SolariError for unknown renderers, and if the page can't be written.
@@ -71,7 +77,7 @@ def run(
         "size": f"{width}x{height}, {plan.samples} samples, {conditions.max_bounces} bounces",
         "error": ", ".join(f"relMSE {goal.error:g}" for goal in plan.goals) or "times not measured",
         "load of the host before": host_load(),
-    }  # fmt: skip
+    }
     page = Page(folder, facts, absent)
     for subject in given:
         if isinstance(subject, Subject):
@@ -86,9 +92,15 @@ def run(
 
 
 def measure(
-    subject: Subject, renderers: Sequence[str], plan: Plan, conditions: Conditions, pythons: Mapping[str, str],
-    folder: Path, child: Path = CHILD, progress: Callable[[str], None] = lambda text: print(f"  {text}", flush=True),
-) -> Comparison:  # fmt: skip
+    subject: Subject,
+    renderers: Sequence[str],
+    plan: Plan,
+    conditions: Conditions,
+    pythons: Mapping[str, str],
+    folder: Path,
+    child: Path = CHILD,
+    progress: Callable[[str], None] = lambda text: print(f"  {text}", flush=True),
+) -> Comparison:
     """Render a subject by all renderers; what they print stays in the folder, as NAME.log."""
     make_folder(folder)
     work = make_temporary_folder()

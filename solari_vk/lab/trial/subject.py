@@ -46,22 +46,34 @@ def write(subject: Subject, conditions: Conditions, folder: Path) -> None:
     """Write a subject's files. Raises SolariError for cameras that the other renderers aren't given."""
     scene, camera = subject.scene, subject.camera
     if camera.aperture or camera.lens_fields():
-        raise SolariError(f"{subject.file}: the trial has perspective and orthographic cameras without a lens or an "
-                          "offset: choose another --camera")  # fmt: skip
+        raise SolariError(
+            f"{subject.file}: the trial has perspective and orthographic cameras without a lens or an "
+            "offset: choose another --camera"
+        )
     environment = scene.environment
     job = {
-        "file": str(subject.file.resolve()), "size": conditions.size, "max_bounces": conditions.max_bounces,
-        "device": conditions.device, "rays": conditions.rays, "unlit_radiance": UNLIT_RADIANCE,
+        "file": str(subject.file.resolve()),
+        "size": conditions.size,
+        "max_bounces": conditions.max_bounces,
+        "device": conditions.device,
+        "rays": conditions.rays,
+        "unlit_radiance": UNLIT_RADIANCE,
         "camera": {
-            "transform": camera.transform.tolist(), "near": camera.near, "vertical_fov": camera.vertical_fov,
+            "transform": camera.transform.tolist(),
+            "near": camera.near,
+            "vertical_fov": camera.vertical_fov,
             "orthographic_height": camera.orthographic_height,
         },
         "lights": [described(light) for light in scene.lights if not isinstance(light, EnvironmentLight | Portal)],
-        "environment": None if environment is None else {
-            "picture": "environment.exr", "texels": "environment.npy", "intensity": environment.intensity,
+        "environment": None
+        if environment is None
+        else {
+            "picture": "environment.exr",
+            "texels": "environment.npy",
+            "intensity": environment.intensity,
             "rotation": environment.rotation.tolist(),
         },
-    }  # fmt: skip
+    }
     if environment is not None:
         save_image(folder / "environment.exr", environment.image)
         save_image(folder / "environment.npy", environment.image)

@@ -62,15 +62,17 @@ def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
         found["uvs"] = uvs @ turn[:, :2].T + turn[:, 2]
     if mesh.colors is not None:
         found["colors"] = mesh.colors[:, :3] * instance.material.base_color
-    return {name: np.ascontiguousarray(a, np.uint32 if name == "triangles" else np.float32)
-            for name, a in found.items()}  # fmt: skip
+    return {
+        name: np.ascontiguousarray(a, np.uint32 if name == "triangles" else np.float32) for name, a in found.items()
+    }
 
 
 def joined(meshes: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
     """One mesh of several that have the same arrays."""
     firsts = np.cumsum([0, *(len(mesh["positions"]) for mesh in meshes[:-1])])
-    parts = [{**mesh, "triangles": mesh["triangles"] + np.uint32(first)}
-             for mesh, first in zip(meshes, firsts, strict=True)]  # fmt: skip
+    parts = [
+        {**mesh, "triangles": mesh["triangles"] + np.uint32(first)} for mesh, first in zip(meshes, firsts, strict=True)
+    ]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -173,15 +175,18 @@ def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str
     texture, root = material.metallic_roughness_texture, np.sqrt(_f0(material))
     eta = float(max((1 + root) / (1 - root), LEAST_ETA))
     parameters = {
-        "base_color": color, "eta": eta,
+        "base_color": color,
+        "eta": eta,
         "roughness": textures.channel(texture, 1, material.perceptual_roughness),
         "metallic": textures.channel(texture, 2, material.metallic),
-    }  # fmt: skip
+    }
     if material.transmission > 0:
         parameters |= {"spec_trans": textures.channel(material.transmission_texture, 0, material.transmission)}
     if material.clearcoat > 0:
-        parameters |= {"clearcoat": textures.channel(material.clearcoat_texture, 0, material.clearcoat),
-                       "clearcoat_gloss": 1 - material.clearcoat_roughness}  # fmt: skip
+        parameters |= {
+            "clearcoat": textures.channel(material.clearcoat_texture, 0, material.clearcoat),
+            "clearcoat_gloss": 1 - material.clearcoat_roughness,
+        }
     return {"type": "principled", "parameters": parameters}
 
 

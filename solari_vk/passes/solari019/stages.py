@@ -37,10 +37,13 @@ def light_tiles(settings: Settings) -> Stage:
 def cache(settings: Settings) -> Stage:
     """The world cache with a pass for the direct light of cells and one for their indirect light."""
     indirect = world_cache.DISPATCH
-    return world_cache.stage(settings.world_cache_cells, [
-        Pass("solari019/world_cache/sample_direct", indirect=indirect),
-        Pass("solari019/world_cache/sample_indirect", indirect=indirect, constants=brdf_constants(settings)),
-    ])  # fmt: skip
+    return world_cache.stage(
+        settings.world_cache_cells,
+        [
+            Pass("solari019/world_cache/sample_direct", indirect=indirect),
+            Pass("solari019/world_cache/sample_indirect", indirect=indirect, constants=brdf_constants(settings)),
+        ],
+    )
 
 
 def restir_di(size: tuple[int, int], settings: Settings) -> Stage:

@@ -144,9 +144,12 @@ class OneDevice:
     shares_files = True
 
     def __init__(
-        self, device: str | None = None, rays: str | None = None, validation: bool | None = None,
+        self,
+        device: str | None = None,
+        rays: str | None = None,
+        validation: bool | None = None,
         on_compile: OnCompile | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._opening, self._on_compile = Opening(device, rays, validation), on_compile
 
     def __enter__(self) -> Self:

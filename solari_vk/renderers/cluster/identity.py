@@ -15,9 +15,12 @@ from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.gpu.shaders.compiler import glsl_root
 
 _WORDS = {
-    "version": "version {} of solari_vk", "code": "other code of solari_vk ({})", "device": "the device {}",
-    "driver": "the driver {}", "rays": "rays by {}",
-}  # fmt: skip
+    "version": "version {} of solari_vk",
+    "code": "other code of solari_vk ({})",
+    "device": "the device {}",
+    "driver": "the driver {}",
+    "rays": "rays by {}",
+}
 
 
 @dataclass(frozen=True)

@@ -28,14 +28,17 @@ def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
     workers = {
         number: {
             "cls": Nanny,
-            "options": here | {
-                "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL,
+            "options": here
+            | {
+                "nthreads": 1,
+                "memory_limit": 0,
+                "silence_logs": logging.CRITICAL,
                 "env": {**threads, "SOLARI_VK_DEVICE": devices[number % len(devices)]},
                 "preload": [__name__],
             },
         }
         for number in range(worker_count)
-    }  # fmt: skip
+    }
     scheduler = {"cls": Scheduler, "options": here}
     # A process that ended is started again, and dask doesn't give up one that takes long to come back. Nobody reads the
     # profile of the workers' stacks, which takes processor time. Workers get this process's settings.

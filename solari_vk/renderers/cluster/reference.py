@@ -67,10 +67,13 @@ class Chunk:
         frame = tracer.render(self.camera, self.samples)
         width, height = self.size
         return ChunkResult(
-            self.samples, frame["radiance"], tracer.read("luminance_deviations").reshape(height, width), tracer.rays,
+            self.samples,
+            frame["radiance"],
+            tracer.read("luminance_deviations").reshape(height, width),
+            tracer.rays,
             {name: frame[name] for name in self.names},
             tracer.read_guides() if self.guided else [],
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -159,10 +162,19 @@ class ReferencePicture:
 
 
 def render_reference(
-    pool: WorkerPool | OneDevice, scene: Scene, size: tuple[int, int], *, camera: Camera | None = None,
-    samples: int | None = 256, seed: int = 0, max_bounces: int = 16, layers: Sequence[str] = (),
-    denoise: bool = False, target_error: float | None = None, progress: Callable[[int, float], object] | None = None,
-) -> ReferencePicture:  # fmt: skip
+    pool: WorkerPool | OneDevice,
+    scene: Scene,
+    size: tuple[int, int],
+    *,
+    camera: Camera | None = None,
+    samples: int | None = 256,
+    seed: int = 0,
+    max_bounces: int = 16,
+    layers: Sequence[str] = (),
+    denoise: bool = False,
+    target_error: float | None = None,
+    progress: Callable[[int, float], object] | None = None,
+) -> ReferencePicture:
     """A picture with `samples` samples per pixel from all workers of a pool.
 
     camera: by default the scene's. layers: names of further results of PathTracer. denoise: `radiance` is denoised, in

@@ -82,9 +82,15 @@ class WorkerPool:
     """
 
     def __init__(
-        self, workers: int | None = None, address: str | None = None, *, device: str | None = None,
-        rays: str | None = None, validation: bool | None = None, say: Callable[[str], None] = _say,
-    ) -> None:  # fmt: skip
+        self,
+        workers: int | None = None,
+        address: str | None = None,
+        *,
+        device: str | None = None,
+        rays: str | None = None,
+        validation: bool | None = None,
+        say: Callable[[str], None] = _say,
+    ) -> None:
         if (workers is None) == (address is None):
             raise SolariError("WorkerPool: give either a number of workers, or the address of a scheduler")
         if workers is not None and (not isinstance(workers, int) or workers < 1):
@@ -242,9 +248,16 @@ class WorkerPool:
         self._submissions += 1
         task.workers = frozenset(self._known_workers.accepted)
         return self.client.submit(
-            perform, self.identity, self._opening, key, scene, task.job, pure=False,
-            key=f"solari_vk-{self.client.id}-{self._submissions}", workers=list(task.workers),
-        )  # fmt: skip
+            perform,
+            self.identity,
+            self._opening,
+            key,
+            scene,
+            task.job,
+            pure=False,
+            key=f"solari_vk-{self.client.id}-{self._submissions}",
+            workers=list(task.workers),
+        )
 
     def _succeeded(self, future: Any, task: _Task) -> bool:
         """Whether a job is done; False if it is to be tried again. Raises SolariError if it failed for good."""

@@ -50,9 +50,15 @@ class Rig:
     """
 
     def __init__(
-        self, parents: Sequence[int], transforms: ArrayLike, translations: ArrayLike, rotations: ArrayLike,
-        scales: ArrayLike, bases: Sequence[tuple[Matrix, bool]] | None = None, visible: Sequence[bool] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        parents: Sequence[int],
+        transforms: ArrayLike,
+        translations: ArrayLike,
+        rotations: ArrayLike,
+        scales: ArrayLike,
+        bases: Sequence[tuple[Matrix, bool]] | None = None,
+        visible: Sequence[bool] | None = None,
+    ) -> None:
         self.count = count = len(parents)
         self.parents = list(parents)
         given = [(np.eye(4), True)] * count if bases is None else bases
@@ -78,9 +84,14 @@ class Rig:
     # ---- what hangs on the nodes --------------------------------------------------------------------
 
     def attach(
-        self, item: Instance | Camera | Light, node: int, transform: Matrix | None = None, *, moves: bool = True,
+        self,
+        item: Instance | Camera | Light,
+        node: int,
+        transform: Matrix | None = None,
+        *,
+        moves: bool = True,
         shown: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Have an object follow a node.
 
         transform: from the object's space to the node's, by default the identity. moves: not only the visibility
@@ -177,10 +188,14 @@ class Rig:
         turns *= np.where((turns * turns[0]).sum(axis=2, keepdims=True) < 0, -1, 1)
         mean = {name: np.tensordot(shares, values, 1) for name, values in (parts | {"rotation": turns}).items()}
         mean["rotation"] = unit_quaternions(mean["rotation"])
-        weights = {node: np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
-                   for _, node, resting in self.weighted}  # fmt: skip
-        properties = {number: np.asarray(shares @ np.stack([pose.properties.get(number, resting) for pose in poses]))
-                      for number, (_, _, resting) in enumerate(self.properties)}  # fmt: skip
+        weights = {
+            node: np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
+            for _, node, resting in self.weighted
+        }
+        properties = {
+            number: np.asarray(shares @ np.stack([pose.properties.get(number, resting) for pose in poses]))
+            for number, (_, _, resting) in enumerate(self.properties)
+        }
         moved: NDArray[np.bool_] = np.logical_or.reduce([pose.moved for pose in poses])
         shown = shares @ np.stack([pose.visible for pose in poses])
         return Pose(mean, moved, np.asarray(shown >= 0.5), weights, properties)

@@ -18,10 +18,14 @@ from solari_vk.scene.matrices import quaternion_rotation
 # The parameters of each model after the focal lengths and the principal point, as places in OpenCV's distortion; and
 # whether it has one focal length.
 MODELS: Mapping[str, tuple[tuple[int, ...], bool]] = {
-    "SIMPLE_PINHOLE": ((), True), "PINHOLE": ((), False), "SIMPLE_RADIAL": ((0,), True), "RADIAL": ((0, 1), True),
-    "OPENCV": ((0, 1, 2, 3), False), "FULL_OPENCV": ((0, 1, 2, 3, 4, 5, 6, 7), False),
+    "SIMPLE_PINHOLE": ((), True),
+    "PINHOLE": ((), False),
+    "SIMPLE_RADIAL": ((0,), True),
+    "RADIAL": ((0, 1), True),
+    "OPENCV": ((0, 1, 2, 3), False),
+    "FULL_OPENCV": ((0, 1, 2, 3, 4, 5, 6, 7), False),
     "OPENCV_FISHEYE": ((0, 1, 2, 3), False),
-}  # fmt: skip
+}
 CENTER = 0.5  # COLMAP's position of the first pixel's center, which is 0 in OpenCV
 
 
@@ -53,8 +57,9 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
             w, x, y, z, *shift = (float(word) for word in words[1:8])
             where, name = words[8], words[9]
         except (ValueError, IndexError):
-            raise SolariError(f"{path}, line {number}: an image is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, not "
-                              f"'{line[:80]}'") from None  # fmt: skip
+            raise SolariError(
+                f"{path}, line {number}: an image is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, not '{line[:80]}'"
+            ) from None
         if not any((w, x, y, z)):
             raise SolariError(f"{path}, line {number}: the quaternion QW QX QY QZ is 0")
         if where not in lenses:
@@ -86,15 +91,22 @@ def _image(
         for place, term in zip(places, terms, strict=True):
             distortion[place] = term
     except (ValueError, IndexError):
-        raise SolariError(f"{path}, line {number}: a camera of the model {model} has a size and "
-                          f"{3 + (not is_simple) + len(places)} parameters") from None  # fmt: skip
+        raise SolariError(
+            f"{path}, line {number}: a camera of the model {model} has a size and "
+            f"{3 + (not is_simple) + len(places)} parameters"
+        ) from None
     fisheye = model == "OPENCV_FISHEYE"
     matrix = np.array([[fx, 0, cx - CENTER], [0, fy, cy - CENTER], [0, 0, 1]])
     try:
         camera = Camera.from_opencv(
-            matrix, rotation, shift, size, distortion[:4] if fisheye else distortion,
-            projection="fisheye" if fisheye else "perspective", name=name,
-        )  # fmt: skip
+            matrix,
+            rotation,
+            shift,
+            size,
+            distortion[:4] if fisheye else distortion,
+            projection="fisheye" if fisheye else "perspective",
+            name=name,
+        )
     except SolariError as error:
         raise SolariError(f"{path}, line {number}: {error}") from None
     return ColmapImage(name, camera, size)
@@ -134,8 +146,10 @@ def _lens(camera: Camera, size: tuple[int, int]) -> str:
     """Model, size and parameters."""
     given = camera.distortion.tolist()
     if camera.projection not in ("perspective", "fisheye") or len(given) > 8:
-        raise SolariError(f"save_colmap: {camera.describe()}: COLMAP has no model for this {camera.projection} camera "
-                          f"with {len(given)} numbers of distortion")  # fmt: skip
+        raise SolariError(
+            f"save_colmap: {camera.describe()}: COLMAP has no model for this {camera.projection} camera "
+            f"with {len(given)} numbers of distortion"
+        )
     fisheye, distortion = camera.projection == "fisheye", [*given, *[0.0] * 8][:8]
     model = "OPENCV_FISHEYE" if fisheye else "FULL_OPENCV" if any(distortion[4:]) else "OPENCV" if given else "PINHOLE"
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
@@ -146,7 +160,13 @@ def _lens(camera: Camera, size: tuple[int, int]) -> str:
 def _quaternion(rotation: np.ndarray) -> tuple[float, ...]:
     """w, x, y, z of a rotation: the eigenvector of Bar-Itzhack, "New Method for Extracting the Quaternion" (2000)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    k = np.array([[a - e - i, b + d, c + g, h - f], [b + d, e - a - i, f + h, c - g],
-                  [c + g, f + h, i - a - e, d - b], [h - f, c - g, d - b, a + e + i]])  # fmt: skip
+    k = np.array(
+        [
+            [a - e - i, b + d, c + g, h - f],
+            [b + d, e - a - i, f + h, c - g],
+            [c + g, f + h, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
     x, y, z, w = np.linalg.eigh(k)[1][:, -1].tolist()
     return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)

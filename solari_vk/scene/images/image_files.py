@@ -32,8 +32,9 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
     if data[:12] == ktx2.IDENTIFIER:
         image = ktx2.Ktx2Image(bytes(data), who)
     elif data[:12] == ktx2.IDENTIFIER_OF_KTX_1:
-        raise SolariError(f"{who} is a KTX 1 file, which isn't read: convert it by ktx2ktx2 (of KTX-Software), or save "
-                          "it as PNG")  # fmt: skip
+        raise SolariError(
+            f"{who} is a KTX 1 file, which isn't read: convert it by ktx2ktx2 (of KTX-Software), or save it as PNG"
+        )
     elif data[:4] == exr.IDENTIFIER:
         image = exr.ExrImage(bytes(data), who)
     else:

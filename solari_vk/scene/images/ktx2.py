@@ -33,11 +33,14 @@ class Ktx2Image:
         header = struct.unpack_from("<9I", data, 12)
         self._format, _, self.width, self.height, depth, layers, faces, _, self._scheme = header
         if depth or layers > 1 or faces != 1 or not (self.width and self.height):
-            raise SolariError(f"{who} is a KTX2 file with {depth} slices, {layers} layers and {faces} faces: save one "
-                              "picture alone")  # fmt: skip
+            raise SolariError(
+                f"{who} is a KTX2 file with {depth} slices, {layers} layers and {faces} faces: save one picture alone"
+            )
         if (self._format and self._format not in _CHANNELS) or self._scheme > _ZLIB:
-            raise SolariError(f"{who} is a KTX2 file of the VkFormat {self._format} with the compression "
-                              f"{self._scheme}: save it with 8 bits a channel or as Basis Universal")  # fmt: skip
+            raise SolariError(
+                f"{who} is a KTX2 file of the VkFormat {self._format} with the compression "
+                f"{self._scheme}: save it with 8 bits a channel or as Basis Universal"
+            )
         start, size, self._plain_size = struct.unpack_from("<3Q", data, 80)
         if start + size > len(data):
             raise SolariError(f"{who} is a truncated KTX2 file: copy it again")

@@ -98,9 +98,10 @@ class Atmosphere:
         under_root = radius**2 * (up**2 - 1)
         to_ground = (up < 0) & (under_root + GROUND**2 > 0)
         end = np.where(
-            to_ground, -radius * up - np.sqrt(np.maximum(under_root + GROUND**2, 0)),
+            to_ground,
+            -radius * up - np.sqrt(np.maximum(under_root + GROUND**2, 0)),
             -radius * up + np.sqrt(np.maximum(under_root + TOP**2, 0)),
-        )  # fmt: skip
+        )
         toward_sun = up * cosine + np.sqrt((1 - up**2) * (1 - cosine**2)) * np.cos(turn)
         light, back, seen = (np.zeros((*up.shape, 3)) for _ in range(3))
         seen += 1

@@ -134,12 +134,7 @@ class Environment(EnvironmentLight):
     rotation: Any = field(default_factory=lambda: np.eye(3, dtype=np.float32))
     name: str = ""
 
-    _converters = {
-        "image": _image,
-        "intensity": checks.number(0, 1e9),
-        "rotation": _rotation,
-        "name": checks.text,
-    }
+    _converters = {"image": _image, "intensity": checks.number(0, 1e9), "rotation": _rotation, "name": checks.text}
 
     def turn(self, angle: float) -> None:
         """Turn the map about the y axis by an angle in radians."""

@@ -70,8 +70,10 @@ class Portal(Light):
         opposite = np.abs(apart + apart[:1]).max(axis=1)
         fits = len(corners) == 4 and opposite.min() <= _FLATNESS * np.linalg.norm(apart[0])
         if not fits:
-            raise SolariError(f"Portal.from_mesh: {shape.describe()} isn't one parallelogram of four corners, it has "
-                              f"{len(corners)}: give Portal its center and half sides")  # fmt: skip
+            raise SolariError(
+                f"Portal.from_mesh: {shape.describe()} isn't one parallelogram of four corners, it has "
+                f"{len(corners)}: give Portal its center and half sides"
+            )
         beside = np.delete(apart, [0, opposite.argmin()], axis=0)[0]
         center, first, second = transform_points(matrix, np.stack([center, corners[0], center + beside]))
         a, b = first - center, second - center

@@ -49,9 +49,14 @@ class LightProfile:
     """
 
     def __init__(
-        self, vertical: ArrayLike, horizontal: ArrayLike, candelas: ArrayLike, photometry: str = "C", *,
+        self,
+        vertical: ArrayLike,
+        horizontal: ArrayLike,
+        candelas: ArrayLike,
+        photometry: str = "C",
+        *,
         name: str = "light profile",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name, self.photometry = name, photometry
         if photometry not in _TYPES.values():
             self._refuse(f"photometry must be A, B or C, not {photometry!r}")
@@ -59,14 +64,18 @@ class LightProfile:
         self.horizontal = self._angles(horizontal, "horizontal", (0, 360) if photometry == "C" else (-90, 90))
         self.candelas = self._numbers(candelas, "candelas")
         if self.candelas.shape != (len(self.horizontal), len(self.vertical)):
-            self._refuse(f"candelas have the shape {self.candelas.shape}, where the angles make "
-                         f"{(len(self.horizontal), len(self.vertical))}")  # fmt: skip
+            self._refuse(
+                f"candelas have the shape {self.candelas.shape}, where the angles make "
+                f"{(len(self.horizontal), len(self.vertical))}"
+            )
         if not 0 <= self.candelas.min() <= self.candelas.max() <= 1e15:
             self._refuse("candelas must lie between 0 and 1e15")
         span = (float(self.horizontal[0]), float(self.horizontal[-1]))
         if photometry == "C" and span not in _WHOLE_CIRCLE:
-            self._refuse(f"horizontal angles of type C must reach from 0 to 0, 90, 180 or 360, or from 90 to 270, not "
-                         f"from {span[0]:g} to {span[1]:g}")  # fmt: skip
+            self._refuse(
+                f"horizontal angles of type C must reach from 0 to 0, 90, 180 or 360, or from 90 to 270, not "
+                f"from {span[0]:g} to {span[1]:g}"
+            )
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> LightProfile:
@@ -129,8 +138,10 @@ class LightProfile:
         finest, around = self._fineness
         most = _MOST_SAMPLES * COLUMNS // (table.shape[1] * self._samples_around(1.0))
         if finest.min() < _STEP / most or around < 1 / _MOST_AROUND:
-            warn(f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
-                 "beams may lose light: leave angles out")  # fmt: skip
+            warn(
+                f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
+                "beams may lose light: leave angles out"
+            )
         fine = np.pad(np.isfinite(finest), 1)
         means = fine[:-1] | fine[1:]
         sums, weights = np.zeros_like(table), np.zeros((ROWS, 1))
@@ -156,6 +167,7 @@ class LightProfile:
 
     def text(self) -> str:
         """The profile as a file after LM-63-2002."""
+
         def listed(values: FloatArray) -> str:
             words = [f"{value:.9g}" for value in values]
             return "\n".join(" ".join(words[at : at + 10]) for at in range(0, len(words), 10))
@@ -210,8 +222,10 @@ class LightProfile:
             angles = np.arctan2(up, forward), np.arcsin(np.clip(right, -1, 1))
         else:
             angles = np.arcsin(np.clip(up, -1, 1)), np.arctan2(right, forward)
-        mirrored = (abs(angle) if given[0] == 0 else angle
-                    for angle, given in zip(angles, (self.vertical, self.horizontal), strict=True))  # fmt: skip
+        mirrored = (
+            abs(angle) if given[0] == 0 else angle
+            for angle, given in zip(angles, (self.vertical, self.horizontal), strict=True)
+        )
         return self._interpolated(*np.broadcast_arrays(*map(np.degrees, mirrored)))
 
     def _plane(self, horizontal: Any) -> Any:
@@ -248,8 +262,9 @@ class LightProfile:
     def _angles(self, values: ArrayLike, what: str, limits: tuple[int, int]) -> FloatArray:
         found = self._numbers(values, f"{what} angles")
         if found.ndim != 1 or (np.diff(found) <= 0).any() or not limits[0] <= found[0] <= found[-1] <= limits[1]:
-            self._refuse(f"{what} angles must rise and lie between {limits[0]} and {limits[1]} degrees in type "
-                         f"{self.photometry}")  # fmt: skip
+            self._refuse(
+                f"{what} angles must rise and lie between {limits[0]} and {limits[1]} degrees in type {self.photometry}"
+            )
         return found
 
     def _refuse(self, reason: str) -> NoReturn:

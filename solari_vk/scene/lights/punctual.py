@@ -97,8 +97,10 @@ class PunctualLight(Light):
         if 0 < self.radius < MIN_RADIUS:
             raise SolariError(f"{self.describe()}: radius must be 0 or at least {MIN_RADIUS:g} m, not {self.radius:g}")
         if self.blocks_light and self.radius == 0:
-            raise SolariError(f"{self.describe()}: blocks_light needs a radius above 0, since a point stops no light: "
-                              "set both by update(radius=..., blocks_light=...)")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: blocks_light needs a radius above 0, since a point stops no light: "
+                "set both by update(radius=..., blocks_light=...)"
+            )
 
 
 @checked
@@ -146,8 +148,10 @@ class PointLight(PunctualLight):
                 given["intensity"] = profile.peak
         if "lumens" in given and cls._solid_angle_of(given, current) == 0:
             name = (given.get("profile") or current.profile).name
-            raise SolariError(f"{cls.__name__}: lumens can't be given with the profile '{name}', which is wholly dark: "
-                              "give another profile")  # fmt: skip
+            raise SolariError(
+                f"{cls.__name__}: lumens can't be given with the profile '{name}', which is wholly dark: "
+                "give another profile"
+            )
         return super()._resolve(given, current)
 
     @classmethod
@@ -163,8 +167,10 @@ class PointLight(PunctualLight):
     def _validate(self) -> None:
         super()._validate()
         if self.profile and np.linalg.norm(np.cross(self.direction, self.horizontal)) < 1e-3:
-            raise SolariError(f"{self.describe()}: horizontal must not have the direction of `direction`: set both by "
-                              "update(direction=..., horizontal=...)")  # fmt: skip
+            raise SolariError(
+                f"{self.describe()}: horizontal must not have the direction of `direction`: set both by "
+                "update(direction=..., horizontal=...)"
+            )
 
 
 @checked

@@ -70,9 +70,10 @@ class Sky(EnvironmentLight):
         arriving = air.transmittance(np.array([EYE]), np.array([height]))[0]
         brightness = float(arriving @ np.array(LUMINANCE_WEIGHTS))
         sun: dict[str, Any] = {
-            "direction": -self.sun_direction, "illuminance": SUN_ILLUMINANCE * self.intensity * brightness,
+            "direction": -self.sun_direction,
+            "illuminance": SUN_ILLUMINANCE * self.intensity * brightness,
             "color": arriving / brightness if brightness > 0 else 1.0,
-        }  # fmt: skip
+        }
         if self._ready:
             self._sun.update(**sun)
         else:

@@ -40,7 +40,8 @@ def _taken(mesh: Mesh, rows: NDArray[Any], triangles: NDArray[Any]) -> Mesh:
     parts = {name: values[rows] for name in _OF_VERTICES if (values := getattr(mesh, name)) is not None}
     given = mesh.deformation
     if given is not None:
-        parts["deformation"] = dataclasses.replace(given, **{
-            name: values[..., rows, :] for name in _OF_DEFORMATIONS if (values := getattr(given, name)) is not None
-        })  # fmt: skip
+        parts["deformation"] = dataclasses.replace(
+            given,
+            **{name: values[..., rows, :] for name in _OF_DEFORMATIONS if (values := getattr(given, name)) is not None},
+        )
     return dataclasses.replace(mesh, triangles=triangles, **parts)

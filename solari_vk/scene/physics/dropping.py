@@ -35,9 +35,14 @@ FLAT = 1e-5  # of a mesh's size, by which a convex mesh's vertices may stand bef
 
 
 def drop(
-    falling: Sequence[Sequence[Instance] | Group], *, on: Sequence[Instance], region: Any, seed: int, upright: bool,
+    falling: Sequence[Sequence[Instance] | Group],
+    *,
+    on: Sequence[Instance],
+    region: Any,
+    seed: int,
+    upright: bool,
     seconds: float,
-) -> None:  # fmt: skip
+) -> None:
     """The work of `Scene.drop`; falling: the parts of each thing. on: what they fall on, and the things themselves,
     which don't count."""
     try:
@@ -67,8 +72,9 @@ def drop(
         if not pose[1] >= depth:
             raise SolariError(f"Scene.drop: {body.instance.describe()} fell through: nothing is below it in the region")
     if quiet < RESTING:
-        raise SolariError(f"Scene.drop: {len(bodies)} things don't rest after {seconds:g} s: give more seconds, or a "
-                          "larger region")  # fmt: skip
+        raise SolariError(
+            f"Scene.drop: {len(bodies)} things don't rest after {seconds:g} s: give more seconds, or a larger region"
+        )
     for body, pose in zip(bodies, poses, strict=True):
         w, x, y, z = pose[3:].tolist()
         body.apply(pose[:3], np.array(quaternion_rotation(x, y, z, w)))
@@ -83,8 +89,14 @@ class _Body:
         held = thing.items if isinstance(thing, Group) else thing
         self.parts = parts = [one for one in held if isinstance(one, Instance)]
         self.instance, start = parts[0], parts[0].transform[:3, 3]
-        hulls = [np.unique(part.posed_mesh().positions.astype(np.float64) @ part.transform[:3, :3].T
-                           + (part.transform[:3, 3] - start), axis=0) for part in parts]  # fmt: skip
+        hulls = [
+            np.unique(
+                part.posed_mesh().positions.astype(np.float64) @ part.transform[:3, :3].T
+                + (part.transform[:3, 3] - start),
+                axis=0,
+            )
+            for part in parts
+        ]
         points = np.concatenate(hulls)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         self.middle = start + middle
@@ -124,8 +136,9 @@ def _region(region: Any, supports: list[Instance]) -> tuple[Floats, Floats]:
         if given.shape != (2, 3) or not np.isfinite(given).all() or not (given[0] <= given[1]).all():
             raise ValueError
     except (TypeError, ValueError):
-        raise SolariError("Scene.drop: region is a box, its lowest and its highest corner (2, 3) in meters, not "
-                          f"{quoted(region)}") from None  # fmt: skip
+        raise SolariError(
+            f"Scene.drop: region is a box, its lowest and its highest corner (2, 3) in meters, not {quoted(region)}"
+        ) from None
     return given[0], given[1]
 
 
@@ -138,8 +151,10 @@ def _place(bodies: list[_Body], low: Floats, high: Floats, rng: np.random.Genera
         body.quaternion = numbers / np.linalg.norm(numbers)
         room = high - low - 2 * body.radius
         if not min(room[0], room[2]) > 0:
-            raise SolariError(f"Scene.drop: {body.instance.describe()}, {2 * body.radius:.3g} m long, doesn't fit into "
-                              f"a region of {high[0] - low[0]:.3g} x {high[2] - low[2]:.3g} m")  # fmt: skip
+            raise SolariError(
+                f"Scene.drop: {body.instance.describe()}, {2 * body.radius:.3g} m long, doesn't fit into "
+                f"a region of {high[0] - low[0]:.3g} x {high[2] - low[2]:.3g} m"
+            )
         for _ in range(TRIES):
             at = low + body.radius + rng.uniform(size=3) * room
             if all(math.dist(at[::2], other.position[::2]) > body.radius + other.radius + MARGIN for other in layer):
@@ -173,8 +188,10 @@ def _still(supports: list[Instance], top: float) -> list[tuple[Instance, Floats]
             continue
         count += len(corners)
         if count > MOST_TRIANGLES:
-            raise SolariError(f"Scene.drop: more than {MOST_TRIANGLES:,} triangles, with those of "
-                              f"{instance.describe()}: give `on`, what to fall on, or simpler meshes")  # fmt: skip
+            raise SolariError(
+                f"Scene.drop: more than {MOST_TRIANGLES:,} triangles, with those of "
+                f"{instance.describe()}: give `on`, what to fall on, or simpler meshes"
+            )
         behind = corners - SLAB * normals[:, None]
         parts += [(instance, part) for part in np.concatenate([corners, behind], axis=1)]
     return parts
@@ -225,9 +242,14 @@ class Dropping:
 
     @checked_keywords()
     def drop(
-        self: Any, *items: Instance | Group | str, on: Sequence[Instance | Group | str] | None = None,
-        region: ArrayLike | None = None, seed: int = 0, upright: bool = False, seconds: float = 20.0,
-    ) -> None:  # fmt: skip
+        self: Any,
+        *items: Instance | Group | str,
+        on: Sequence[Instance | Group | str] | None = None,
+        region: ArrayLike | None = None,
+        seed: int = 0,
+        upright: bool = False,
+        seconds: float = 20.0,
+    ) -> None:
         """Let things fall until they rest on what is there and on each other, without meeting.
 
         items: instances, groups and names, of those in the scene. A Group, such as `scene.add` makes of a file, is one

@@ -181,8 +181,11 @@ def trace(origin: Floats, directions: Floats, triangles: Floats) -> Seen:
     offset = origin - corner
     turned = np.cross(offset, edges[:, 0])
     ahead = (edges[:, 1] * turned).sum(axis=1)
-    seen = Seen(*(np.full(len(directions), np.inf), np.zeros(len(directions), np.bool_)),
-                np.zeros((len(directions), 3)), np.zeros(len(directions), np.intp))  # fmt: skip
+    seen = Seen(
+        *(np.full(len(directions), np.inf), np.zeros(len(directions), np.bool_)),
+        np.zeros((len(directions), 3)),
+        np.zeros(len(directions), np.intp),
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         for index, direction in enumerate(directions):
             facing = normal @ direction

@@ -58,10 +58,22 @@ class Screens:
     """
 
     def __init__(
-        self, device: Device, scene: Scene, camera: Camera, *, size: tuple[int, int], name: str = "",
-        mode: str = "realtime", view: str = "picture", tonemap: str = "agx", settings: Settings | None = None,
-        seed: int = 0, scale: str | float = "auto", fps: float | None = None, samples: int = 256,
-    ) -> None:  # fmt: skip
+        self,
+        device: Device,
+        scene: Scene,
+        camera: Camera,
+        *,
+        size: tuple[int, int],
+        name: str = "",
+        mode: str = "realtime",
+        view: str = "picture",
+        tonemap: str = "agx",
+        settings: Settings | None = None,
+        seed: int = 0,
+        scale: str | float = "auto",
+        fps: float | None = None,
+        samples: int = 256,
+    ) -> None:
         self.device, self.scene, self.camera, self.size = device, scene, camera, size
         self.name, self.mode, self.view, self.tonemap, self.seed = name or scene.name, mode, view, tonemap, seed
         self.settings = Settings() if settings is None else settings
@@ -92,15 +104,27 @@ class Screens:
         """What pages know from the start: names, choices, and the settings with their meaning."""
         shown = [name for name in FIELDS if name not in SCALE_OF_ITS_OWN]
         return {
-            "name": self.name, "device": self.device.name, "size": self.size, "modes": MODES, "tonemaps": TONEMAPS,
+            "name": self.name,
+            "device": self.device.name,
+            "size": self.size,
+            "modes": MODES,
+            "tonemaps": TONEMAPS,
             "views": {name: DEBUG_VIEWS[name] for name in views_of(self.settings.lighting)},
-            "qualities": list(QUALITIES), "samples": self.samples,
-            "settings": [{
-                "name": name, "section": FIELDS[name].section, "meaning": FIELDS[name].meaning,
-                "choices": FIELDS[name].choices, "default": DEFAULTS[name], "low": FIELDS[name].low,
-                "high": None if math.isinf(FIELDS[name].high) else FIELDS[name].high,
-            } for name in shown],
-        }  # fmt: skip
+            "qualities": list(QUALITIES),
+            "samples": self.samples,
+            "settings": [
+                {
+                    "name": name,
+                    "section": FIELDS[name].section,
+                    "meaning": FIELDS[name].meaning,
+                    "choices": FIELDS[name].choices,
+                    "default": DEFAULTS[name],
+                    "low": FIELDS[name].low,
+                    "high": None if math.isinf(FIELDS[name].high) else FIELDS[name].high,
+                }
+                for name in shown
+            ],
+        }
 
     def close(self) -> None:
         """Free the scene, after the screens."""
@@ -157,8 +181,13 @@ class Screen:
             if pick is None:
                 return {"picked": None}
             instance, material = pick.instance, pick.instance.material
-            return {"picked": {"name": instance.name or instance.describe(), "material": material.name,
-                               "point": [round(float(x), 4) for x in pick.point]}}  # fmt: skip
+            return {
+                "picked": {
+                    "name": instance.name or instance.describe(),
+                    "material": material.name,
+                    "point": [round(float(x), 4) for x in pick.point],
+                }
+            }
         elif "set" in message:
             for name, value in message["set"].items():
                 self._set(name, value)
@@ -199,9 +228,14 @@ class Screen:
         """What `set` changes, as it is now; of the settings those that differ from their defaults."""
         pictures = self.pictures
         settings = {name: getattr(pictures.settings, name) for name in FIELDS if name not in SCALE_OF_ITS_OWN}
-        return {"mode": self.mode, "view": pictures.view, "tonemap": pictures.tonemap, "divider": pictures.divider,
-                "ev100": self.control.camera.ev100,
-                "settings": {name: value for name, value in settings.items() if value != DEFAULTS[name]}}  # fmt: skip
+        return {
+            "mode": self.mode,
+            "view": pictures.view,
+            "tonemap": pictures.tonemap,
+            "divider": pictures.divider,
+            "ev100": self.control.camera.ev100,
+            "settings": {name: value for name, value in settings.items() if value != DEFAULTS[name]},
+        }
 
     def state(self) -> dict[str, Any]:
         """What `_restore` takes, as JSON values."""
@@ -256,9 +290,15 @@ class Screen:
         hides = scale > self._scale.scale or pictures.mode == "reference"
         if rests and hides and not self.settled and (samples or frames) < HIDDEN:
             return None
-        about = {"rendered": pictures.rendered_size, "seconds": seconds, "samples": samples,
-                 "done": min(max(done, 0.0), 1.0), "settled": self.settled, "columns": pictures.columns(),
-                 "state": self.state()}  # fmt: skip
+        about = {
+            "rendered": pictures.rendered_size,
+            "seconds": seconds,
+            "samples": samples,
+            "done": min(max(done, 0.0), 1.0),
+            "settled": self.settled,
+            "columns": pictures.columns(),
+            "state": self.state(),
+        }
         return Shown(codes, about, self.settled)
 
     def _grown(self) -> tuple[float, int]:

@@ -30,8 +30,10 @@ LARGEST_MESSAGE = 1 << 16  # bytes that a page may send at once
 HEARTBEAT = 15.0  # seconds between two questions whether a page is still there
 SAFE = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'",
-    "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache",
-}  # fmt: skip
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 

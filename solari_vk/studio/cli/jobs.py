@@ -17,14 +17,21 @@ class ViewJob(RealtimeOptions, PictureOptions):
     """An interactive window."""
 
     size: tuple[int, int] = option("width and height of the window (1280x720)", "WxH", type=size, default=(1280, 720))
-    mode: str = option("Solari's realtime lighting, the path tracer, or both side by side (realtime)",
-                       choices=("realtime", "reference", "split"), default="realtime")
-    scale: str = option("share of the window's width and height that is rendered (auto: as much as --fps allows)",
-                        "auto|0.1..1", default="auto")
+    mode: str = option(
+        "Solari's realtime lighting, the path tracer, or both side by side (realtime)",
+        choices=("realtime", "reference", "split"),
+        default="realtime",
+    )
+    scale: str = option(
+        "share of the window's width and height that is rendered (auto: as much as --fps allows)",
+        "auto|0.1..1",
+        default="auto",
+    )
     fps: float | None = option("frames a second for --scale auto (60; on a CPU 7)", "N", type=float)
     no_overlay: bool = flag("show no panels beside the picture")
-    beside: str | None = option("a second file or built-in scene, shown right of a line that can be dragged",
-                                "FILE|builtin:NAME")
+    beside: str | None = option(
+        "a second file or built-in scene, shown right of a line that can be dragged", "FILE|builtin:NAME"
+    )
     folder: Path = option("where F2 writes screenshots (.)", type=Path, default=Path())
     frames: int | None = option("close after this many frames", "N", type=positive)
     screenshot: Path | None = option("write the window's last frame to a file", "FILE.png", type=Path)
@@ -46,17 +53,29 @@ class ServeJob(RealtimeOptions, PictureOptions):
     )
     GROUPS: ClassVar = {"server": ("host", "port", "token", "shared")}
 
-    size: tuple[int, int] = option("width and height of the picture, which the page scales (1280x720)", "WxH",
-                                   type=size, default=(1280, 720))
-    mode: str = option("Solari's realtime lighting, the path tracer once the camera rests, or both side by side "
-                       "(realtime)", choices=("realtime", "reference", "split"), default="realtime")
-    samples: int = option("samples per pixel after which the path tracer's picture is finished (256)", "N",
-                          type=positive, default=256)
-    scale: str = option("share of the width and height that is rendered while the camera moves (auto: as much as "
-                        "--fps allows)", "auto|0.1..1", default="auto")
+    size: tuple[int, int] = option(
+        "width and height of the picture, which the page scales (1280x720)", "WxH", type=size, default=(1280, 720)
+    )
+    mode: str = option(
+        "Solari's realtime lighting, the path tracer once the camera rests, or both side by side (realtime)",
+        choices=("realtime", "reference", "split"),
+        default="realtime",
+    )
+    samples: int = option(
+        "samples per pixel after which the path tracer's picture is finished (256)", "N", type=positive, default=256
+    )
+    scale: str = option(
+        "share of the width and height that is rendered while the camera moves (auto: as much as --fps allows)",
+        "auto|0.1..1",
+        default="auto",
+    )
     fps: float | None = option("frames a second for --scale auto (30; on a CPU 7)", "N", type=float)
-    host: str = option("the address to listen at; any but this machine's own needs a token, which is made and printed "
-                       "unless --token gives it (127.0.0.1)", "ADDRESS", default="127.0.0.1")
+    host: str = option(
+        "the address to listen at; any but this machine's own needs a token, which is made and printed "
+        "unless --token gives it (127.0.0.1)",
+        "ADDRESS",
+        default="127.0.0.1",
+    )
     port: int = option("the port; 0 is any that is free (8765)", "N", type=count, default=8765)
     token: str | None = option("what the address must end with as ?token=, at least 8 letters and digits", "TOKEN")
     shared: bool = flag("all pages see one camera, otherwise each has its own")

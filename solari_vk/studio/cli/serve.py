@@ -29,8 +29,9 @@ def run(job: ServeJob) -> None:
     try:
         from solari_vk.studio.browser.server import is_loopback, listen, serve
     except ImportError as error:
-        raise SolariError(f"serve needs a library that isn't installed ({error}): install it by "
-                          "\"pip install 'solari-vk[serve]'\"") from None  # fmt: skip
+        raise SolariError(
+            f"serve needs a library that isn't installed ({error}): install it by \"pip install 'solari-vk[serve]'\""
+        ) from None
     from solari_vk.studio.browser.hub import Hub
 
     check_view(job.view, job.make_settings().lighting)
@@ -55,10 +56,20 @@ def _make(job: ServeJob, subject: Subject) -> Screens:
     with ExitStack() as undo:
         device = undo.enter_context(open_device(job, CompileNotes()))
         screens = Screens(
-            device, subject.scene, camera, size=job.size, name=Path(job.source).name, mode=job.mode, view=job.view,
-            tonemap=job.tonemap, settings=job.make_settings(), seed=job.seed, scale=job.scale, fps=job.fps,
+            device,
+            subject.scene,
+            camera,
+            size=job.size,
+            name=Path(job.source).name,
+            mode=job.mode,
+            view=job.view,
+            tonemap=job.tonemap,
+            settings=job.make_settings(),
+            seed=job.seed,
+            scale=job.scale,
+            fps=job.fps,
             samples=job.samples,
-        )  # fmt: skip
+        )
         screens.owned = undo.pop_all()
     return screens
 

@@ -33,12 +33,27 @@ def run(job: ViewJob) -> None:
     is_file = not job.source.startswith("builtin:")
     subject.cameras[0].auto_exposure = subject.auto_exposure
     beside = None if job.beside is None else load(replace(job, source=job.beside, camera=None)).scene
-    with open_device(job, CompileNotes()) as device, sv.Viewer(
-        device, subject.scene, size=job.size, camera=subject.cameras[0], mode=job.mode, scale=job.scale,
-        fps=job.fps, settings=settings, seed=job.seed, overlay=not job.no_overlay, source=job.source,
-        source_options=job.words(), load=(lambda: load(job).scene) if is_file else None, folder=job.folder,
-        beside=beside, beside_name=Path(job.beside).name if job.beside else "",
-    ) as viewer:  # fmt: skip
+    with (
+        open_device(job, CompileNotes()) as device,
+        sv.Viewer(
+            device,
+            subject.scene,
+            size=job.size,
+            camera=subject.cameras[0],
+            mode=job.mode,
+            scale=job.scale,
+            fps=job.fps,
+            settings=settings,
+            seed=job.seed,
+            overlay=not job.no_overlay,
+            source=job.source,
+            source_options=job.words(),
+            load=(lambda: load(job).scene) if is_file else None,
+            folder=job.folder,
+            beside=beside,
+            beside_name=Path(job.beside).name if job.beside else "",
+        ) as viewer,
+    ):
         print(f"showing {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
         viewer.pictures.view, viewer.pictures.tonemap = job.view, job.tonemap
         viewer.run(frames=job.frames)

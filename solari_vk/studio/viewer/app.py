@@ -99,8 +99,16 @@ class Viewer(Session):
             camera = camera or scene.camera_for(area.width / max(area.height, 1))
             meter(pictures, camera)
             camera_control = CameraControl(camera, extent_of(scene))
-            super().__init__(window, pictures, camera_control, scale_control, sources,
-                             source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
+            super().__init__(
+                window,
+                pictures,
+                camera_control,
+                scale_control,
+                sources,
+                source=source,
+                source_options=source_options,
+                folder=Path(folder),
+            )
             self.refining.enabled = scale_control.auto
             if beside is not None:
                 self.beside = Beside(device, beside, pictures, beside_name or beside.name or "second")

@@ -65,9 +65,16 @@ ACTIONS = {
 }
 TEXT_ACTIONS = {"?": "help"}  # by the character, which is on another key on each keyboard
 REPEATING = {
-    "move_divider_left", "move_divider_right", "brighter", "darker", "next_view", "previous_view", "undo", "redo",
+    "move_divider_left",
+    "move_divider_right",
+    "brighter",
+    "darker",
+    "next_view",
+    "previous_view",
+    "undo",
+    "redo",
     *(name for name in ACTIONS.values() if name.startswith("nudge")),
-}  # fmt: skip
+}
 KEYS_HELP = (
     ("wheel", "zoom to what is under the cursor"),
     ("left button", "drag: orbit around what is under the cursor; click: pick, with Shift several"),

@@ -58,8 +58,11 @@ class EditActions:
     def next_gizmo(self) -> None:
         session = self._session
         session.gizmo = GIZMOS[(GIZMOS.index(session.gizmo) + 1) % len(GIZMOS)]
-        session.say(f"dragging what is picked: {session.gizmo}" if session.has_panels else
-                    "handles need the panels (pip install solari-vk[viewer]): arrows nudge what is picked")  # fmt: skip
+        session.say(
+            f"dragging what is picked: {session.gizmo}"
+            if session.has_panels
+            else "handles need the panels (pip install solari-vk[viewer]): arrows nudge what is picked"
+        )
 
     def turn_gizmo(self) -> None:
         session = self._session

@@ -137,8 +137,9 @@ class History:
 
     def assign_all(self, text: str, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
         """Assign fields of several objects, as one edit that has its own text."""
-        edits = [Assignment(item, fields, {name: _kept(getattr(item, name)) for name in fields})
-                 for item, fields in values]  # fmt: skip
+        edits = [
+            Assignment(item, fields, {name: _kept(getattr(item, name)) for name in fields}) for item, fields in values
+        ]
         edit, last = Several(text, edits), self.done[-1] if self.done else None
         edit.redo()
         if self._open and isinstance(last, Several) and last is not self._saved and edit.continues(last):

@@ -29,9 +29,13 @@ class Area:
 
     def scaled(self, size: tuple[int, int], pixels: tuple[int, int]) -> Area:
         """The same part of a window in pixels, if this one is in window coordinates and the window has these sizes."""
-        ends = [(round(start * to / max(of, 1)), round((start + length) * to / max(of, 1)))
-                for start, length, of, to in ((self.x, self.width, size[0], pixels[0]),
-                                              (self.y, self.height, size[1], pixels[1]))]  # fmt: skip
+        ends = [
+            (round(start * to / max(of, 1)), round((start + length) * to / max(of, 1)))
+            for start, length, of, to in (
+                (self.x, self.width, size[0], pixels[0]),
+                (self.y, self.height, size[1], pixels[1]),
+            )
+        ]
         (left, right), (top, bottom) = ends
         return Area(left, top, max(right - left, min(1, pixels[0])), max(bottom - top, min(1, pixels[1])))
 

@@ -34,5 +34,11 @@ def new_light(kind: str, control: CameraControl) -> Light:
     size = 0.05 * height
     if kind == "point":
         return PointLight(position, intensity=intensity, radius=size if size > 1e-4 else 0.0)
-    return SpotLight(position, control.center - position, intensity=intensity, radius=size if size > 1e-4 else 0.0,
-                     inner_cone_angle=0.3, outer_cone_angle=0.6)  # fmt: skip
+    return SpotLight(
+        position,
+        control.center - position,
+        intensity=intensity,
+        radius=size if size > 1e-4 else 0.0,
+        inner_cone_angle=0.3,
+        outer_cone_angle=0.6,
+    )

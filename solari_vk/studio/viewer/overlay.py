@@ -25,17 +25,23 @@ from solari_vk.studio.viewer.window import Event
 
 MARGIN = 8  # of the message, in window coordinates
 DOCKED = (
-    imgui.WindowFlags_.no_title_bar | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
-    | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_saved_settings
+    imgui.WindowFlags_.no_title_bar
+    | imgui.WindowFlags_.no_resize
+    | imgui.WindowFlags_.no_move
+    | imgui.WindowFlags_.no_collapse
+    | imgui.WindowFlags_.no_saved_settings
     | imgui.WindowFlags_.no_bring_to_front_on_focus
-)  # fmt: skip
+)
 # GLFW's and ImGui's names of keys differ only in these two points, and for keys that text fields don't use.
 _KEYS = {
-    getattr(glfw, code): key for name, key in imgui.Key.__members__.items()
+    getattr(glfw, code): key
+    for name, key in imgui.Key.__members__.items()
     if hasattr(glfw, code := "KEY_" + name.removesuffix("_arrow").replace("keypad", "kp").upper())
-}  # fmt: skip
-_MODIFIERS = {getattr(glfw, f"MOD_{name}"): getattr(imgui.Key, f"mod_{short}")
-              for name, short in (("CONTROL", "ctrl"), ("SHIFT", "shift"), ("ALT", "alt"))}  # fmt: skip
+}
+_MODIFIERS = {
+    getattr(glfw, f"MOD_{name}"): getattr(imgui.Key, f"mod_{short}")
+    for name, short in (("CONTROL", "ctrl"), ("SHIFT", "shift"), ("ALT", "alt"))
+}
 
 
 class Overlay:

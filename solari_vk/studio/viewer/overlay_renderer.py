@@ -108,9 +108,14 @@ class OverlayRenderer:
             first_index += part.idx_buffer.size()
 
     def _draw(
-        self, commands: raw.CData, command: Any, factor: Any, extent: tuple[int, int], first_index: int,
+        self,
+        commands: raw.CData,
+        command: Any,
+        factor: Any,
+        extent: tuple[int, int],
+        first_index: int,
         first_vertex: int,
-    ) -> None:  # fmt: skip
+    ) -> None:
         texture, clip = self._textures.get(command.get_tex_id()), command.clip_rect
         left, right = (int(min(max(x * factor.x, 0), extent[0])) for x in (clip.x, clip.z))
         top, bottom = (int(min(max(y * factor.y, 0), extent[1])) for y in (clip.y, clip.w))

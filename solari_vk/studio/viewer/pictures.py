@@ -180,8 +180,9 @@ class Pictures:
 
     def _render_realtime(self, camera: Camera, build: Build) -> None:
         if self.realtime is None or self.realtime.count_rays != build.counts_rays:
-            made = Renderer(self.device, self.binder, build.realtime, self.settings, seed=self.seed,
-                            count_rays=build.counts_rays)  # fmt: skip
+            made = Renderer(
+                self.device, self.binder, build.realtime, self.settings, seed=self.seed, count_rays=build.counts_rays
+            )
             if self.realtime is not None:
                 self.realtime.close()
             self.realtime = made

@@ -167,9 +167,15 @@ class Presenter:
             if target[0] < target[1]:
                 blit = _blit(part.columns(image.width, min_count=1), (0, image.height), target, (0, height))
                 self.device.vk.vkCmdBlitImage(
-                    commands, image.handle, image.layout, composed.handle, composed.layout, 1, blit,
+                    commands,
+                    image.handle,
+                    image.layout,
+                    composed.handle,
+                    composed.layout,
+                    1,
+                    blit,
                     raw.VK_FILTER_LINEAR,
-                )  # fmt: skip
+                )
         self.device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
         return composed
 

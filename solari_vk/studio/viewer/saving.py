@@ -105,8 +105,11 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
         ]
     else:
         changed = {name: getattr(session.settings, name) for name in DEFAULTS}
-        settings = [f"{name}={value!r}" for name, value in changed.items() if value != DEFAULTS[name]
-                    and not (settles and name == "upscale")]  # it follows the size, which is the whole one then
+        settings = [
+            f"{name}={value!r}"
+            for name, value in changed.items()
+            if value != DEFAULTS[name] and not (settles and name == "upscale")
+        ]  # it follows the size, which is the whole one then
         frames = FRAMES if settles else refining.frames
         lines += [
             f"    settings = sv.Settings({', '.join(settings)})",

@@ -42,8 +42,10 @@ def take_screenshot(session: Session) -> Path:
     )
     lines, size = [command], session.pictures.size
     if size != (area.width, area.height):
-        lines.append(f"# It renders {size[0]}x{size[1]} pixels, as the window did, and stretched, as in the .png, "
-                     f"to {area.width}x{area.height}.")  # fmt: skip
+        lines.append(
+            f"# It renders {size[0]}x{size[1]} pixels, as the window did, and stretched, as in the .png, "
+            f"to {area.width}x{area.height}."
+        )
     if edits := edit_lines(session):
         lines.append("# Edits that the command leaves out, as Python writes them:")
         lines += (f"# {line}" for line in edits)

@@ -78,9 +78,14 @@ class Swapchain:
         self._frame = (self._frame + 1) % FRAMES
         self.device.await_value(self._values[self._frame])
         result = self._call(
-            "vkAcquireNextImageKHR", self.device.handle, self._handle, _ACQUIRE_TIMEOUT, self._acquired[self._frame],
-            raw.NULL, self._index,
-        )  # fmt: skip
+            "vkAcquireNextImageKHR",
+            self.device.handle,
+            self._handle,
+            _ACQUIRE_TIMEOUT,
+            self._acquired[self._frame],
+            raw.NULL,
+            self._index,
+        )
         if result not in (raw.VK_SUCCESS, raw.VK_SUBOPTIMAL_KHR):
             return None
         return int(self._index[0])

@@ -101,8 +101,10 @@ class Window:
         self.events.append(Event("close"))
 
     def _held_modifiers(self) -> int:
-        keys = {glfw.MOD_SHIFT: (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT),
-                glfw.MOD_CONTROL: (glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL)}  # fmt: skip
+        keys = {
+            glfw.MOD_SHIFT: (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT),
+            glfw.MOD_CONTROL: (glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL),
+        }
         return sum(bit for bit, codes in keys.items() if any(glfw.get_key(self.handle, code) for code in codes))
 
     def create_surface(self, instance: raw.CData) -> raw.CData:

@@ -69,8 +69,9 @@ def test_annotations(make, copied, tmp_path):
     assert [category["name"] for category in coco.loadCats(coco.getCatIds())] == ["a lamp", "block"]
     seen = 0
     for image in coco.loadImgs(coco.getImgIds()):
-        ids, position = (np.load(folder / image["file_name"].replace("png", f"{name}.npy"))
-                         for name in ("instance_id", "position"))  # fmt: skip
+        ids, position = (
+            np.load(folder / image["file_name"].replace("png", f"{name}.npy")) for name in ("instance_id", "position")
+        )
         lines = (folder / image["file_name"].replace("png", "txt")).read_text().splitlines()
         found = coco.loadAnns(coco.getAnnIds(image["id"]))
         assert len(lines) == len(found) == len({n for n in np.unique(ids) if n in table and table[n]["label"]})
@@ -85,20 +86,24 @@ def test_annotations(make, copied, tmp_path):
             center = x + width / 2, y + height / 2
             assert np.multiply(box, (24, 16, 24, 16)) == pytest.approx((*center, width, height), abs=1e-4)
             local = np.c_[position[mask], np.ones(mask.sum())] @ np.linalg.inv(row["transform"]).T
-            assert np.all(np.abs(local[:, :3] - row["lowest"] - np.divide(row["size"], 2))
-                          <= np.divide(row["size"], 2) + 1e-4)  # fmt: skip
+            assert np.all(
+                np.abs(local[:, :3] - row["lowest"] - np.divide(row["size"], 2)) <= np.divide(row["size"], 2) + 1e-4
+            )
             seen += one["area"]
     assert seen > 50
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (("--annotations", "coco"), "no instance has a label"),
-    (("--annotations", "voc"), "--annotations voc: take some of coco, yolo, objects, bop"),
-    (("--annotations", "coco", "--format", "exr"), "give --format png, jpg or npy"),
-    (("--labels", "{}/chairs.json"), 'chairs.json: no instance is named \'Chair*\'; names are '),
-    (("--labels", "{}/list.json"), "list.json: give a class for each pattern"),
-    (("--labels", "{}/none.json"), "none.json"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--annotations", "coco"), "no instance has a label"),
+        (("--annotations", "voc"), "--annotations voc: take some of coco, yolo, objects, bop"),
+        (("--annotations", "coco", "--format", "exr"), "give --format png, jpg or npy"),
+        (("--labels", "{}/chairs.json"), "chairs.json: no instance is named 'Chair*'; names are "),
+        (("--labels", "{}/list.json"), "list.json: give a class for each pattern"),
+        (("--labels", "{}/none.json"), "none.json"),
+    ],
+)
 def test_labels_that_fit_nothing(make, tmp_path, arguments, message):
     (tmp_path / "chairs.json").write_text('{"lamp": "lamp", "Chair*": "chair"}')
     (tmp_path / "list.json").write_text('["lamp"]')

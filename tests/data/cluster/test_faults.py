@@ -97,8 +97,17 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
         ("--cluster tcp://127.0.0.1:9", "no scheduler of dask answers at tcp://127.0.0.1:9"),
         *(
             (f"--cluster={address}", f"{address!r} isn't the address of a scheduler")
-            for address in ("host", "", "foo://host:1", "tcp://host:x", "tcp://:8786", "tcp://host:0",
-                            "inproc://a/b/c", "ucx://host:1", "tls://host:1")
+            for address in (
+                "host",
+                "",
+                "foo://host:1",
+                "tcp://host:x",
+                "tcp://:8786",
+                "tcp://host:0",
+                "inproc://a/b/c",
+                "ucx://host:1",
+                "tls://host:1",
+            )
         ),
         ("--workers 2 --cluster tcp://127.0.0.1:9", "one of the two"),
         ("--shared-folder", "--shared-folder is for"),

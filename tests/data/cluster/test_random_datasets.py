@@ -44,8 +44,7 @@ def run(recipe, folder, *more, code=0):
 
 @pytest.fixture(scope="module")
 def views(any_device, recipe, tmp_path_factory):
-    return run(recipe, tmp_path_factory.mktemp("rendered") / "views", "--views", 5, *ALL,
-               "--shards", 2)  # fmt: skip
+    return run(recipe, tmp_path_factory.mktemp("rendered") / "views", "--views", 5, *ALL, "--shards", 2)
 
 
 def scene_of(recipe, number):
@@ -113,8 +112,9 @@ def test_boxes_in_space_are_of_the_views_own_scene(recipe, views):
 def test_bop_files_fit_the_pictures(views):
     """Depth unprojected by cam_K, then moved into the models' frames, is within their boxes."""
     bop, scene = views / "bop", views / "bop" / "train" / "000000"
-    cameras, poses, infos = (json.loads((scene / f"scene_{name}.json").read_text())
-                             for name in ("camera", "gt", "gt_info"))  # fmt: skip
+    cameras, poses, infos = (
+        json.loads((scene / f"scene_{name}.json").read_text()) for name in ("camera", "gt", "gt_info")
+    )
     models, names = (json.loads((bop / name).read_text()) for name in ("models/models_info.json", "objects.json"))
     assert {row["label"] for row in names.values()} == {"block", "lamp"}
     seen = 0
@@ -126,8 +126,10 @@ def test_bop_files_fit_the_pictures(views):
         points = np.stack([columns, rows, np.ones(len(rows))]).T @ np.linalg.inv(np.reshape(camera["cam_K"], (3, 3))).T
         points *= depth[rows, columns, None]
         for index, (row, info) in enumerate(zip(poses[str(number)], infos[str(number)], strict=True)):
-            whole, visible = (np.asarray(Image.open(scene / kind / f"{number:06}_{index:06}.png")) == 255
-                              for kind in ("mask", "mask_visib"))  # fmt: skip
+            whole, visible = (
+                np.asarray(Image.open(scene / kind / f"{number:06}_{index:06}.png")) == 255
+                for kind in ("mask", "mask_visib")
+            )
             assert (whole >= visible).all()
             assert info["px_count_visib"] == visible.sum()
             assert info["px_count_all"] >= whole.sum()
@@ -169,8 +171,10 @@ def test_views_are_a_data_set_of_pytorch(views, recipe):
     assert [sorted(one) for one in sv.Views(views, ["rgb"])] == [["rgb"]] * 5
     with pytest.raises(sv.SolariError, match=r"samples have rgb, and no depth: .* Views\(folder, \['rgb', 'depth'\]\)"):
         sv.Views(views, ["rgb"])[0]["depth"]
-    for wrong, words in ((lambda: sv.Views(views, ["dept"]), "views have no 'dept'; did you mean 'depth'"),
-                         (lambda: sv.Views(recipe), "there is no such file")):  # fmt: skip
+    for wrong, words in (
+        (lambda: sv.Views(views, ["dept"]), "views have no 'dept'; did you mean 'depth'"),
+        (lambda: sv.Views(recipe), "there is no such file"),
+    ):
         with pytest.raises(sv.SolariError, match=words):
             wrong()
     data = pytest.importorskip("torch.utils.data")
@@ -248,8 +252,7 @@ def test_workers_give_the_same(recipe, views, pool, tmp_path):
 @pytest.mark.slow
 def test_realtime_views_are_random_too(recipe, tmp_path, any_device):
     options = ["--mode", "realtime", "--warm-up", 1, "--average", 1, "--annotations", "objects"]
-    three, two = (run(recipe, tmp_path / str(count), "--views", count, *options)
-                  for count in (3, 2))  # fmt: skip
+    three, two = (run(recipe, tmp_path / str(count), "--views", count, *options) for count in (3, 2))
     for number in range(2):
         assert (two / f"{number:05}.png").read_bytes() == (three / f"{number:05}.png").read_bytes()
 
@@ -295,11 +298,14 @@ def refused(recipe, folder, capsys, text, *more):
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("instances: {'tall block': {scale: [0.5, 1]}}", "BOP: Instance 'tall block' has another size"),
-    ("cameras: {projection: fisheye}", "cameras are perspective and without distortion"),
-    ("cameras: {orthographic_height: 2}", "cameras are perspective and without distortion"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("instances: {'tall block': {scale: [0.5, 1]}}", "BOP: Instance 'tall block' has another size"),
+        ("cameras: {projection: fisheye}", "cameras are perspective and without distortion"),
+        ("cameras: {orthographic_height: 2}", "cameras are perspective and without distortion"),
+    ],
+)
 def test_what_bop_lacks_is_refused_first(recipe, tmp_path, capsys, monkeypatch, text, words):
     monkeypatch.setattr("solari_vk.data.cli.dataset.open_pool", lambda job: pytest.fail("renders"))
     assert words in refused(recipe, tmp_path, capsys, text, "--annotations", "bop")
@@ -312,9 +318,22 @@ def test_distractors_have_neither_labels_nor_keypoints(recipe, tmp_path, any_dev
     (tmp_path / "random.yaml").write_text(
         "seed: 5\ninstances: {'tall block': {scale: 0.5}}\ndistractors: {count: 3, shapes: cone}"
     )
-    folder = run(recipe, tmp_path / "views", "--views", 1, "--cameras", "random", "--keypoints",
-                 tmp_path / "points.json", "--labels", tmp_path / "classes.json", "--randomize",
-                 tmp_path / "random.yaml", "--annotations", "coco,bop")  # fmt: skip
+    folder = run(
+        recipe,
+        tmp_path / "views",
+        "--views",
+        1,
+        "--cameras",
+        "random",
+        "--keypoints",
+        tmp_path / "points.json",
+        "--labels",
+        tmp_path / "classes.json",
+        "--randomize",
+        tmp_path / "random.yaml",
+        "--annotations",
+        "coco,bop",
+    )
     table = {row["name"]: row for row in json.loads((folder / "instances.json").read_text())["instances"]}
     assert {name for name, row in table.items() if not row["label"]} == {f"distractor {number}" for number in range(3)}
     rows = np.load(folder / "00000.keypoints.npy")

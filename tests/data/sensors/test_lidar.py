@@ -52,8 +52,9 @@ def test_hits_are_embrees(device):
     rng = np.random.default_rng(4)
     corners = rng.normal(0, 6, (400, 1, 3)) + rng.normal(0, 1.5, (400, 3, 3))
     scene = sv.Scene(sv.Instance(sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32)), matte(0.5)))
-    lidar = sv.Lidar.preset("OS1-64", azimuth_steps=256, range_noise=0.0, range_resolution=0.0, reference=(0, 0),
-                            min_range=0.0)  # fmt: skip
+    lidar = sv.Lidar.preset(
+        "OS1-64", azimuth_steps=256, range_noise=0.0, range_resolution=0.0, reference=(0, 0), min_range=0.0
+    )
     pose = np.eye(4)
     pose[:3, :3] = sv.Camera(rotation=0.7).rotation
     pose[:3, 3] = (0.5, -0.2, 0.3)
@@ -193,14 +194,17 @@ def test_files_of_points(device, tmp_path):
         found.save(tmp_path / "cloud.las")
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    ({"elevations": (-15, 15)}, r"between -pi/2 and pi/2 radians.*np.radians"),
-    ({"elevations": (math.nan,)}, "elevations must be finite"),
-    ({"azimuth_steps": 0}, "azimuth_steps must be a whole number from 1 on, not 0"),
-    ({"min_range": 300.0}, "must be below max_range"),
-    ({"reference": (40.0, 0.0)}, "a distance and a reflectivity above 0"),
-    ({"range_noise": -1}, "range_noise is a number between 0 and 1000 m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"elevations": (-15, 15)}, r"between -pi/2 and pi/2 radians.*np.radians"),
+        ({"elevations": (math.nan,)}, "elevations must be finite"),
+        ({"azimuth_steps": 0}, "azimuth_steps must be a whole number from 1 on, not 0"),
+        ({"min_range": 300.0}, "must be below max_range"),
+        ({"reference": (40.0, 0.0)}, "a distance and a reflectivity above 0"),
+        ({"range_noise": -1}, "range_noise is a number between 0 and 1000 m"),
+    ],
+)
 def test_what_is_no_lidar(fields, message):
     with pytest.raises(SolariError, match=message):
         sv.Lidar(**{**PLAIN, **fields})
@@ -221,11 +225,23 @@ def test_wrong_poses(device):
         sv.Lidar(**PLAIN).scan(None, (0, 0, 0))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "an echo without the cosine": (test_a_wall, Bug(
-        "passes/ray_tracer/backscatter.glsl", "find_echo",
-        "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.4 / PI); return echo;")),
-    "panes that keep all light": (test_returns_through_panes, Bug(
-        "passes/ray_tracer/backscatter.glsl", "find_echo",
-        "Echo echo = correct(hit, direction); echo.passed = vec3(0.0); return echo;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "an echo without the cosine": (
+            test_a_wall,
+            Bug(
+                "passes/ray_tracer/backscatter.glsl",
+                "find_echo",
+                "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.4 / PI); return echo;",
+            ),
+        ),
+        "panes that keep all light": (
+            test_returns_through_panes,
+            Bug(
+                "passes/ray_tracer/backscatter.glsl",
+                "find_echo",
+                "Echo echo = correct(hit, direction); echo.passed = vec3(0.0); return echo;",
+            ),
+        ),
+    }
+)

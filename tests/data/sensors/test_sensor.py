@@ -99,8 +99,16 @@ def test_fixed_patterns_stay():
 
 def test_nonuniformity_without_light():
     """The dark signal's pattern goes below the black level, and the response's isn't in the dark current."""
-    sensor = sv.Sensor(dsnu=20.0, prnu=0.5, dark_current=1000.0, exposure_time=0.1, read_noise=0.5, shot_noise=False,
-                       black_level=200, bit_depth=14)  # fmt: skip
+    sensor = sv.Sensor(
+        dsnu=20.0,
+        prnu=0.5,
+        dark_current=1000.0,
+        exposure_time=0.1,
+        read_noise=0.5,
+        shot_noise=False,
+        black_level=200,
+        bit_depth=14,
+    )
     found = sensor.expose(even(0, (256, 256))).astype(float)
     expected = sensor.dn_per_electron * math.hypot(20, 0.5)
     assert found.std() == pytest.approx(expected, rel=0.02)
@@ -138,8 +146,7 @@ def test_mosaics(pattern):
 
 
 def test_develop_inverts_the_mean():
-    sensor = sv.Sensor(shot_noise=False, read_noise=0.0, bit_depth=16, dark_current=1000, iso=600,
-                       exposure_time=0.02)  # fmt: skip
+    sensor = sv.Sensor(shot_noise=False, read_noise=0.0, bit_depth=16, dark_current=1000, iso=600, exposure_time=0.02)
     light = np.random.default_rng(2).uniform(0, sensor.saturation_radiance, (16, 16, 3))
     np.testing.assert_allclose(sensor.develop(sensor.expose(light)), light, atol=1e-3 * sensor.saturation_radiance)
 
@@ -184,18 +191,21 @@ def test_files_of_sensors(tmp_path):
         sv.Sensor.load(path)
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    ({"iso": 100, "gain": 1}, "iso and gain say the same"),
-    ({"iso": 100}, r"iso, 100, is below base_iso, 227.*give base_iso or more, a full_well of 227"),
-    ({"bit_depth": 8.5}, "bit_depth must be a whole number from 1 to 16, not 8.5"),
-    ({"pattern_seed": -1}, "pattern_seed must be a whole number from 0 on, not -1"),
-    ({"bayer": "RGBG"}, "there is no Bayer pattern 'RGBG'"),
-    ({"black_level": 5000}, "black_level, 5000 DN, must be below the largest number of 12 bits"),
-    ({"quantum_efficiency": 1.2}, "lies between 0 and 1"),
-    ({"full_well": math.nan}, "full_well is a number between"),
-    ({"vignetting": "cos3"}, 'vignetting is "none", "cos4" or coefficients'),
-    ({"chromatic_aberration": 0.5}, "lies within 0.1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"iso": 100, "gain": 1}, "iso and gain say the same"),
+        ({"iso": 100}, r"iso, 100, is below base_iso, 227.*give base_iso or more, a full_well of 227"),
+        ({"bit_depth": 8.5}, "bit_depth must be a whole number from 1 to 16, not 8.5"),
+        ({"pattern_seed": -1}, "pattern_seed must be a whole number from 0 on, not -1"),
+        ({"bayer": "RGBG"}, "there is no Bayer pattern 'RGBG'"),
+        ({"black_level": 5000}, "black_level, 5000 DN, must be below the largest number of 12 bits"),
+        ({"quantum_efficiency": 1.2}, "lies between 0 and 1"),
+        ({"full_well": math.nan}, "full_well is a number between"),
+        ({"vignetting": "cos3"}, 'vignetting is "none", "cos4" or coefficients'),
+        ({"chromatic_aberration": 0.5}, "lies within 0.1"),
+    ],
+)
 def test_what_is_no_sensor(fields, message):
     with pytest.raises(SolariError, match=message):
         sv.Sensor(**fields)

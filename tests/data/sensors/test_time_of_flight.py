@@ -112,13 +112,14 @@ def test_mixed_pixels(device):
 
 def test_what_is_no_camera(device):
     for fields, message in (
-        ({"frequencies": ()}, "frequencies are whole numbers"), ({"contrast": 0}, "contrast is a number between"),
+        ({"frequencies": ()}, "frequencies are whole numbers"),
+        ({"contrast": 0}, "contrast is a number between"),
         ({"max_range": 10.0}, "10 m, is beyond the unambiguous range of these frequencies, 7.49481 m: add a frequency"),
         ({"frequencies": (100e6, 80e6), "max_range": 8}, r"8 m, is beyond the unambiguous range .*, 7.49481 m"),
         ({"frequencies": (20e6, 20e6)}, "frequencies must differ"),
         ({"frequencies": (100e6, 99999999)}, r"up to 1.49896e.08 m 1e.08 Hz have more than 10,000 turns"),
         ({"rays_per_pixel": 1.5}, r"rays_per_pixel must be a whole number from 1 to 64, not 1.5"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(SolariError, match=message):
             sv.TimeOfFlightCamera(**fields)
     with pytest.raises(SolariError, match=r"capture: seed must be a whole number from 0 on, not 0.5"):
@@ -127,8 +128,15 @@ def test_what_is_no_camera(device):
         capture(device, sv.Scene(), sv.TimeOfFlightCamera(), sv.Camera(orthographic_height=2))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "an echo without the cosine": (lambda device: test_depths(device, "perspective"), Bug(
-        "passes/ray_tracer/backscatter.glsl", "find_echo",
-        "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.5 / PI); return echo;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "an echo without the cosine": (
+            lambda device: test_depths(device, "perspective"),
+            Bug(
+                "passes/ray_tracer/backscatter.glsl",
+                "find_echo",
+                "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.5 / PI); return echo;",
+            ),
+        )
+    }
+)

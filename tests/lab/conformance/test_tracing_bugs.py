@@ -84,10 +84,7 @@ def changed_vertices(new):
     return Bug("passes/conformance/positions.comp", "find_vertices", text)
 
 
-POSITION_BUGS = {
-    "another order": changed_vertices("found[2 - i]"),
-    "elsewhere": changed_vertices("found[i] + 7.0"),
-}
+POSITION_BUGS = {"another order": changed_vertices("found[2 - i]"), "elsewhere": changed_vertices("found[i] + 7.0")}
 
 
 @pytest.fixture

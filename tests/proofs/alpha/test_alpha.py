@@ -308,8 +308,16 @@ def test_raster_and_rays_show_the_same(device):
 
 # ---- each check holds, and can fail -----------------------------------------------------------------
 
-CHECKS = (check_panes, check_light_through_a_pane, check_lamps, check_mask, check_random_numbers, check_even_frames,
-          check_specks, check_gone)  # fmt: skip
+CHECKS = (
+    check_panes,
+    check_light_through_a_pane,
+    check_lamps,
+    check_mask,
+    check_random_numbers,
+    check_even_frames,
+    check_specks,
+    check_gone,
+)
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -318,26 +326,50 @@ def test_holds(device, check):
 
 
 ALPHA, HISTORY = "scene/alpha.glsl", "passes/taa/history.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "rays pass as often as alpha says": (check_panes, Bug(
-        ALPHA, "alpha_threshold", "return square(correct(alpha_seed, instance_index, triangle, edge));")),
-    "light keeps its color": (check_light_through_a_pane, Bug(
-        ALPHA, "attenuate_by_surface(inout RayTransmittance through, vec4",
-        "through.weight *= vec3(1.0, 0.6, 0.5); through.probability *= 1.0 - filter_opacity.w;")),
-    "lamps behind panes": (check_lamps, Bug(
-        "scene/walk.glsl", "accumulate_segment",
-        "segment.along_ray.radiance = segment.along_ray.radiance_over_probability; "
-        "return correct(walk, segment, receiver, radiance);")),
-    "masks cover pixels": (check_mask, Bug(
-        ALPHA, "accepts_hit(float opacity, uvec2 alpha_seed, uint instance_index, uint", "return true;")),
-    "one seed for all rays": (check_random_numbers, Bug(
-        "scene/trace.glsl", "random_alpha_seed", "return uvec2(7u);")),
-    "frames are independent": (check_even_frames, Bug(
-        "passes/gbuffer/pixel.glsl", "pixel_alpha_seed",
-        "return pcg4d(uvec4(correct(pixel), this_frame.index, 0u)).xy;")),
-    "chance counts as a change": (check_specks, Bug(HISTORY, "is_blended", "return false;")),
-    "panes that are gone are remembered": (check_gone, Bug(HISTORY, "is_blended", "return true;")),
-}, quick=("masks cover pixels",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "rays pass as often as alpha says": (
+            check_panes,
+            Bug(ALPHA, "alpha_threshold", "return square(correct(alpha_seed, instance_index, triangle, edge));"),
+        ),
+        "light keeps its color": (
+            check_light_through_a_pane,
+            Bug(
+                ALPHA,
+                "attenuate_by_surface(inout RayTransmittance through, vec4",
+                "through.weight *= vec3(1.0, 0.6, 0.5); through.probability *= 1.0 - filter_opacity.w;",
+            ),
+        ),
+        "lamps behind panes": (
+            check_lamps,
+            Bug(
+                "scene/walk.glsl",
+                "accumulate_segment",
+                "segment.along_ray.radiance = segment.along_ray.radiance_over_probability; "
+                "return correct(walk, segment, receiver, radiance);",
+            ),
+        ),
+        "masks cover pixels": (
+            check_mask,
+            Bug(ALPHA, "accepts_hit(float opacity, uvec2 alpha_seed, uint instance_index, uint", "return true;"),
+        ),
+        "one seed for all rays": (
+            check_random_numbers,
+            Bug("scene/trace.glsl", "random_alpha_seed", "return uvec2(7u);"),
+        ),
+        "frames are independent": (
+            check_even_frames,
+            Bug(
+                "passes/gbuffer/pixel.glsl",
+                "pixel_alpha_seed",
+                "return pcg4d(uvec4(correct(pixel), this_frame.index, 0u)).xy;",
+            ),
+        ),
+        "chance counts as a change": (check_specks, Bug(HISTORY, "is_blended", "return false;")),
+        "panes that are gone are remembered": (check_gone, Bug(HISTORY, "is_blended", "return true;")),
+    },
+    quick=("masks cover pixels",),
+)
 
 
 def test_a_hit_group_without_its_shader_is_noticed():

@@ -13,8 +13,16 @@ from solari_vk.scene.builtin import place
 from solari_vk.scene.matrices import rotation
 
 # At a distance of 1: within triangles of the squares, on their diagonals, and where eight triangles meet.
-AIMS = [(0.2, 0.1), (-0.06, 0.16), (0.125, 0.125), (-0.0625, -0.0625), (1 / 6, 1 / 6), (0.1875, -0.1875), (0, 0),
-        (0.125, 0)]  # fmt: skip
+AIMS = [
+    (0.2, 0.1),
+    (-0.06, 0.16),
+    (0.125, 0.125),
+    (-0.0625, -0.0625),
+    (1 / 6, 1 / 6),
+    (0.1875, -0.1875),
+    (0, 0),
+    (0.125, 0),
+]
 NOISE = 0.11  # of means of 512 rays: five standard deviations
 SHADER = f"""#version 460
 #include "scene/walk.glsl"
@@ -95,9 +103,11 @@ def test_panes_count_once(answers):
     """Closed forms for squares with alpha 0.5, whose color light doesn't take."""
     half = sv.Material(base_color=(1, 0.2, 0), alpha=0.5, alpha_mode="blend", double_sided=True)
     for count, scene in (
-        (4, stack(half, (2, 2.5, 3, 3.5))), (2, stack(half, (2, 2.5), turn=math.pi / 4)), (2, glazing(half)),
+        (4, stack(half, (2, 2.5, 3, 3.5))),
+        (2, stack(half, (2, 2.5), turn=math.pi / 4)),
+        (2, glazing(half)),
         (2, stack(half, (2, 2.5), axis=(1, -1, 0), turn=0.7)),
-    ):  # fmt: skip
+    ):
         found = answers(scene)
         np.testing.assert_allclose(found["transmittance"], 0.5**count, rtol=1e-5)
         for name in ("hits_per_ray", "camera_hits"):
@@ -127,9 +137,10 @@ def test_cards_are_there_or_not(answers, alpha):
 
 BUGS = {
     "light passes each triangle": Bug("scene/alpha.glsl", "hit_edge", "return NO_EDGE;"),
-    "all panes have the same edges": Bug("scene/alpha.glsl", "hit_edge", "return min(correct(instance_index, mesh, "
-                                         "triangle, barycentrics), 1u);"),
-}  # fmt: skip
+    "all panes have the same edges": Bug(
+        "scene/alpha.glsl", "hit_edge", "return min(correct(instance_index, mesh, triangle, barycentrics), 1u);"
+    ),
+}
 
 
 @pytest.mark.slow

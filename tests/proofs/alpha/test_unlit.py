@@ -25,9 +25,14 @@ def card_over_a_floor(*lights):
     image = sv.TextureImage(pixels=PIXELS)
     texture = sv.Texture(image=image, magnification="nearest", minification="nearest", mipmaps=False)
     card = sv.Material(  # emission and metallic are to count for nothing
-        base_color=COLOR, base_color_texture=texture, unlit=True, emissive=50.0, metallic=1.0, roughness=0.1,
+        base_color=COLOR,
+        base_color_texture=texture,
+        unlit=True,
+        emissive=50.0,
+        metallic=1.0,
+        roughness=0.1,
         double_sided=True,
-    )  # fmt: skip
+    )
     floor = shapes.quad((0, -0.6, -1.5), (3, 0, 0), (0, 0, -1.5))
     return sv.Scene(sv.Instance(quad(2.0, 0.5), card), sv.Instance(floor, sv.Material()), *lights)
 
@@ -120,18 +125,38 @@ def test_a_card_casts_a_shadow(device):
     assert 0 < shadowed.sum() < 0.9 * traced(device, scene)[FLOOR].sum()
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "other rays see it": (check_darkness, Bug(
-        "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh",
-        "SurfaceInteraction found = correct(hit, mesh, ray_direction, cone_width); "
-        "found.emits_towards_ray = found.emits_towards_ray || found.unlit; return found;")),
-    "rough surfaces reflect it": (check_mirror, Bug(
-        "scene/walk.glsl", "scatter",
-        "bool shown = walk.delta_path_from_camera, possible = correct(walk, next, frame, geometric_normal, below); "
-        "walk.delta_path_from_camera = shown; return possible;")),
-    "it reflects at grazing angles": (check_grazing, Bug(
-        "scene/surface.glsl", "make_unlit", "correct(material); material.base.unlit = false;")),
-    "it is lit": (check_color, Bug(
-        "scene/surface.glsl", "make_unlit", "vec3 color = material.base.color; correct(material); "
-        "material.base.color = color;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "other rays see it": (
+            check_darkness,
+            Bug(
+                "scene/surface.glsl",
+                "resolve_surface_interaction(Hit hit, Mesh",
+                "SurfaceInteraction found = correct(hit, mesh, ray_direction, cone_width); "
+                "found.emits_towards_ray = found.emits_towards_ray || found.unlit; return found;",
+            ),
+        ),
+        "rough surfaces reflect it": (
+            check_mirror,
+            Bug(
+                "scene/walk.glsl",
+                "scatter",
+                "bool shown = walk.delta_path_from_camera; "
+                "bool possible = correct(walk, next, frame, geometric_normal, below); "
+                "walk.delta_path_from_camera = shown; return possible;",
+            ),
+        ),
+        "it reflects at grazing angles": (
+            check_grazing,
+            Bug("scene/surface.glsl", "make_unlit", "correct(material); material.base.unlit = false;"),
+        ),
+        "it is lit": (
+            check_color,
+            Bug(
+                "scene/surface.glsl",
+                "make_unlit",
+                "vec3 color = material.base.color; correct(material); material.base.color = color;",
+            ),
+        ),
+    }
+)

@@ -120,9 +120,9 @@ def drawn_cells(shaders, material, wo, wi, scale, count):
     return observed, expected
 
 
-@pytest.mark.parametrize("case", [
-    case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "case", [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_draws(shaders, case):
     """Samples are unit vectors above the surface that follow brdf_pdf, their weights are f cos / pdf, and mirrors
     reflect exactly."""
@@ -205,10 +205,14 @@ def test_reciprocity(shaders):
 # ---- single values ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("base_color", "metallic", "roughness", "reflectance", "bar"), [
-    (0.6, 1.0, 0.2, 0.5, 2e-3), (0.5, 0.5, 0.6, 0.7, 2e-3),
-    (0.8, 0.0, 0.1, 1.0, 1e-2),  # by the table's interpolation
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("base_color", "metallic", "roughness", "reflectance", "bar"),
+    [
+        (0.6, 1.0, 0.2, 0.5, 2e-3),
+        (0.5, 0.5, 0.6, 0.7, 2e-3),
+        (0.8, 0.0, 0.1, 1.0, 1e-2),  # by the table's interpolation
+    ],
+)
 def test_values(shaders, base_color, metallic, roughness, reflectance, bar):
     rng, count = np.random.default_rng(1), 400
     wo, wi = random_directions(rng, count), random_directions(rng, count)
@@ -236,21 +240,47 @@ def test_table_holds_the_albedo(shaders):
 
 BRDF, MICROFACET, SPECULAR = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/lobes/specular.glsl"
 METAL, NUMBERS = with_shaders(test_draws, "metal"), with_shaders(test_numbers, 50_000)
-test_a_seeded_bug_is_noticed = bug_tests({
-    "furnace of dielectrics": (with_shaders(test_white_furnace, 0.0), Bug(
-        SPECULAR, "dielectric_albedo", "return vec3(0.0);")),
-    "furnace of metals": (with_shaders(test_white_furnace, 1.0), Bug(
-        "scene/brdf_table.glsl", "lookup_brdf_table", "return 0.99 * correct(NdotV, perceptual_roughness);")),
-    "weights": (METAL, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
-                           "found.weight *= 1.01; return found;")),
-    "unit vectors": (METAL, Bug(SPECULAR, "sample_specular", "return 1.1 * correct(specular, wo, u);")),
-    "distribution": (METAL, Bug(
-        MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);")),
-    "distribution of both lobes": (with_shaders(test_draws, "rough plastic"), Bug(
-        BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf.specular, wo, wi));")),
-    "values": (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(specular, half_vector) - 1e-3;")),
-    "finite samples": (NUMBERS, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
-                                    "found.weight /= found.pdf == 0.0 ? 0.0 : 1.0; return found;")),
-    "reciprocity": (with_shaders(test_reciprocity), Bug(
-        BRDF, "evaluate_diffuse_brdf", "return correct(brdf, wo, wi) * (1.0 + 0.1 * wo.z);")),
-}, quick=("weights",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "furnace of dielectrics": (
+            with_shaders(test_white_furnace, 0.0),
+            Bug(SPECULAR, "dielectric_albedo", "return vec3(0.0);"),
+        ),
+        "furnace of metals": (
+            with_shaders(test_white_furnace, 1.0),
+            Bug("scene/brdf_table.glsl", "lookup_brdf_table", "return 0.99 * correct(NdotV, perceptual_roughness);"),
+        ),
+        "weights": (
+            METAL,
+            Bug(
+                BRDF,
+                "weigh_sample",
+                "BrdfSample found = correct(brdf, wo, wi, diffuse); found.weight *= 1.01; return found;",
+            ),
+        ),
+        "unit vectors": (METAL, Bug(SPECULAR, "sample_specular", "return 1.1 * correct(specular, wo, u);")),
+        "distribution": (
+            METAL,
+            Bug(MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);"),
+        ),
+        "distribution of both lobes": (
+            with_shaders(test_draws, "rough plastic"),
+            Bug(BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf.specular, wo, wi));"),
+        ),
+        "values": (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(specular, half_vector) - 1e-3;")),
+        "finite samples": (
+            NUMBERS,
+            Bug(
+                BRDF,
+                "weigh_sample",
+                "BrdfSample found = correct(brdf, wo, wi, diffuse); "
+                "found.weight /= found.pdf == 0.0 ? 0.0 : 1.0; return found;",
+            ),
+        ),
+        "reciprocity": (
+            with_shaders(test_reciprocity),
+            Bug(BRDF, "evaluate_diffuse_brdf", "return correct(brdf, wo, wi) * (1.0 + 0.1 * wo.z);"),
+        ),
+    },
+    quick=("weights",),
+)

@@ -16,9 +16,9 @@ FILM = "scene/lobes/iridescence.glsl"
 COSINES = np.array((1.0, 0.8, 0.5, 0.2))
 FILMS = [(ior, thickness) for ior in (1.2, 1.33, 1.55, 1.8) for thickness in (0, 150, 300, 450, 700, 2000)]
 F0S = (0.04, 0.2, 0.6, 0.95)
-RGB_OF_XYZ = np.array((
-    (3.2404542, -1.5371385, -0.4985314), (-0.969266, 1.8760108, 0.041556), (0.0556434, -0.2040259, 1.0572252),
-))  # fmt: skip
+RGB_OF_XYZ = np.array(
+    ((3.2404542, -1.5371385, -0.4985314), (-0.969266, 1.8760108, 0.041556), (0.0556434, -0.2040259, 1.0572252))
+)
 
 
 def directions(cosines):
@@ -67,9 +67,11 @@ def model(f0, ior, thickness, cosine):
     mean = first + (1 - first) ** 2 * second / (1 - first * second)
     xyz = np.zeros(3)
     for channel, value, center, variance in (
-        (0, 5.4856e-13, 1.6810e6, 4.3278e9), (0, 9.7470e-14, 2.2399e6, 4.5282e9), (1, 4.4201e-13, 1.7953e6, 9.3046e9),
+        (0, 5.4856e-13, 1.6810e6, 4.3278e9),
+        (0, 9.7470e-14, 2.2399e6, 4.5282e9),
+        (1, 4.4201e-13, 1.7953e6, 9.3046e9),
         (2, 5.2481e-13, 2.2084e6, 6.6121e9),
-    ):  # fmt: skip
+    ):
         weight = np.exp(-((numbers - center) ** 2) / (4 * variance))
         xyz[channel] += value * np.sqrt(2 * np.pi * variance) * np.average(reflected - mean, weights=weight)
     return np.clip(mean + RGB_OF_XYZ @ xyz / 1.0685e-7, 0, 1)
@@ -83,11 +85,13 @@ def physics(f0, ior, thickness, cosine):
     def bell(center, left, right):
         return np.exp(-0.5 * ((waves - center) / np.where(waves < center, left, right)) ** 2)
 
-    observer = np.array((
-        1.056 * bell(599.8, 37.9, 31.0) + 0.362 * bell(442.0, 16.0, 26.7) - 0.065 * bell(501.1, 20.4, 26.2),
-        0.821 * bell(568.8, 46.9, 40.5) + 0.286 * bell(530.9, 16.3, 31.1),
-        1.217 * bell(437.0, 11.8, 36.0) + 0.681 * bell(459.0, 26.0, 13.8),
-    ))  # fmt: skip
+    observer = np.array(
+        (
+            1.056 * bell(599.8, 37.9, 31.0) + 0.362 * bell(442.0, 16.0, 26.7) - 0.065 * bell(501.1, 20.4, 26.2),
+            0.821 * bell(568.8, 46.9, 40.5) + 0.286 * bell(530.9, 16.3, 31.1),
+            1.217 * bell(437.0, 11.8, 36.0) + 0.681 * bell(459.0, 26.0, 13.8),
+        )
+    )
     base = (1 + np.sqrt(f0)) / (1 - np.sqrt(f0))
     media = np.array((1.0, ior, base))
     cosines = np.sqrt(1 - (1 - cosine**2) / media**2)
@@ -124,11 +128,14 @@ def check_physics(shaders):
 
 DEGREES = (0, 30, 60, 75, 84)
 BASES = {
-    "a white dielectric": {"base_color": 1.0}, "a white dense dielectric": {"base_color": 1.0, "reflectance": 1.2},
-    "white metal": {"base_color": 1.0, "metallic": 1.0}, "half metal": {"base_color": 1.0, "metallic": 0.5},
-    "a glass wall": {"transmission": 1.0}, "glass": {"transmission": 1.0, "solid": True},
+    "a white dielectric": {"base_color": 1.0},
+    "a white dense dielectric": {"base_color": 1.0, "reflectance": 1.2},
+    "white metal": {"base_color": 1.0, "metallic": 1.0},
+    "half metal": {"base_color": 1.0, "metallic": 0.5},
+    "a glass wall": {"transmission": 1.0},
+    "glass": {"transmission": 1.0, "solid": True},
     "glass from within": {"transmission": 1.0, "solid": True, "inside": 1},
-}  # fmt: skip
+}
 GAINS = {"glass": 1.012, "glass from within": 1.045}
 LEAST = {"a white dielectric": 0.93, "a white dense dielectric": 0.85, "half metal": 0.96, "glass from within": 0.97}
 GRID = [(1.3, 200), (1.3, 400), (1.8, 300), (2.2, 500)]
@@ -204,8 +211,15 @@ def check_absence(shaders):
             np.testing.assert_array_equal(one, other)
 
 
-CHECKS = (check_reflectance, check_physics, check_furnace, check_reciprocity, check_samples, check_lobe_albedos,
-          check_absence)  # fmt: skip
+CHECKS = (
+    check_reflectance,
+    check_physics,
+    check_furnace,
+    check_reciprocity,
+    check_samples,
+    check_lobe_albedos,
+    check_absence,
+)
 
 
 @pytest.mark.parametrize("check", CHECKS)
@@ -222,10 +236,14 @@ def test_textures(tracer):
     common = {"metallic": 1.0, "roughness": 0.2, "iridescence_ior": 1.6}
     found = []
     for fields in (
-        {"iridescence": 1.0, "iridescence_texture": texel, "iridescence_thickness": (200, 700),
-         "iridescence_thickness_texture": texel},
+        {
+            "iridescence": 1.0,
+            "iridescence_texture": texel,
+            "iridescence_thickness": (200, 700),
+            "iridescence_thickness_texture": texel,
+        },
         {"iridescence": 0.2, "iridescence_thickness": 400},
-    ):  # fmt: skip
+    ):
         scene = sv.Scene(sv.Environment(np.ones((4, 8, 3), np.float32)))
         scene.add(shapes.sphere(1, 16), sv.Material(**common, **fields))
         scene.camera = sv.Camera.look_at((0, 0, 3), (0, 0, 0))
@@ -245,16 +263,33 @@ def test_a_film_on_a_pane_dims_what_shadow_rays_find(device):
     assert lit[1] / lit[0] == pytest.approx(filmed / (1 - 0.04), abs=0.002)
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "interference": (with_shaders(check_reflectance), Bug(
-        FILM, "film_sensitivity", "return correct(1.05 * path, shift);")),
-    "films gain light": (with_shaders(check_furnace), Bug(
-        FILM, "film_cover", "return 0.5 * correct(cover, mean, ab);")),
-    "reciprocity": (with_shaders(check_reciprocity), Bug(
-        "scene/lobes/specular.glsl", "add_film",
-        "correct(specular, LdotH, dielectric, metal); metal *= 1.0 + 0.2 * specular.albedo_terms.y;")),
-    "albedos": (with_shaders(check_lobe_albedos), Bug(FILM, "film_albedo", "return 0.5 * correct(mean, ab);")),
-    "absence": (with_shaders(check_absence), Bug(
-        "scene/base_material.glsl", "resolve_film",
-        "ThinFilm film = correct(material, point); film.weight = max(film.weight, 1e-3); return film;")),
-}, quick=("interference",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "interference": (
+            with_shaders(check_reflectance),
+            Bug(FILM, "film_sensitivity", "return correct(1.05 * path, shift);"),
+        ),
+        "films gain light": (
+            with_shaders(check_furnace),
+            Bug(FILM, "film_cover", "return 0.5 * correct(cover, mean, ab);"),
+        ),
+        "reciprocity": (
+            with_shaders(check_reciprocity),
+            Bug(
+                "scene/lobes/specular.glsl",
+                "add_film",
+                "correct(specular, LdotH, dielectric, metal); metal *= 1.0 + 0.2 * specular.albedo_terms.y;",
+            ),
+        ),
+        "albedos": (with_shaders(check_lobe_albedos), Bug(FILM, "film_albedo", "return 0.5 * correct(mean, ab);")),
+        "absence": (
+            with_shaders(check_absence),
+            Bug(
+                "scene/base_material.glsl",
+                "resolve_film",
+                "ThinFilm film = correct(material, point); film.weight = max(film.weight, 1e-3); return film;",
+            ),
+        ),
+    },
+    quick=("interference",),
+)

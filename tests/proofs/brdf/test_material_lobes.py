@@ -52,9 +52,14 @@ LAYERS = {
 # dielectric is unknown, its bound loses light.
 COAT_LOSS = 0.04 + 0.96 / 21
 LOSSES = {
-    "a tilted coat": 0.3, "sheen": 0.11, "anisotropic metal": 0.01, "strongly anisotropic metal": 0.01,
-    "an anisotropic dielectric": 0.22, "a smooth anisotropic dielectric": 0.12, "a leaf": 0.01,
-}  # fmt: skip
+    "a tilted coat": 0.3,
+    "sheen": 0.11,
+    "anisotropic metal": 0.01,
+    "strongly anisotropic metal": 0.01,
+    "an anisotropic dielectric": 0.22,
+    "a smooth anisotropic dielectric": 0.12,
+    "a leaf": 0.01,
+}
 SMOOTH = ("a smooth coat", "smooth sheen", "a smooth anisotropic dielectric")  # whose lobes cells don't resolve
 DRAWN = {f"glass, {name}": {"roughness": 0.55, **WHITE_GLASS, **side} for name, side in SIDES.items()}
 FILM = {"iridescence": 1.0, "iridescence_ior": 1.8, "iridescence_thickness": (0, 300)}
@@ -85,8 +90,9 @@ def check_glass_furnace(shaders):
     materials = [
         {"roughness": roughness, "ior": ior, "reflectance": weight * 2.5 * (ior - 1) / (ior + 1), **WHITE_GLASS, **side}
         for side, roughness, (ior, weight) in itertools.product(
-            SIDES.values(), (0.0, 0.15, 0.3, 0.5, 0.75, 1.0), ((1.1, 1.0), (1.5, 1.0), (1.8, 1.0), (1.5, 0.4)))
-    ]  # fmt: skip
+            SIDES.values(), (0.0, 0.15, 0.3, 0.5, 0.75, 1.0), ((1.1, 1.0), (1.5, 1.0), (1.8, 1.0), (1.5, 0.4))
+        )
+    ]
     for material, albedo in zip(materials, sampled_albedos(shaders, 0.4, materials), strict=True):
         np.testing.assert_allclose(albedo, 1, atol=0.01, err_msg=str(material))
 
@@ -107,8 +113,10 @@ def charlie(alpha, wo, wi):
     half_vector /= np.linalg.norm(half_vector, axis=1, keepdims=True)
     distribution = (2 + 1 / alpha) * (1 - half_vector[:, 2] ** 2) ** (0.5 / alpha) / (2 * np.pi)
     weight = (1 - alpha) ** 2
-    a, b, c, d, e = (np.array((21.5473, 3.82987, 0.19823, -1.97760, -4.32054)) * (1 - weight)
-                     + np.array((25.3245, 3.32435, 0.16801, -1.27393, -4.85967)) * weight)  # fmt: skip
+    a, b, c, d, e = (
+        np.array((21.5473, 3.82987, 0.19823, -1.97760, -4.32054)) * (1 - weight)
+        + np.array((25.3245, 3.32435, 0.16801, -1.27393, -4.85967)) * weight
+    )
 
     def fit(cosine):
         return a / (1 + b * cosine**c) + d * cosine + e
@@ -215,9 +223,11 @@ def check_reciprocity(shaders, count=100_000):
     for name, fields in (
         ("sheen over a diffuse surface", {"sheen_color": 0.8, "sheen_roughness": 0.5, "reflectance": 0.0}),
         ("a coat over a diffuse surface", {"clearcoat": 0.8, "clearcoat_roughness": 1e-3, "reflectance": 0.0}),
-        ("an anisotropic dielectric without multiple scattering",
-         {"anisotropy": 0.7, "base_color": 0.0, "reflectance": 0.0, "roughness": 0.4}),
-    ):  # fmt: skip
+        (
+            "an anisotropic dielectric without multiple scattering",
+            {"anisotropy": 0.7, "base_color": 0.0, "reflectance": 0.0, "roughness": 0.4},
+        ),
+    ):
         require_equal(values(wo, wi, **fields), values(wi, wo, **fields), 1e-3, name)
 
 
@@ -242,8 +252,13 @@ def leaves():
     scene = sv.Scene()
     scene.add(shapes.quad((0, 0, 0), (0, 0, 2), (2, 0, 0)), sv.Material(base_color=0.5, roughness=1.0))
     for x, share, turn in ((-0.9, 0.5, 0.4), (0.3, 1.0, -0.4)):
-        leaf = sv.Material(base_color=(0.3, 0.5, 0.1), roughness=0.4, double_sided=True, diffuse_transmission=share,
-                           diffuse_transmission_color=(0.6, 0.8, 0.1))  # fmt: skip
+        leaf = sv.Material(
+            base_color=(0.3, 0.5, 0.1),
+            roughness=0.4,
+            double_sided=True,
+            diffuse_transmission=share,
+            diffuse_transmission_color=(0.6, 0.8, 0.1),
+        )
         scene.add(shapes.quad((x, 0.8, 0), (0.5, turn, 0), (0, turn, 0.5)), leaf)
     mirror = sv.Material(base_color=0.9, metallic=1.0, roughness=0.0)
     scene.add(shapes.quad((0, 0.7, -1.2), (1.5, 0, 0), (0, 0.7, 0)), mirror)
@@ -265,28 +280,55 @@ GLASS, COAT, SHEEN, TRANSMISSION = (
 )
 GLASS_FURNACE, LAYER_FURNACE = with_shaders(check_glass_furnace), with_shaders(check_layer_furnace)
 RECIPROCITY = with_shaders(check_reciprocity)
-test_a_seeded_bug_is_noticed = bug_tests({
-    "glass furnace": (GLASS_FURNACE, Bug("scene/brdf_table.glsl", "lookup_glass_table", "return vec2(1.0, 0.0);")),
-    "layers gain light": (LAYER_FURNACE, Bug(COAT, "coat_cover", "return 1.0;")),
-    "layers lose light": (LAYER_FURNACE, Bug(SHEEN, "sheen_cover", "return 0.5 * correct(sheen, wo, wi);")),
-    "density of glass": (with_shaders(check_draws, 200_000, ["glass, a thin wall"]), Bug(
-        GLASS, "glass_jacobian", "return 1.1 * correct(glass, wo, wi, m);")),
-    "density of coats": (with_shaders(check_draws, 200_000, ["a rough coat on metal"]), Bug(
-        COAT, "coat_pdf", "return 1.1 * correct(coat, wi);")),
-    "density of anisotropic lobes": (with_shaders(check_draws, 200_000, ["anisotropic metal"]), Bug(
-        "scene/microfacet.glsl", "ggx_vndf_pdf_per_d(vec3 wo, vec2", "return 1.1 * correct(wo, roughness);")),
-    "density of diffuse transmission": (with_shaders(check_draws, 200_000, ["a leaf"]), Bug(
-        TRANSMISSION, "diffuse_transmission_pdf", "return 1.1 * correct(lobe, wi);")),
-    "reciprocity of diffuse transmission": (RECIPROCITY, Bug(
-        TRANSMISSION, "evaluate_diffuse_transmission",
-        "return correct(lobe, specular, wo, wi) * (1.0 + 0.1 * wo.z);")),
-    "a pixel's diffuse transmission": (test_frames_have_the_path_tracers_mean, Bug(
-        TRANSMISSION, "unpack_diffuse_transmission",
-        "DiffuseTransmissionParameters lobe = correct(bits); lobe.weight *= 0.9; return lobe;")),
-    "reciprocity of glass": (RECIPROCITY, Bug(
-        GLASS, "evaluate_glass", "return correct(glass, wo, wi) * (1.0 + 0.1 * wo.z);")),
-    "another sheen": (with_shaders(check_charlie), Bug(
-        SHEEN, "sheen_alpha", "return 0.9 * correct(perceptual_roughness);")),
-    "reciprocity of sheen": (RECIPROCITY, Bug(
-        SHEEN, "evaluate_sheen(float", "return correct(alpha, wo, wi) * (1.0 + 0.1 * wo.z);")),
-}, quick=("layers gain light",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "glass furnace": (GLASS_FURNACE, Bug("scene/brdf_table.glsl", "lookup_glass_table", "return vec2(1.0, 0.0);")),
+        "layers gain light": (LAYER_FURNACE, Bug(COAT, "coat_cover", "return 1.0;")),
+        "layers lose light": (LAYER_FURNACE, Bug(SHEEN, "sheen_cover", "return 0.5 * correct(sheen, wo, wi);")),
+        "density of glass": (
+            with_shaders(check_draws, 200_000, ["glass, a thin wall"]),
+            Bug(GLASS, "glass_jacobian", "return 1.1 * correct(glass, wo, wi, m);"),
+        ),
+        "density of coats": (
+            with_shaders(check_draws, 200_000, ["a rough coat on metal"]),
+            Bug(COAT, "coat_pdf", "return 1.1 * correct(coat, wi);"),
+        ),
+        "density of anisotropic lobes": (
+            with_shaders(check_draws, 200_000, ["anisotropic metal"]),
+            Bug("scene/microfacet.glsl", "ggx_vndf_pdf_per_d(vec3 wo, vec2", "return 1.1 * correct(wo, roughness);"),
+        ),
+        "density of diffuse transmission": (
+            with_shaders(check_draws, 200_000, ["a leaf"]),
+            Bug(TRANSMISSION, "diffuse_transmission_pdf", "return 1.1 * correct(lobe, wi);"),
+        ),
+        "reciprocity of diffuse transmission": (
+            RECIPROCITY,
+            Bug(
+                TRANSMISSION,
+                "evaluate_diffuse_transmission",
+                "return correct(lobe, specular, wo, wi) * (1.0 + 0.1 * wo.z);",
+            ),
+        ),
+        "a pixel's diffuse transmission": (
+            test_frames_have_the_path_tracers_mean,
+            Bug(
+                TRANSMISSION,
+                "unpack_diffuse_transmission",
+                "DiffuseTransmissionParameters lobe = correct(bits); lobe.weight *= 0.9; return lobe;",
+            ),
+        ),
+        "reciprocity of glass": (
+            RECIPROCITY,
+            Bug(GLASS, "evaluate_glass", "return correct(glass, wo, wi) * (1.0 + 0.1 * wo.z);"),
+        ),
+        "another sheen": (
+            with_shaders(check_charlie),
+            Bug(SHEEN, "sheen_alpha", "return 0.9 * correct(perceptual_roughness);"),
+        ),
+        "reciprocity of sheen": (
+            RECIPROCITY,
+            Bug(SHEEN, "evaluate_sheen(float", "return correct(alpha, wo, wi) * (1.0 + 0.1 * wo.z);"),
+        ),
+    },
+    quick=("layers gain light",),
+)

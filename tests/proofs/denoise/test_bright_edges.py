@@ -67,7 +67,7 @@ CASES = {
     "reflections of curved surfaces in motion": (beads, (), 8, 0.55),
     "blended surfaces in the second frame": (pane, (0.0, 2), 4, 0.012),
     "blended surfaces in motion": (pane, (0.01, 12), 4, 0.004),
-}  # fmt: skip
+}
 
 
 @pytest.mark.slow
@@ -122,10 +122,16 @@ SAMPLES = "passes/taa/samples.glsl"
 BUGS = {
     "light of a mirrored lamp stays there": Bug("passes/denoise/variance.comp", "add_bounds", ""),
     "reflections of curved surfaces in motion": Bug("passes/denoise/constants.glsl", "LOBE_NORMAL_TOLERANCE", "1e9"),
-    "blended surfaces in motion": Bug("passes/taa/history.glsl", "is_blended",
-                                      "return is_still(center) && correct(center);"),
-}  # fmt: skip
-test_a_seeded_bug_is_noticed = bug_tests({
-    **{case: (functools.partial(test_error_is_small, case), bug) for case, bug in BUGS.items()},
-    "a lamp in motion: bright samples count whole": (test_a_lamp_in_motion, Bug(SAMPLES, "tone_weight", "return 1.0;")),
-})
+    "blended surfaces in motion": Bug(
+        "passes/taa/history.glsl", "is_blended", "return is_still(center) && correct(center);"
+    ),
+}
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        **{case: (functools.partial(test_error_is_small, case), bug) for case, bug in BUGS.items()},
+        "a lamp in motion: bright samples count whole": (
+            test_a_lamp_in_motion,
+            Bug(SAMPLES, "tone_weight", "return 1.0;"),
+        ),
+    }
+)

@@ -110,10 +110,14 @@ def means_of_lobes(device, scene, size, runs=1):
     return means / (runs * JITTER_PERIOD)
 
 
-@pytest.mark.parametrize(("name", "runs"), [
-    ("cornell_box", 1), pytest.param("sphere_grid", 8, marks=pytest.mark.slow),
-    pytest.param("mirror_hall", 1, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "runs"),
+    [
+        ("cornell_box", 1),
+        pytest.param("sphere_grid", 8, marks=pytest.mark.slow),
+        pytest.param("mirror_hall", 1, marks=pytest.mark.slow),
+    ],
+)
 def test_means_are_those_of_the_raw_frames(device, name, runs):
     """The picture, its lobes and its tiles have the means of the same raw frames. In sphere_grid's tile with the
     caustics the standard error is 3.6 % after one run, 1.3 % after eight."""
@@ -171,8 +175,9 @@ def test_reflections_in_balls_follow_the_camera(device):
     with make(device, scene, size) as renderer:
         for camera in path:
             frame = renderer.render(camera)
-        shown, raw, guides, depth = (np.asarray(frame[name]) for name in (
-            "sample_radiance", "raw_radiance", "denoise_guides", "gbuffer_depth"))  # fmt: skip
+        shown, raw, guides, depth = (
+            np.asarray(frame[name]) for name in ("sample_radiance", "raw_radiance", "denoise_guides", "gbuffer_depth")
+        )
     unfiltered = (guides.reshape(*size, 2)[..., 0] >> 30 == 0) & (depth.reshape(size) > 0)
     assert unfiltered.sum() > 10
     assert np.array_equal(shown[unfiltered], raw[unfiltered])
@@ -227,8 +232,10 @@ def test_small_pictures(device):
 def means_of_frames(device, scene, size, frames, **settings):
     """The means of denoised frames and of their raw light, from a reset on: 2 arrays (frames,)."""
     with make(device, scene, size, antialiasing=False, seed=23, **settings) as renderer:
-        found = [[read(frame, name).mean() for name in ("radiance", "raw_radiance")]
-                 for frame in (renderer.render() for _ in range(frames))]  # fmt: skip
+        found = [
+            [read(frame, name).mean() for name in ("radiance", "raw_radiance")]
+            for frame in (renderer.render() for _ in range(frames))
+        ]
     return np.transpose(found)
 
 
@@ -303,8 +310,11 @@ def test_black_surfaces(device):
 
 # ---- the checks can fail ------------------------------------------------------------------------------
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "error falls: blur without end": (
-        lambda device: test_error_falls_from_frame_to_frame(device, "cornell_box"), Bug(
-            "passes/denoise/constants.glsl", "SIGMA_LUMINANCE", "1e3")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "error falls: blur without end": (
+            lambda device: test_error_falls_from_frame_to_frame(device, "cornell_box"),
+            Bug("passes/denoise/constants.glsl", "SIGMA_LUMINANCE", "1e3"),
+        )
+    }
+)

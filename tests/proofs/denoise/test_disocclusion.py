@@ -78,10 +78,20 @@ def test_what_a_moving_block_uncovers(device):
     check_new_pixels(errors, lengths, np.broadcast_to(block[:-1].any(axis=0) & ~block[-1], errors.shape))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "what comes into view: it counts as certain": (lambda device: test_what_comes_into_view(device, "cornell_box"), Bug(
-        "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
-        "if (lobe.frames < 4.0) { found.standard_error *= 0.01; } return found;")),
-    "what is uncovered: histories of what was there": (test_what_a_moving_block_uncovers, Bug(
-        "passes/denoise/previous_frame.glsl", "is_consistent", "return previous_guide.kind == guide.kind;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "what comes into view: it counts as certain": (
+            lambda device: test_what_comes_into_view(device, "cornell_box"),
+            Bug(
+                "passes/denoise/variance.comp",
+                "estimate_signal",
+                "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
+                "if (lobe.frames < 4.0) { found.standard_error *= 0.01; } return found;",
+            ),
+        ),
+        "what is uncovered: histories of what was there": (
+            test_what_a_moving_block_uncovers,
+            Bug("passes/denoise/previous_frame.glsl", "is_consistent", "return previous_guide.kind == guide.kind;"),
+        ),
+    }
+)

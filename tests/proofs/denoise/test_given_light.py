@@ -166,11 +166,21 @@ def check_edges(device):
     """The blur doesn't cross edges: noise around 1 on the left half of the picture, around 3 on the right one, which
     shows another surface, farther away or behind a corner of 90 degrees."""
     near, far, side = DISTANCE, 1.5 * DISTANCE, 5 * DISTANCE
-    facing = [np.array([[x, -side, -z], [x + side, -side, -z], [x + side, side, -z], [x, side, -z]])
-              for x, z in ((-side, near), (0.0, far))]  # fmt: skip
-    corner = [np.array([[x, -side, -near - side * (x < 0)], [x + side, -side, -near - side * (x == 0)],
-                        [x + side, side, -near - side * (x == 0)], [x, side, -near - side * (x < 0)]])
-              for x in (-side, 0.0)]  # fmt: skip
+    facing = [
+        np.array([[x, -side, -z], [x + side, -side, -z], [x + side, side, -z], [x, side, -z]])
+        for x, z in ((-side, near), (0.0, far))
+    ]
+    corner = [
+        np.array(
+            [
+                [x, -side, -near - side * (x < 0)],
+                [x + side, -side, -near - side * (x == 0)],
+                [x + side, side, -near - side * (x == 0)],
+                [x, side, -near - side * (x < 0)],
+            ]
+        )
+        for x in (-side, 0.0)
+    ]
     middle = SIZE[0] // 2
     for quads in (facing, corner):
         found = after(device, 8, f"(pixel.x < {middle} ? 1.0 : 3.0) * noise", wall(*quads)).mean(axis=0)
@@ -183,8 +193,10 @@ def check_turns(device):
     """Of two surfaces that a pixel shows by turns, both keep their histories, and forget a light that goes out. An edge
     is in the middle of a column of pixels: samples to its left show a near wall, those to its right a far one."""
     side, column = 5 * DISTANCE, SIZE[0] // 2
-    walls = [np.array([[x - side, -side, z], [x, -side, z], [x, side, z], [x - side, side, z]])
-             for x, z in ((PIXEL / 2, -DISTANCE), (side, -1.5 * DISTANCE))]  # fmt: skip
+    walls = [
+        np.array([[x - side, -side, z], [x, -side, z], [x, side, z], [x - side, side, z]])
+        for x, z in ((PIXEL / 2, -DISTANCE), (side, -1.5 * DISTANCE))
+    ]
     with denoising(device, wall(*walls), "noise", jitter=True) as renderer:
         lengths = frames_in_history(last_of(renderer, 34))[:, column]
     assert np.abs(lengths - 17).max() < 2, "17 frames showed it"
@@ -196,32 +208,61 @@ def check_turns(device):
 REPROJECT, BLUR = "passes/denoise/reproject.comp", "passes/denoise/blur.comp"
 PREVIOUS_FRAME = "passes/denoise/previous_frame.glsl"
 BUGS = {
-    "reflections that are seldom found": (check_rare_reflections, Bug(
-        "passes/denoise/variance.comp", "add_moments",
-        "correct(sum, lobe, lobe.frames >= 40.0 && weight != CENTER_MOMENTS_WEIGHT ? 0.0 : weight);")),
-    "even light": (check_even_light, Bug(
-        BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_done);")),
+    "reflections that are seldom found": (
+        check_rare_reflections,
+        Bug(
+            "passes/denoise/variance.comp",
+            "add_moments",
+            "correct(sum, lobe, lobe.frames >= 40.0 && weight != CENTER_MOMENTS_WEIGHT ? 0.0 : weight);",
+        ),
+    ),
+    "even light": (
+        check_even_light,
+        Bug(BLUR, "add_neighbor", "correct(sum, center, other, difference, 0.0, other_done);"),
+    ),
     "estimated errors": (check_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.35")),
-    "outliers": (check_outliers, Bug(
-        "passes/denoise/variance.comp", "estimate_signal", "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
-        "found.radiance *= min(sum.luminance_sum / max(sum.weight_sum * luminance(found.radiance), 1e-9), 1.0); "
-        "return found;")),
+    "outliers": (
+        check_outliers,
+        Bug(
+            "passes/denoise/variance.comp",
+            "estimate_signal",
+            "Signal found = correct(lobe, sum, trimmed_mean_luminance); "
+            "found.radiance *= min(sum.luminance_sum / max(sum.weight_sum * luminance(found.radiance), 1e-9), 1.0); "
+            "return found;",
+        ),
+    ),
     "histories": (check_motion, Bug(PREVIOUS_FRAME, "motion_in_pixels", "return correct(-motion);")),
-    "new pixels": (check_motion, Bug(
-        PREVIOUS_FRAME, "add_tap", "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), weight, previous, "
-        "guide, plane_distance);")),
-    "patterns": (check_sharp, Bug(
-        PREVIOUS_FRAME, "find_taps", "return correct(floor(position) + 0.5, previous, guide, plane_distance);")),
-    "light off": (check_light_off, Bug(
-        "passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
+    "new pixels": (
+        check_motion,
+        Bug(
+            PREVIOUS_FRAME,
+            "add_tap",
+            "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), weight, previous, guide, plane_distance);",
+        ),
+    ),
+    "patterns": (
+        check_sharp,
+        Bug(PREVIOUS_FRAME, "find_taps", "return correct(floor(position) + 0.5, previous, guide, plane_distance);"),
+    ),
+    "light off": (check_light_off, Bug("passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
     "not finite": (check_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
-    "edges": (check_edges, Bug("passes/denoise/edge_stopping.glsl", "edge_stopping_weights", "edges.plane = vec3(0.0); "
-                               "edges.plane_offset = 0.0; return correct(edges, other, step);")),
-    "turns": (check_turns, Bug(
-        "passes/denoise/alternate_history.glsl", "unpack_alternate", "diffuse = specular = NO_HISTORY;")),
-    "smooth surfaces": (check_smooth_surfaces, Bug(REPROJECT, "blend", "LobeHistory both = correct(a, b, share); "
-                                                    "both.radiance *= 0.9; return both;")),
-}  # fmt: skip
+    "edges": (
+        check_edges,
+        Bug(
+            "passes/denoise/edge_stopping.glsl",
+            "edge_stopping_weights",
+            "edges.plane = vec3(0.0); edges.plane_offset = 0.0; return correct(edges, other, step);",
+        ),
+    ),
+    "turns": (
+        check_turns,
+        Bug("passes/denoise/alternate_history.glsl", "unpack_alternate", "diffuse = specular = NO_HISTORY;"),
+    ),
+    "smooth surfaces": (
+        check_smooth_surfaces,
+        Bug(REPROJECT, "blend", "LobeHistory both = correct(a, b, share); both.radiance *= 0.9; return both;"),
+    ),
+}
 test_a_seeded_bug_is_noticed = bug_tests(BUGS, quick=("light off",))
 
 

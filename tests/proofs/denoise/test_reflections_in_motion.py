@@ -37,10 +37,22 @@ def open_hall(material):
     return scene
 
 
-@pytest.mark.parametrize(("metallic", "roughness", "make"), [
-    (0.0, 0.1, hall), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        (1.0, 0.2, hall), (0.0, 0.3, hall), (1.0, 0.1, hall), (0.0, 0.1, open_hall), (1.0, 0.2, open_hall))),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("metallic", "roughness", "make"),
+    [
+        (0.0, 0.1, hall),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                (1.0, 0.2, hall),
+                (0.0, 0.3, hall),
+                (1.0, 0.1, hall),
+                (0.0, 0.1, open_hall),
+                (1.0, 0.2, open_hall),
+            )
+        ),
+    ],
+)
 def test_reflections_follow(device, metallic, roughness, make):
     scene = make(sv.Material(base_color=(metallic,) * 3, metallic=metallic, perceptual_roughness=roughness))
     step = SPEED * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters, for what is 5 m away by way of the wall
@@ -58,9 +70,15 @@ def test_reflections_follow(device, metallic, roughness, make):
 
 
 CONSTANTS = "passes/denoise/constants.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "they move like their surface": (lambda device: test_reflections_follow(device, 0.0, 0.1, hall), Bug(
-        CONSTANTS, "SURFACE_MOTION_ROUGHNESS", "0.0")),
-    "infinity counts as unknown": (lambda device: test_reflections_follow(device, 0.0, 0.1, open_hall), Bug(
-        CONSTANTS, "MIN_INVERSE_HIT_DISTANCE", "0.0")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "they move like their surface": (
+            lambda device: test_reflections_follow(device, 0.0, 0.1, hall),
+            Bug(CONSTANTS, "SURFACE_MOTION_ROUGHNESS", "0.0"),
+        ),
+        "infinity counts as unknown": (
+            lambda device: test_reflections_follow(device, 0.0, 0.1, open_hall),
+            Bug(CONSTANTS, "MIN_INVERSE_HIT_DISTANCE", "0.0"),
+        ),
+    }
+)

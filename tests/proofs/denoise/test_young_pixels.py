@@ -43,10 +43,14 @@ def test_several_paths_keep_the_mean_and_lower_the_noise(device):
     assert (variance < 1.25 / PATHS).all(), f"the lobes' variances are {variance} of those of one path"
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "several paths: all are the same": (test_several_paths_keep_the_mean_and_lower_the_noise, Bug(
-        "passes/paths/first_ray.comp", "start_path", "return correct(pixel, surface, 0u);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "several paths: all are the same": (
+            test_several_paths_keep_the_mean_and_lower_the_noise,
+            Bug("passes/paths/first_ray.comp", "start_path", "return correct(pixel, surface, 0u);"),
+        )
+    }
+)
 
 
 def test_settled_pixels_take_one_path(device):

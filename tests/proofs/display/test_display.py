@@ -51,10 +51,16 @@ def test_picture(device):
 
 
 TONEMAP = "passes/display/tonemap.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({name: (test_picture, Bug(TONEMAP, *bug)) for name, bug in {
-    "exposure": ("show_radiance", "return correct(1.02 * radiance);"),
-    "sRGB": ("encode_srgb", "return pow(linear, vec3(1.0 / 2.2));"),
-    "reinhard": ("map_reinhard", "return color / (1.0 + color);"),
-    "aces": ("map_aces", "return correct(1.1 * color);"),
-    "agx": ("map_agx", "return correct(1.1 * color);"),
-}.items()}, quick=("exposure",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        name: (test_picture, Bug(TONEMAP, *bug))
+        for name, bug in {
+            "exposure": ("show_radiance", "return correct(1.02 * radiance);"),
+            "sRGB": ("encode_srgb", "return pow(linear, vec3(1.0 / 2.2));"),
+            "reinhard": ("map_reinhard", "return color / (1.0 + color);"),
+            "aces": ("map_aces", "return correct(1.1 * color);"),
+            "agx": ("map_agx", "return correct(1.1 * color);"),
+        }.items()
+    },
+    quick=("exposure",),
+)

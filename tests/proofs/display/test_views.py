@@ -157,9 +157,14 @@ def test_names_of_views(device):
 
 
 TONEMAP, VIEWS = "passes/display/tonemap.glsl", "passes/display/debug_views.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({name: (check_views, Bug(*bug)) for name, bug in {
-    "views of one color": (VIEWS, "show_number", "return vec3(0.5);"),
-    "views of light": (TONEMAP, "show_radiance", "return correct(1.1 * radiance);"),
-    "views of surfaces": (VIEWS, "show_direction", "return 0.5 - 0.5 * direction;"),
-    "views of numbers": (VIEWS, "show_share", "return vec3(share, 0.0, 0.0);"),
-}.items()})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        name: (check_views, Bug(*bug))
+        for name, bug in {
+            "views of one color": (VIEWS, "show_number", "return vec3(0.5);"),
+            "views of light": (TONEMAP, "show_radiance", "return correct(1.1 * radiance);"),
+            "views of surfaces": (VIEWS, "show_direction", "return 0.5 - 0.5 * direction;"),
+            "views of numbers": (VIEWS, "show_share", "return vec3(share, 0.0, 0.0);"),
+        }.items()
+    }
+)

@@ -59,9 +59,9 @@ def check_frames(devices, name, **settings):
     assert not differing(pictures)
 
 
-@pytest.mark.parametrize(("renderer", "worlds"), [
-    ("reference", 1), ("reference", 2), pytest.param("realtime", 1, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("renderer", "worlds"), [("reference", 1), ("reference", 2), pytest.param("realtime", 1, marks=pytest.mark.slow)]
+)
 def test_batches_are_equal(devices, renderer, worlds):
     def pictures(way):
         scene = sv.builtin("cornell_box")

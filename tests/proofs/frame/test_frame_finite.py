@@ -59,10 +59,18 @@ def test_frames_are_finite(device):
 
 
 @pytest.mark.slow  # takes minutes: each way to build a renderer compiles its own pipelines
-@pytest.mark.parametrize("built_in", [{"lighting": "split"}, {"restir": True}, {"gbuffer": "traced"},
-                                      {"occlusion_culling": False},
-                                      {"layering": "fresnel_product", "frustum_culling": False},
-                                      {"lambert": True, "gbuffer": "traced"}], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    "built_in",
+    [
+        {"lighting": "split"},
+        {"restir": True},
+        {"gbuffer": "traced"},
+        {"occlusion_culling": False},
+        {"layering": "fresnel_product", "frustum_culling": False},
+        {"lambert": True, "gbuffer": "traced"},
+    ],
+    ids=str,
+)
 def test_frames_are_finite_however_they_are_built(device, built_in):
     run(device, range(COUNT, COUNT + 50), **built_in)
 
@@ -70,10 +78,13 @@ def test_frames_are_finite_however_they_are_built(device, built_in):
 @pytest.mark.slow
 def test_a_search_without_neighbor_adds_nothing(device):
     """The surface of a neighbor that wasn't found holds what a register held before, here NaN."""
-    poison = Bug("passes/reuse.glsl", "find_spatial_neighbor",
-                 "bool found = correct(pixel, surface, radius, rng, neighbor, neighbor_surface); "
-                 "if (!found) { neighbor_surface = surface; "
-                 "neighbor_surface.material.base.metallic = uintBitsToFloat(0x7FC00000u); } return found;")  # fmt: skip
+    poison = Bug(
+        "passes/reuse.glsl",
+        "find_spatial_neighbor",
+        "bool found = correct(pixel, surface, radius, rng, neighbor, neighbor_surface); "
+        "if (!found) { neighbor_surface = surface; "
+        "neighbor_surface.material.base.metallic = uintBitsToFloat(0x7FC00000u); } return found;",
+    )
     with (
         seeded(poison),
         make_renderer(device, sv.builtin("cornell_box"), (16, 12), restir=True, spatial_tries=1) as renderer,
@@ -87,8 +98,16 @@ def test_a_thousand_combinations_are_finite(device):
     run(device, range(QUICK_COUNT, COUNT))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "finite: a pixel divides by nothing": (lambda device: run(device, range(12)), Bug(
-        "passes/display/compose.comp", "main", "correct(); if (gl_GlobalInvocationID.xy == uvec2(0u)) { "
-        "diffuse_radiance.at[0] = vec3(uintBitsToFloat(0x7FC00000u)); }")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "finite: a pixel divides by nothing": (
+            lambda device: run(device, range(12)),
+            Bug(
+                "passes/display/compose.comp",
+                "main",
+                "correct(); if (gl_GlobalInvocationID.xy == uvec2(0u)) { "
+                "diffuse_radiance.at[0] = vec3(uintBitsToFloat(0x7FC00000u)); }",
+            ),
+        )
+    }
+)

@@ -27,9 +27,12 @@ from solari_vk.scene.builtin import closed_box, cornell_box, rgb
 # Perceptual roughness, metallic, and pixels per side: enough pixels that the interval is half of the bar. More frames
 # would hardly narrow it, because the frames of a run share the cache's noise.
 BOXES = {
-    "matte": (1.0, 0.0, 32), "mirror": (0.0, 1.0, 16), "plastic": (0.3, 0.0, 32), "rough metal": (0.7, 1.0, 32),
+    "matte": (1.0, 0.0, 32),
+    "mirror": (0.0, 1.0, 16),
+    "plastic": (0.3, 0.0, 32),
+    "rough metal": (0.7, 1.0, 32),
     "glossy metal": (0.3, 1.0, 32),
-}  # fmt: skip
+}
 BRIEF = Effort(16, 20, 12, 128)
 
 
@@ -107,9 +110,13 @@ def of_ball(frame):
 # Perceptual roughness and metallic of a ball, the number of runs, the frames of each run, and the bar. Mirrors need few
 # frames, because each of their rays has the white sky's radiance.
 BALLS = {
-    "mirror": (0.0, 1.0, 4, 8, 1e-3), "smooth metal": (0.1, 1.0, 8, 16, 2e-3), "matte": (1.0, 0.0, 16, 16, 0.03),
-    "plastic": (0.4, 0.0, 16, 16, 0.03), "lacquer": (0.0, 0.0, 16, 16, 0.03), "rough metal": (0.8, 1.0, 16, 16, 0.03),
-}  # fmt: skip
+    "mirror": (0.0, 1.0, 4, 8, 1e-3),
+    "smooth metal": (0.1, 1.0, 8, 16, 2e-3),
+    "matte": (1.0, 0.0, 16, 16, 0.03),
+    "plastic": (0.4, 0.0, 16, 16, 0.03),
+    "lacquer": (0.0, 0.0, 16, 16, 0.03),
+    "rough metal": (0.8, 1.0, 16, 16, 0.03),
+}
 
 
 @denoised_first
@@ -143,8 +150,16 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
     scene, size = cornell_box(), (64, 64)
     expected = trace_reflected(device, scene, 256, size)
     cells = sv.Settings().world_cache_cells
-    with make_renderer(device, scene, size, **lighting, world_cache_cells=cells, world_cache_cell_size=0.001,
-                       world_cache_update_cap=cells, world_cache_lifetime=100) as renderer:  # fmt: skip
+    with make_renderer(
+        device,
+        scene,
+        size,
+        **lighting,
+        world_cache_cells=cells,
+        world_cache_cell_size=0.001,
+        world_cache_update_cap=cells,
+        world_cache_lifetime=100,
+    ) as renderer:
         for _ in range(16):
             renderer.render(scene.camera)
         assert np.mean(renderer["world_cache_life"] > 0) > 0.9
@@ -160,9 +175,13 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
 
 def composing(change):
     """A bug in the last pass of paths, for each pixel at `at`."""
-    return Bug("passes/display/compose.comp", "main", "correct(); uvec2 at = gl_GlobalInvocationID.xy; "
-               "if (any(greaterThanEqual(at, camera.size))) { return; } "
-               f"uint row = at.y * camera.size.x + at.x; {change}")  # fmt: skip
+    return Bug(
+        "passes/display/compose.comp",
+        "main",
+        "correct(); uvec2 at = gl_GlobalInvocationID.xy; "
+        "if (any(greaterThanEqual(at, camera.size))) { return; } "
+        f"uint row = at.y * camera.size.x + at.x; {change}",
+    )
 
 
 def brief(device):
@@ -174,9 +193,13 @@ def test_brief_check_holds(device):
     hold(brief(device))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    WHOLE: (brief, composing("diffuse_radiance.at[row] *= 1.08;")),
-    TILES: (brief, composing("if (all(lessThan(4u * at, camera.size))) { diffuse_radiance.at[row] *= 0.5; }")),
-    "lights off": (check_lights_off, composing(
-        "diffuse_radiance.at[row] = max(diffuse_radiance.at[row], vec3(0.03));")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        WHOLE: (brief, composing("diffuse_radiance.at[row] *= 1.08;")),
+        TILES: (brief, composing("if (all(lessThan(4u * at, camera.size))) { diffuse_radiance.at[row] *= 0.5; }")),
+        "lights off": (
+            check_lights_off,
+            composing("diffuse_radiance.at[row] = max(diffuse_radiance.at[row], vec3(0.03));"),
+        ),
+    }
+)

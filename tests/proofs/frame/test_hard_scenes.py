@@ -56,10 +56,13 @@ def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
     dark = trace(device, scene, 256, SIZE, max_bounces=0) == 0
     blocks, expected = blocks * dark, expected * dark
     found, outlier = blocks.mean(axis=1), float(blocks.max() / lamp_radiance)
-    hold([
-        measure_mean(WHOLE, found, expected, 0.02, effort), measure_picture_tiles(TILES, found, expected, 0.1, effort),
-        Measurement(OUTLIERS, outlier, 1.0, "times the lamp's radiance"),
-    ])  # fmt: skip
+    hold(
+        [
+            measure_mean(WHOLE, found, expected, 0.02, effort),
+            measure_picture_tiles(TILES, found, expected, 0.1, effort),
+            Measurement(OUTLIERS, outlier, 1.0, "times the lamp's radiance"),
+        ]
+    )
 
 
 @pytest.mark.parametrize("gap", [0.01, 0.1])
@@ -89,7 +92,10 @@ def test_the_sun_on_a_shiny_floor(device, lighting):
         assert (expected - direct)[mask].mean() > 0.1 * direct[mask].mean(), "there is little indirect light"
         return measure_mean(BALLS, (found - direct)[:, mask], (expected - direct)[mask], bar, effort)
 
-    hold([
-        measure_mean(WHOLE, found, expected, 0.03, effort), measure_indirect(np.any(balls, axis=0), 0.05),
-        *(measure_indirect(ball, 0.1) for ball in balls),
-    ])  # fmt: skip
+    hold(
+        [
+            measure_mean(WHOLE, found, expected, 0.03, effort),
+            measure_indirect(np.any(balls, axis=0), 0.05),
+            *(measure_indirect(ball, 0.1) for ball in balls),
+        ]
+    )

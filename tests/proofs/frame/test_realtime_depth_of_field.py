@@ -28,10 +28,16 @@ def relative_error(picture, truth):
     return np.mean((picture - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2))
 
 
-@pytest.mark.parametrize(("kind", "focus"), [
-    ("perspective", 2.0), *(pytest.param(*others, marks=pytest.mark.slow) for others in (
-        ("perspective", 4.0), ("orthographic", 2.0), ("fisheye", 2.0))),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "focus"),
+    [
+        ("perspective", 2.0),
+        *(
+            pytest.param(*others, marks=pytest.mark.slow)
+            for others in (("perspective", 4.0), ("orthographic", 2.0), ("fisheye", 2.0))
+        ),
+    ],
+)
 def test_the_disk_of_confusion(device, kind, focus):
     """The mean of frames of a small lamp is the disk of confusion that optics gives, with the same light."""
     found = []
@@ -63,9 +69,11 @@ def test_points_are_where_the_lens_shows_them(device):
 
 
 WIDE = {
-    "fisheye": {"vertical_fov": 3.0}, "stereographic": {"vertical_fov": 2.5}, "equirectangular": {"eye_offset": 0.05},
+    "fisheye": {"vertical_fov": 3.0},
+    "stereographic": {"vertical_fov": 2.5},
+    "equirectangular": {"eye_offset": 0.05},
     "cube": {},
-}  # fmt: skip
+}
 
 
 def beside(directions, point):
@@ -83,8 +91,9 @@ def test_wide_lenses(device, kind):
     """The motion of a still scene from frame to frame is that of the point of the lens: it leads to a pixel whose line
     through the other point meets the surface."""
     size = (96, 16) if kind == "cube" else (64, 32) if kind == "equirectangular" else (48, 48)
-    camera = sv.Camera.look_at((0.9, 1.1, 0.6), (1, 0.9, 2), projection=kind, aperture=0.06, focus_distance=0.9,
-                               **WIDE[kind])  # fmt: skip
+    camera = sv.Camera.look_at(
+        (0.9, 1.1, 0.6), (1, 0.9, 2), projection=kind, aperture=0.06, focus_distance=0.9, **WIDE[kind]
+    )
     turn = camera.transform[:3, :3]
     with make_renderer(device, sv.builtin("cornell_box"), size, passes=GBUFFER, jitter=False) as renderer:
         renderer.render(camera)
@@ -104,8 +113,9 @@ def test_wide_lenses(device, kind):
     away = points - start
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     off = np.linalg.norm(away - (away * along).sum(-1, keepdims=True) * along, axis=-1) / depth
-    pixel = np.linalg.norm(camera.rays((size[0] / 2, size[1] / 2), size)[1] - camera.rays(
-        (size[0] / 2 + 1, size[1] / 2), size)[1])  # fmt: skip
+    pixel = np.linalg.norm(
+        camera.rays((size[0] / 2, size[1] / 2), size)[1] - camera.rays((size[0] / 2 + 1, size[1] / 2), size)[1]
+    )
     seen = np.isfinite(off) & (depth < 100)
     if kind == "equirectangular":
         seen[[0, 1, -2, -1]] = False  # above and below the circle of the eye, where a point may be seen from nowhere
@@ -116,10 +126,20 @@ def test_wide_lenses(device, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fields", [{}, {
-    "projection": "fisheye", "vertical_fov": 1.6, "aperture_blades": 3, "position": (1, 0.9, -0.9),
-    "focus_distance": 1.8,
-}], ids=["perspective", "fisheye"])  # fmt: skip
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {
+            "projection": "fisheye",
+            "vertical_fov": 1.6,
+            "aperture_blades": 3,
+            "position": (1, 0.9, -0.9),
+            "focus_distance": 1.8,
+        },
+    ],
+    ids=["perspective", "fisheye"],
+)
 def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
     """The mean of frames within 2 % of the path tracer's, sixteenths nearly as a sharp picture's; the error of frame 32
     at most twice a sharp picture's."""
@@ -135,23 +155,41 @@ def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
         off = mean.mean() / truth.mean() - 1
         tiles = [picture.reshape(4, 16, 4, 16, 3).mean(axis=(1, 3, 4)) for picture in (mean, truth)]
         worst[aperture] = np.abs(tiles[0] / tiles[1] - 1).max()
-        print(f"aperture {aperture}: relMSE of frame 32 {errors[aperture]:.4f}, mean {off:+.2%}, "
-              f"tiles {worst[aperture]:.2%}")  # fmt: skip
+        print(
+            f"aperture {aperture}: relMSE of frame 32 {errors[aperture]:.4f}, mean {off:+.2%}, "
+            f"tiles {worst[aperture]:.2%}"
+        )
         assert abs(off) < 0.02
     assert errors[0.25] <= 2 * errors[0.0]
     assert worst[0.25] < worst[0.0] + 0.04
 
 
 LENS = ("scene/camera.glsl", "view_ray")
-test_a_seeded_bug_is_noticed = bug_tests({
-    "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
-        *LENS, "ViewRay ray = correct(position, from); ray.origin.xy += from.lens_offset;\n"
-        "    ray.direction.xy -= from.lens_offset / from.focus_distance; return ray;")),
-    "wide lenses whose aperture faces the view axis": (lambda device: test_wide_lenses(device, "fisheye"), Bug(
-        "scene/camera.glsl", "on_aperture", "return vec3(offset.x, -offset.y, 0.0);")),
-    "no steps to wide positions": (lambda device: test_wide_lenses(device, "fisheye"), Bug(
-        "scene/camera.glsl", "LENS_STEPS", "0")),
-    "motion without the lens": (test_points_are_where_the_lens_shows_them, Bug(
-        "scene/camera.glsl", "project_to_uv",
-        "Camera still = from; still.lens_offset = vec2(0.0); return correct(world_position, still);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "a lens twice as wide": (
+            lambda device: test_the_disk_of_confusion(device, "perspective", 2.0),
+            Bug(
+                *LENS,
+                "ViewRay ray = correct(position, from); ray.origin.xy += from.lens_offset;\n"
+                "    ray.direction.xy -= from.lens_offset / from.focus_distance; return ray;",
+            ),
+        ),
+        "wide lenses whose aperture faces the view axis": (
+            lambda device: test_wide_lenses(device, "fisheye"),
+            Bug("scene/camera.glsl", "on_aperture", "return vec3(offset.x, -offset.y, 0.0);"),
+        ),
+        "no steps to wide positions": (
+            lambda device: test_wide_lenses(device, "fisheye"),
+            Bug("scene/camera.glsl", "LENS_STEPS", "0"),
+        ),
+        "motion without the lens": (
+            test_points_are_where_the_lens_shows_them,
+            Bug(
+                "scene/camera.glsl",
+                "project_to_uv",
+                "Camera still = from; still.lens_offset = vec2(0.0); return correct(world_position, still);",
+            ),
+        ),
+    }
+)

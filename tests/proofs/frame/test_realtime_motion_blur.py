@@ -103,7 +103,7 @@ def test_denoised_frames_converge_as_sharp_ones_do(device):
     for kind, shutters in (
         ("sharp", [sv.Shutter(open=0.5, close=0.5, time_samples=1)]),
         ("blurred", [sv.Shutter(close=1.0, time_samples=256, row_bands=bands) for bands in (1, 2)]),
-    ):  # fmt: skip
+    ):
         with sv.PathTracer(device, scene, BOX, seed=3) as tracer:
             truth = np.asarray(tracer.render(samples=1024, shutter=shutters[0], pose=pose), np.float64)
         with sv.Renderer(device, scene, BOX) as renderer:
@@ -231,13 +231,24 @@ def test_times_cover_the_exposure_of_each_row(readout):
 
 
 RESOLVE = "passes/taa/resolve.comp"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "rows without their time": (test_a_rolling_shutter_slants_edges, Bug(RESOLVE, "is_exposed", "return true;")),
-    "an exposure that goes on in the next": (test_a_moving_edge_is_a_ramp, Bug(
-        "scene/camera_records.glsl", "FIRST_OF_EXPOSURE", "4u")),
-    "an exposure that follows motion": (test_a_moving_edge_is_a_ramp, Bug(
-        "scene/camera_records.glsl", "LATER_OF_EXPOSURE", "4u")),
-    "an exposure that forgets": (test_long_exposures_are_plain_means, Bug(
-        "passes/taa/history.glsl", "load_exposure", "HistorySample found = correct(index); "
-        "found.weight = min(found.weight, 63.0); return found;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "rows without their time": (test_a_rolling_shutter_slants_edges, Bug(RESOLVE, "is_exposed", "return true;")),
+        "an exposure that goes on in the next": (
+            test_a_moving_edge_is_a_ramp,
+            Bug("scene/camera_records.glsl", "FIRST_OF_EXPOSURE", "4u"),
+        ),
+        "an exposure that follows motion": (
+            test_a_moving_edge_is_a_ramp,
+            Bug("scene/camera_records.glsl", "LATER_OF_EXPOSURE", "4u"),
+        ),
+        "an exposure that forgets": (
+            test_long_exposures_are_plain_means,
+            Bug(
+                "passes/taa/history.glsl",
+                "load_exposure",
+                "HistorySample found = correct(index); found.weight = min(found.weight, 63.0); return found;",
+            ),
+        ),
+    }
+)

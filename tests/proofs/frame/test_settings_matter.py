@@ -18,8 +18,12 @@ SIZE = (24, 24)
 OUTPUTS = ("diffuse_radiance", "specular_radiance", "guides_normal_roughness", "radiance")
 # Sections that only one lighting has.
 OF_LIGHTING = {"paths": ("paths", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
-FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14,
-       "world_cache_updates_per_pixel": 4.0}  # fmt: skip
+FEW = {
+    "light_tile_count": 4,
+    "light_tile_samples": 64,
+    "world_cache_cells": 1 << 14,
+    "world_cache_updates_per_pixel": 4.0,
+}
 # Values that change a few small frames. All other numbers are halved, and choices and switches take another value.
 OTHER = {
     "world_cache_change_exponent": 0.01, "world_cache_change_smoothing": 1.0,
@@ -113,9 +117,11 @@ def test_what_is_off_outputs_nothing(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("settings", "darkest", "error"), [
-    ({"lighting": "split"}, 0.97, 0.02), (QUALITIES["solari"], 0.88, 0.15),
-], ids=["split", "solari"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("settings", "darkest", "error"),
+    [({"lighting": "split"}, 0.97, 0.02), (QUALITIES["solari"], 0.88, 0.15)],
+    ids=["split", "solari"],
+)
 def test_separate_passes_are_denoised(device, settings, darkest, error):
     """Frame 16 of a Cornell box: its light and relMSE against the path tracer, and that of the same raw frame.
 

@@ -39,10 +39,13 @@ def _noise_texture(seed: int, low: int = 0, high: int = 256) -> sv.Texture:
 def material_zoo() -> sv.Scene:
     """Instances that are mirrored, sheared, double-sided, textured, without normals, or seen from the back."""
     textured = sv.Material(
-        base_color_texture=_noise_texture(1), metallic_roughness_texture=_noise_texture(2),
-        normal_texture=_noise_texture(3, 64, 192), emissive_texture=_noise_texture(4), emissive=rgb((3, 2, 1)),
+        base_color_texture=_noise_texture(1),
+        metallic_roughness_texture=_noise_texture(2),
+        normal_texture=_noise_texture(3, 64, 192),
+        emissive_texture=_noise_texture(4),
+        emissive=rgb((3, 2, 1)),
         double_sided=True,
-    )  # fmt: skip
+    )
     sphere = shapes.sphere(0.45, 24)
     bare = sv.Mesh(positions=sphere.positions, triangles=sphere.triangles)
     sheared = np.array([[-0.8, 0.3, 0, 1], [0, 1.2, 0, 1], [0.2, 0, 0.7, 0], [0, 0, 0, 1]])

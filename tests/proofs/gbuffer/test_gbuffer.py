@@ -151,6 +151,7 @@ def test_rows_of_new_instances_have_no_history(device):
 
 # ---- rays that leave surfaces -----------------------------------------------------------------------
 
+
 class LeavingRays(PartialRenderer):
     """Renders the G-buffer, then traces rays from the surface of each pixel."""
 
@@ -184,20 +185,37 @@ def test_rays_leave_their_surface(device, way):
 
 # ---- seeded bugs ------------------------------------------------------------------------------------
 
+
 def values(device):
     test_values_are_the_scenes(device, "raster")
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "depth of points, not of rays": (values, Bug(
-        "passes/gbuffer/pixel.glsl", "resolve_pixel", "GBufferPixel found = correct(ray, hit, mesh); "
-        "found.depth *= 1.0 + 1e-5; return found;")),
-    "rows remembered, not instances": (test_rows_of_new_instances_have_no_history, Bug(
-        "passes/gbuffer/gbuffer.glsl", "previous_world_position", "return world_position + 0.1;")),
-    "nothing is ever hidden": (test_counts, Bug("passes/gbuffer/cull.comp", "is_occluded", "return false;")),
-    "nothing is ever out of view": (test_counts, Bug(
-        "passes/gbuffer/cull.comp", "is_outside_frustum", "return false;")),
-    "offset of the point alone": (lambda device: test_rays_leave_their_surface(device, "raster"), Bug(
-        "passes/gbuffer/gbuffer.glsl", "gbuffer_ray_offset",
-        "return 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "depth of points, not of rays": (
+            values,
+            Bug(
+                "passes/gbuffer/pixel.glsl",
+                "resolve_pixel",
+                "GBufferPixel found = correct(ray, hit, mesh); found.depth *= 1.0 + 1e-5; return found;",
+            ),
+        ),
+        "rows remembered, not instances": (
+            test_rows_of_new_instances_have_no_history,
+            Bug("passes/gbuffer/gbuffer.glsl", "previous_world_position", "return world_position + 0.1;"),
+        ),
+        "nothing is ever hidden": (test_counts, Bug("passes/gbuffer/cull.comp", "is_occluded", "return false;")),
+        "nothing is ever out of view": (
+            test_counts,
+            Bug("passes/gbuffer/cull.comp", "is_outside_frustum", "return false;"),
+        ),
+        "offset of the point alone": (
+            lambda device: test_rays_leave_their_surface(device, "raster"),
+            Bug(
+                "passes/gbuffer/gbuffer.glsl",
+                "gbuffer_ray_offset",
+                "return 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);",
+            ),
+        ),
+    }
+)

@@ -22,13 +22,14 @@ LENSES = {
     "offset": lambda: sv.Camera.from_opencv(K, *POSE, SIZE),
     "brown_conrady": lambda: sv.Camera.from_opencv(K, *POSE, SIZE, (-0.12, 0.02, 0.004, -0.003, 0.001)),
     "kannala_brandt": lambda: sv.Camera.from_opencv(
-        ((14.0, 0, 33), (0, 15.0, 22), (0, 0, 1)), *POSE, SIZE, (0.03, -0.006, 0.001, 1e-5), projection="fisheye"),
+        ((14.0, 0, 33), (0, 15.0, 22), (0, 0, 1)), *POSE, SIZE, (0.03, -0.006, 0.001, 1e-5), projection="fisheye"
+    ),
     "circle": lambda: sv.Camera(projection="fisheye", vertical_fov=math.pi, image_circle=math.pi),
     "stereographic": lambda: sv.Camera(projection="stereographic", vertical_fov=4.5),
     "equirectangular": lambda: sv.Camera(projection="equirectangular"),
     "stereo": lambda: sv.Camera(projection="equirectangular", eye_offset=0.2),
     "cube": lambda: sv.Camera(projection="cube"),
-}  # fmt: skip
+}
 PIXELS = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), -1)
 
 
@@ -140,9 +141,17 @@ def test_denoised_frames_have_the_path_tracers_light(device, name):
     assert abs(frames[-1].mean() / truth.mean() - 1) < 0.03
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "rays": (lambda device: test_pixels_show_what_their_rays_meet(device, "kannala_brandt"), Bug(
-        "scene/lens.glsl", "lens_direction", "return correct(at * 1.01, lens);")),
-    "positions": (lambda device: test_motion_follows_the_camera(device, "stereographic"), Bug(
-        "scene/lens.glsl", "find_lens_position", "bool seen = correct(point, lens, at); at *= 1.1; return seen;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "rays": (
+            lambda device: test_pixels_show_what_their_rays_meet(device, "kannala_brandt"),
+            Bug("scene/lens.glsl", "lens_direction", "return correct(at * 1.01, lens);"),
+        ),
+        "positions": (
+            lambda device: test_motion_follows_the_camera(device, "stereographic"),
+            Bug(
+                "scene/lens.glsl", "find_lens_position", "bool seen = correct(point, lens, at); at *= 1.1; return seen;"
+            ),
+        ),
+    }
+)

@@ -26,9 +26,16 @@ from solari_vk.scene.matrices import transform_points
 SIZE = (96, 64)
 # The largest difference of packed values that rounding to either neighboring code can cause.
 TOLERANCES = {
-    "color": 4e-3, "perceptual_roughness": 1.01 / 255, "emissive": 0.02, "metallic": 1.01 / 255, "normal": 2e-3,
-    "geometric_normal": 1e-4, "motion": 1e-6, "reflectance": 0.0, "instance": 0.0,
-}  # fmt: skip
+    "color": 4e-3,
+    "perceptual_roughness": 1.01 / 255,
+    "emissive": 0.02,
+    "metallic": 1.01 / 255,
+    "normal": 2e-3,
+    "geometric_normal": 1e-4,
+    "motion": 1e-6,
+    "reflectance": 0.0,
+    "instance": 0.0,
+}
 OFFSET = {"principal_point": (0.8, -0.1), "pixel_aspect": 1.3}  # of the picture
 ORTHOGRAPHIC = (0.0, 3.4)  # heights of what cameras see; 0 in perspective
 
@@ -87,8 +94,11 @@ def check_motion(device, way="raster", orthographic_height=0.0):
                 instance.transform = turned(instance.transform, random, 0.1, 0.05)
             pose = turned_rigidly(camera.transform, random, 0.03, 0.1)
             zoom = random.uniform(0.95, 1.05)
-            camera = sv.Camera(transform=pose, vertical_fov=camera.vertical_fov * zoom,
-                               orthographic_height=camera.orthographic_height * zoom)  # fmt: skip
+            camera = sv.Camera(
+                transform=pose,
+                vertical_fov=camera.vertical_fov * zoom,
+                orthographic_height=camera.orthographic_height * zoom,
+            )
             found = gbuffer.decode(renderer.render(camera))
             world = gbuffer.world_positions(camera, found["depth"], get_jitter(renderer))
             was = world.copy()
@@ -231,25 +241,44 @@ def test_an_offset_principal_point(device, height):
 GBUFFER_FILE, CULL, RASTER_FILE = (f"passes/gbuffer/{name}" for name in ("gbuffer.glsl", "cull.comp", "raster.glsl"))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "raster: inside triangles": (lambda device: check_raster(device, zoo()), Bug(
-        RASTER_FILE, "intersect_triangle",
-        "Hit hit = correct(ray, row, triangle, mesh); hit.barycentrics = hit.barycentrics.yx; return hit;")),
-    "raster: another triangle": (lambda device: check_raster(device, zoo()), Bug(
-        RASTER_FILE, "intersect_triangle",
-        "return correct(ray, row, triangle > 0u ? triangle - 1u : 0u, mesh);")),
-    "orthographic rays from one point": (lambda device: check_raster(device, zoo(ORTHOGRAPHIC[1])), Bug(
-        "scene/camera.glsl", "view_ray", "ViewRay ray = correct(position, from); ray.origin = vec3(0.0); "
-        "return ray;")),
-    "motion": (check_motion, Bug(GBUFFER_FILE, "is_mesh_static", "return true;")),
-    "rest": (check_still, Bug(
-        GBUFFER_FILE, "motion_vector", "return correct(world_position, previous_world_position) + 1e-7;")),
-    "frustum culling": (check_culling, Bug(CULL, "is_beyond", "return correct(box, normal, distance - 0.3);")),
-    "orthographic culling": (lambda device: check_culling(device, 5.0), Bug(
-        CULL, "is_beyond", "return correct(box, normal, distance > 0.0 ? 0.5 * distance : distance);")),
-    "occlusion culling": (check_culling, Bug(CULL, "is_occluded", "box.half_axes *= 0.5; return correct(box);")),
-    "counts": (check_culling, Bug(CULL, "main", "correct(); atomicAdd(gbuffer_counters.drawn_first, 1u);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "raster: inside triangles": (
+            lambda device: check_raster(device, zoo()),
+            Bug(
+                RASTER_FILE,
+                "intersect_triangle",
+                "Hit hit = correct(ray, row, triangle, mesh); hit.barycentrics = hit.barycentrics.yx; return hit;",
+            ),
+        ),
+        "raster: another triangle": (
+            lambda device: check_raster(device, zoo()),
+            Bug(
+                RASTER_FILE, "intersect_triangle", "return correct(ray, row, triangle > 0u ? triangle - 1u : 0u, mesh);"
+            ),
+        ),
+        "orthographic rays from one point": (
+            lambda device: check_raster(device, zoo(ORTHOGRAPHIC[1])),
+            Bug(
+                "scene/camera.glsl",
+                "view_ray",
+                "ViewRay ray = correct(position, from); ray.origin = vec3(0.0); return ray;",
+            ),
+        ),
+        "motion": (check_motion, Bug(GBUFFER_FILE, "is_mesh_static", "return true;")),
+        "rest": (
+            check_still,
+            Bug(GBUFFER_FILE, "motion_vector", "return correct(world_position, previous_world_position) + 1e-7;"),
+        ),
+        "frustum culling": (check_culling, Bug(CULL, "is_beyond", "return correct(box, normal, distance - 0.3);")),
+        "orthographic culling": (
+            lambda device: check_culling(device, 5.0),
+            Bug(CULL, "is_beyond", "return correct(box, normal, distance > 0.0 ? 0.5 * distance : distance);"),
+        ),
+        "occlusion culling": (check_culling, Bug(CULL, "is_occluded", "box.half_axes *= 0.5; return correct(box);")),
+        "counts": (check_culling, Bug(CULL, "main", "correct(); atomicAdd(gbuffer_counters.drawn_first, 1u);")),
+    }
+)
 
 
 # ---- orthographic cameras ---------------------------------------------------------------------------

@@ -31,8 +31,12 @@ def prism(light, **fields):
     """A prism that fills the picture, and light that it sends there."""
     low, high = ([(x, y, z) for x, z in CORNERS] for y in (-1.0, 1.0))
     sides = [[low[i], low[i - 2], high[i - 2], high[i]] for i in range(3)]
-    sides = [side if np.dot(np.cross(np.subtract(side[1], side[0]), np.subtract(side[2], side[0])), side[0]) > 0
-             else side[::-1] for side in sides]  # fmt: skip
+    sides = [
+        side
+        if np.dot(np.cross(np.subtract(side[1], side[0]), np.subtract(side[2], side[0])), side[0]) > 0
+        else side[::-1]
+        for side in sides
+    ]
     glass = sv.Material(base_color=1, transmission=1, roughness=0, solid=True, ior=IOR, dispersion=DISPERSION)
     scene = sv.Scene(sv.Instance(shapes.polygons(*sides, low, high[::-1]), glass))
     glass.update(**fields)
@@ -101,10 +105,16 @@ def check_furnace(device, **fields):
     np.testing.assert_allclose(found, 1.0, rtol=0.015)
 
 
-@pytest.mark.parametrize("fields", [
-    {"roughness": 0.0}, {"roughness": 0.5}, {"roughness": 0.0, "within": True, "ior": 1.15},
-    {"roughness": 0.3, "transmission": 0.5, "diffuse_transmission": 1.0},
-], ids=["smooth", "rough", "within", "half"])  # fmt: skip
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"roughness": 0.0},
+        {"roughness": 0.5},
+        {"roughness": 0.0, "within": True, "ior": 1.15},
+        {"roughness": 0.3, "transmission": 0.5, "diffuse_transmission": 1.0},
+    ],
+    ids=["smooth", "rough", "within", "half"],
+)
 def test_white_glass_is_invisible(device, fields):
     check_furnace(device, **fields)
 
@@ -127,12 +137,21 @@ def test_frames_have_the_path_tracers_colors(device):
         assert abs(error) + half_width < 0.01
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "the equation": (lambda device: check_prism(device, "a ramp"), Bug(
-        FILE, "dispersed_ior", "return correct(ior, 0.9 * dispersion, inverse_square);")),
-    "bands": (lambda device: check_prism(device, "an edge"), Bug(FILE, "BAND_WIDTH", "50.0")),
-    "light is gained": (lambda device: check_furnace(device, roughness=0.5), Bug(
-        FILE, "wavelength_color", "return 1.03 * correct(wavelength);")),
-    "frames": (test_frames_have_the_path_tracers_colors, Bug(
-        "passes/paths/reservoir.glsl", "wavelength_u", "return 0.7 * correct(pixel);")),
-}, quick=("the equation",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "the equation": (
+            lambda device: check_prism(device, "a ramp"),
+            Bug(FILE, "dispersed_ior", "return correct(ior, 0.9 * dispersion, inverse_square);"),
+        ),
+        "bands": (lambda device: check_prism(device, "an edge"), Bug(FILE, "BAND_WIDTH", "50.0")),
+        "light is gained": (
+            lambda device: check_furnace(device, roughness=0.5),
+            Bug(FILE, "wavelength_color", "return 1.03 * correct(wavelength);"),
+        ),
+        "frames": (
+            test_frames_have_the_path_tracers_colors,
+            Bug("passes/paths/reservoir.glsl", "wavelength_u", "return 0.7 * correct(pixel);"),
+        ),
+    },
+    quick=("the equation",),
+)

@@ -44,12 +44,18 @@ def light_of_free_window(device):
     return light_through(device, None)
 
 
-@pytest.mark.parametrize(("strategy", "fields", "passes"), [
-    ("mis", {}, PASSES), ("nee", {}, PASSES),
-    # Texels of 0 take away the reflections of the pane, and those of its coat.
-    ("nee", {"specular_texture": NOTHING}, 1.0), ("nee", {"specular_color_texture": NOTHING}, 1.0),
-    ("nee", {"clearcoat": 1.0, "clearcoat_texture": NOTHING}, PASSES), ("nee", {"solid": True}, 0.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("strategy", "fields", "passes"),
+    [
+        ("mis", {}, PASSES),
+        ("nee", {}, PASSES),
+        # Texels of 0 take away the reflections of the pane, and those of its coat.
+        ("nee", {"specular_texture": NOTHING}, 1.0),
+        ("nee", {"specular_color_texture": NOTHING}, 1.0),
+        ("nee", {"clearcoat": 1.0, "clearcoat_texture": NOTHING}, PASSES),
+        ("nee", {"solid": True}, 0.0),
+    ],
+)
 def test_shadow_rays(device, strategy, fields, passes):
     """Light samples and rays that meet the lamp count the pane's color once between them; solids stop them."""
     pane = sv.Material(**{**CLEAR, "base_color": COLOR, "double_sided": True, **fields})
@@ -65,8 +71,9 @@ def check_block(device, expected, eye, fov, size, samples, **fields):
     np.testing.assert_allclose(mean(device, scene, size, samples, max_bounces=64), expected, rtol=0.015)
 
 
-@pytest.mark.parametrize("fields", [{"solid": True}, {}, {"solid": True, "perceptual_roughness": 0.5}],
-                         ids=["solid", "thin", "rough"])  # fmt: skip
+@pytest.mark.parametrize(
+    "fields", [{"solid": True}, {}, {"solid": True, "perceptual_roughness": 0.5}], ids=["solid", "thin", "rough"]
+)
 def test_white_glass_is_invisible_in_an_even_environment(device, fields):
     check_block(device, 1.0, (1.2, 1.0, 1.5), 0.6, (8, 8), 256, **fields)
 
@@ -91,16 +98,30 @@ def test_anisotropy_of_metal(device, rotation):
     assert along > 10 * across > 0
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, Bug(
-        "scene/walk.glsl", "transmittance", "return vec3(1.0);")),
-    "a pane doesn't color light": (lambda device: test_shadow_rays(device, "nee", {}, PASSES), Bug(
-        "scene/alpha.glsl", "attenuate_by_surface(inout RayTransmittance through, vec4",
-        "through.probability *= 1.0 - filter_opacity.w;")),
-    "the tangent is turned": (lambda device: test_anisotropy_of_metal(device, 0.0), Bug(
-        "scene/base_material.glsl", "orient_anisotropy",
-        "correct(base, frame, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "a solid absorbs nothing": (
+            test_a_solid_absorbs_by_the_law_of_beer_and_lambert,
+            Bug("scene/walk.glsl", "transmittance", "return vec3(1.0);"),
+        ),
+        "a pane doesn't color light": (
+            lambda device: test_shadow_rays(device, "nee", {}, PASSES),
+            Bug(
+                "scene/alpha.glsl",
+                "attenuate_by_surface(inout RayTransmittance through, vec4",
+                "through.probability *= 1.0 - filter_opacity.w;",
+            ),
+        ),
+        "the tangent is turned": (
+            lambda device: test_anisotropy_of_metal(device, 0.0),
+            Bug(
+                "scene/base_material.glsl",
+                "orient_anisotropy",
+                "correct(base, frame, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));",
+            ),
+        ),
+    }
+)
 
 
 # ---- realtime frames --------------------------------------------------------------------------------

@@ -186,10 +186,13 @@ def things():
             (shapes.quad((0, 0, -12), (6, 0, 0), (0, 6, 0)), {"base_color": 0.3}, (0, 0, 0)),
             (ball, {"base_color": (0.9, 0.6, 0.2), "metallic": 1, "perceptual_roughness": gold}, (-0.9, 0.6, -9)),
             (ball, {"base_color": 1.0, "metallic": 1, "perceptual_roughness": white}, (0.9, 0.6, -9)),
-            (shapes.box(), {"base_color": (0.25, 0.5, 0.75), "perceptual_roughness": paint},
-             place(1.0, (0, -0.8, -8.5), 0.5)),
+            (
+                shapes.box(),
+                {"base_color": (0.25, 0.5, 0.75), "perceptual_roughness": paint},
+                place(1.0, (0, -0.8, -8.5), 0.5),
+            ),
         )
-    ]  # fmt: skip
+    ]
 
 
 def _differences(shown, seen, reflection, among=np.s_[:]):
@@ -311,10 +314,16 @@ def measure_two_mirrors(device):
     return measure_mirrors(device, "two mirrors")
 
 
-@pytest.mark.parametrize("measure", [
-    measure_one_mirror, measure_wall, measure_parts,
-    *(pytest.param(measure, marks=pytest.mark.slow) for measure in (measure_two_mirrors, measure_range)),
-], ids=lambda measure: measure.__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "measure",
+    [
+        measure_one_mirror,
+        measure_wall,
+        measure_parts,
+        *(pytest.param(measure, marks=pytest.mark.slow) for measure in (measure_two_mirrors, measure_range)),
+    ],
+    ids=lambda measure: measure.__name__,
+)
 def test_rules_hold(device, measure):
     hold(measure(device))
 
@@ -327,25 +336,46 @@ def describing(change):
     return Bug(WRITE, "describe", f"correct(guides, material, NdotV); guides.{change};")
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "diffuse albedo of metals": (
-        lambda device: test_surfaces_are_the_path_tracers(device, "sphere_grid"),
-        describing("diffuse_albedo = material.base.color")),
-    "diffuse albedo": (
-        lambda device: test_surfaces_are_the_path_tracers(device, "cornell_box"), describing("diffuse_albedo *= 0.9")),
-    "specular albedo": (test_specular_albedo_is_the_directional_albedo, describing("specular_albedo *= 0.9")),
-    RANGE: (measure_range, describing("perceptual_roughness = 1.0 / 0.0")),
-    SUM: (measure_parts, Bug("passes/display/compose.comp", "main", """
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "diffuse albedo of metals": (
+            lambda device: test_surfaces_are_the_path_tracers(device, "sphere_grid"),
+            describing("diffuse_albedo = material.base.color"),
+        ),
+        "diffuse albedo": (
+            lambda device: test_surfaces_are_the_path_tracers(device, "cornell_box"),
+            describing("diffuse_albedo *= 0.9"),
+        ),
+        "specular albedo": (test_specular_albedo_is_the_directional_albedo, describing("specular_albedo *= 0.9")),
+        RANGE: (measure_range, describing("perceptual_roughness = 1.0 / 0.0")),
+        SUM: (
+            measure_parts,
+            Bug(
+                "passes/display/compose.comp",
+                "main",
+                """
         correct();
         uvec2 pixel = gl_GlobalInvocationID.xy;
-        if (is_inside(pixel, camera.size)) { emission.at[pixel_index(pixel, camera.size)] *= 0.99; }""")),
-    BEFORE: (measure_parts, Bug(
-        "passes/display/emission.glsl", "visible_emission", "return this_frame.exposure * correct(pixel);")),
-    "mirrors": (measure_one_mirror, Bug(MIRRORS_FILE, "append_mirror", "return chain;")),
-    "motion in mirrors": (measure_one_mirror, Bug(
-        MIRRORS_FILE, "previous_hit_position", "return world_position + 0.1;")),
-    "clear walls": (measure_wall, NO_WALLS),
-    LAMP: (measure_wall, Bug(
-        WRITE, "replace_primary_surface", "Guides found = correct(seen, pixel); found.is_noisy = true; "
-        "found.shows_light = false; return found;")),
-})  # fmt: skip
+        if (is_inside(pixel, camera.size)) { emission.at[pixel_index(pixel, camera.size)] *= 0.99; }""",
+            ),
+        ),
+        BEFORE: (
+            measure_parts,
+            Bug("passes/display/emission.glsl", "visible_emission", "return this_frame.exposure * correct(pixel);"),
+        ),
+        "mirrors": (measure_one_mirror, Bug(MIRRORS_FILE, "append_mirror", "return chain;")),
+        "motion in mirrors": (
+            measure_one_mirror,
+            Bug(MIRRORS_FILE, "previous_hit_position", "return world_position + 0.1;"),
+        ),
+        "clear walls": (measure_wall, NO_WALLS),
+        LAMP: (
+            measure_wall,
+            Bug(
+                WRITE,
+                "replace_primary_surface",
+                "Guides found = correct(seen, pixel); found.is_noisy = true; found.shows_light = false; return found;",
+            ),
+        ),
+    }
+)

@@ -65,8 +65,12 @@ def around(opening):
     u, v = (axis for axis in range(3) if axis != flat)
     low, high = opening.min(axis=0), opening.max(axis=0)
     made = []
-    for ranges in (((-500, low[u]), (-500, 500)), ((high[u], 500), (-500, 500)),
-                   ((low[u], high[u]), (-500, low[v])), ((low[u], high[u]), (high[v], 500))):  # fmt: skip
+    for ranges in (
+        ((-500, low[u]), (-500, 500)),
+        ((high[u], 500), (-500, 500)),
+        ((low[u], high[u]), (-500, low[v])),
+        ((low[u], high[u]), (high[v], 500)),
+    ):
         full = [low[flat]] * 3
         full[u], full[v] = ranges
         made.append(rectangle(*full))
@@ -123,33 +127,61 @@ CEILING_LAMP = rectangle((-0.5, 0.5), 2.0, (-0.25, 0.75))
 CASES = {
     "5.2 bulb over a floor": lambda: (lit_by(BULB), FLOOR, UP, from_point(FLOOR, UP, (0, 2, 0), 300)),
     "5.2 bulb beside a wall": lambda: (
-        lit_by(BULB), [(-1, 0, 0), (-2, 3, 1)], ACROSS,
-        from_point([(-1, 0, 0), (-2, 3, 1)], ACROSS, (0, 2, 0), 300)),
+        lit_by(BULB),
+        [(-1, 0, 0), (-2, 3, 1)],
+        ACROSS,
+        from_point([(-1, 0, 0), (-2, 3, 1)], ACROSS, (0, 2, 0), 300),
+    ),
     "5.2 spotlight": lambda: (
-        lit_by(sv.SpotLight((0, 2, 0), **SPOT)), [(0, 0, 0), (1, 0, 0), (3, 0, 0)], UP,
-        from_point([(0, 0, 0), (1, 0, 0), (3, 0, 0)], UP, (0, 2, 0), 300) * (1, 1, 0)),
+        lit_by(sv.SpotLight((0, 2, 0), **SPOT)),
+        [(0, 0, 0), (1, 0, 0), (3, 0, 0)],
+        UP,
+        from_point([(0, 0, 0), (1, 0, 0), (3, 0, 0)], UP, (0, 2, 0), 300) * (1, 1, 0),
+    ),
     "5.3 area light over a floor": lambda: (
-        sv.Scene(lamp(CEILING_LAMP, 1000)), FLOOR, UP, polygon_irradiance(FLOOR, [UP], CEILING_LAMP, 1000)),
+        sv.Scene(lamp(CEILING_LAMP, 1000)),
+        FLOOR,
+        UP,
+        polygon_irradiance(FLOOR, [UP], CEILING_LAMP, 1000),
+    ),
     "5.3 area light beside a wall": lambda: (
-        sv.Scene(lamp(CEILING_LAMP, 1000)), [(-1, 0.5, 0)], ACROSS,
-        polygon_irradiance([(-1, 0.5, 0)], [ACROSS], CEILING_LAMP, 1000)),
+        sv.Scene(lamp(CEILING_LAMP, 1000)),
+        [(-1, 0.5, 0)],
+        ACROSS,
+        polygon_irradiance([(-1, 0.5, 0)], [ACROSS], CEILING_LAMP, 1000),
+    ),
     "5.5 sun through a pane, 0": lambda: sun_on_pane(0),
     "5.5 sun through a pane, 60": lambda: sun_on_pane(60),
     "5.5 sun through a pane, 80": lambda: sun_on_pane(80),
     "5.6 reflected by a floor": from_floor,
     "5.7 behind a plate": lambda: from_floor(hidden=True),
     "5.8 closed cube": lambda: (
-        white_cube(), [(0, -1, 0), (0.9, -1, 0.9), (0.3, 0.2, 0.1)], UP, np.full(3, math.pi / (1 - 0.6))),
+        white_cube(),
+        [(0, -1, 0), (0.9, -1, 0.9), (0.3, 0.2, 0.1)],
+        UP,
+        np.full(3, math.pi / (1 - 0.6)),
+    ),
     "5.9 sky through an opening of the roof": lambda: (
-        daylight(OPENING), FLOOR, UP, polygon_irradiance(FLOOR, [UP], OPENING, 100)),
+        daylight(OPENING),
+        FLOOR,
+        UP,
+        polygon_irradiance(FLOOR, [UP], OPENING, 100),
+    ),
     "5.10 sky through a pane of the roof": daylight_through_glass,
     "5.11 sky through a window": lambda: (
-        daylight(WINDOW), [(0, 0.5, 0), (1, 1, 0.5)], UP,
-        polygon_irradiance([(0, 0.5, 0), (1, 1, 0.5)], [UP], WINDOW, 100)),
+        daylight(WINDOW),
+        [(0, 0.5, 0), (1, 1, 0.5)],
+        UP,
+        polygon_irradiance([(0, 0.5, 0), (1, 1, 0.5)], [UP], WINDOW, 100),
+    ),
     "cylindrical, bulb": lambda: (
-        lit_by(BULB), [(1, 0, 0), (0, 2, 3)], UP, 300 / math.pi * np.array((1 / 5**1.5, 1 / 9))),
+        lit_by(BULB),
+        [(1, 0, 0), (0, 2, 3)],
+        UP,
+        300 / math.pi * np.array((1 / 5**1.5, 1 / 9)),
+    ),
     "cylindrical, closed cube": lambda: (white_cube(), [(0.3, 0.2, 0.1)], (1, 2, 3), [math.pi / (1 - 0.6)]),
-}  # fmt: skip
+}
 
 
 def white_cube():
@@ -232,10 +264,19 @@ def test_wrong_arguments_are_errors(points, options, said):
         sv.illuminance(None, sv.Scene(), points, **options)
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "lamps count twice": (lambda device: measure_case(device, "5.3 area light over a floor"), Bug(
-        "passes/pathtracer/trace.glsl", "mis_pdf", "return INFINITY;")),
-    "2 % less light": (lambda device: measure_case(device, "5.2 bulb over a floor"), Bug(
-        "passes/pathtracer/illuminance.comp", "start_path", "bool found = correct(pixel, path, vertex, rng); "
-        "vertex.brdf = lambert_brdf(vec3(0.98)); return found;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "lamps count twice": (
+            lambda device: measure_case(device, "5.3 area light over a floor"),
+            Bug("passes/pathtracer/trace.glsl", "mis_pdf", "return INFINITY;"),
+        ),
+        "2 % less light": (
+            lambda device: measure_case(device, "5.2 bulb over a floor"),
+            Bug(
+                "passes/pathtracer/illuminance.comp",
+                "start_path",
+                "bool found = correct(pixel, path, vertex, rng); vertex.brdf = lambert_brdf(vec3(0.98)); return found;",
+            ),
+        ),
+    }
+)

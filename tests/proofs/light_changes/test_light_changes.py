@@ -121,6 +121,6 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "a weak lamp goes out: places of lights are unknown": (
             test_a_weak_lamp_that_goes_out,
             Bug("passes/light_change.glsl", "light_change", "return 0.0;"),
-        ),
+        )
     }
 )

@@ -124,10 +124,16 @@ def check_changed_probability(device):
     check_colors(device, floor_under(hang(GREEN, 0.3), above), run, colors=np.s_[1:2])
 
 
-@pytest.mark.parametrize("check", [check_removed, *(
-    pytest.param(check, marks=pytest.mark.slow)
-    for check in (check_added, check_new_indices, check_growth, check_changed_probability)
-)])  # fmt: skip
+@pytest.mark.parametrize(
+    "check",
+    [
+        check_removed,
+        *(
+            pytest.param(check, marks=pytest.mark.slow)
+            for check in (check_added, check_new_indices, check_growth, check_changed_probability)
+        ),
+    ],
+)
 def test_light_is_right_at_once(device, check):
     check(device)
 
@@ -163,16 +169,30 @@ def test_many_lights_shrink_to_one(device):
     assert (after[:, 2] > 0).all()
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "removed lights: reservoirs keep the old index": (check_removed, Bug(
-        "passes/solari019/restir_di/initial_and_temporal.glsl", "load_previous_reservoir",
-        "DiReservoir reservoir = correct(pixel); "
-        "uint index = di_reservoirs.at[pixel.y * camera.size.x + pixel.x].light_sample.light_index; "
-        # An index beyond the lights may end the process.
-        "if (index != NO_INDEX) { reservoir.light_sample.light_index = min(index, scene_info.light_count - 1u); } "
-        "return reservoir;")),
-    "added lights: taken for old ones": (check_added, Bug(
-        "passes/solari019/restir_di/target.glsl", "previous_di_target", "return di_target(surface, reservoir);")),
-    "changed probabilities: weights of another frame": (check_changed_probability, Bug(
-        "scene/sampling.glsl", "light_sample_probability", "return 1.0;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "removed lights: reservoirs keep the old index": (
+            check_removed,
+            Bug(
+                "passes/solari019/restir_di/initial_and_temporal.glsl",
+                "load_previous_reservoir",
+                "DiReservoir reservoir = correct(pixel); "
+                "uint index = di_reservoirs.at[pixel.y * camera.size.x + pixel.x].light_sample.light_index; "
+                # An index beyond the lights may end the process.
+                "if (index != NO_INDEX) { "
+                "reservoir.light_sample.light_index = min(index, scene_info.light_count - 1u); } "
+                "return reservoir;",
+            ),
+        ),
+        "added lights: taken for old ones": (
+            check_added,
+            Bug(
+                "passes/solari019/restir_di/target.glsl", "previous_di_target", "return di_target(surface, reservoir);"
+            ),
+        ),
+        "changed probabilities: weights of another frame": (
+            check_changed_probability,
+            Bug("scene/sampling.glsl", "light_sample_probability", "return 1.0;"),
+        ),
+    }
+)

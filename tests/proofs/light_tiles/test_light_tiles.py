@@ -118,9 +118,11 @@ def _measure_choice(named, probabilities, shares):
     yield Measurement(UNIQUE, float(named.size - len(np.unique(named))), 0.0, f"of {named.size:,} again")
     seeds = named["seed"] / 2.0**32 - 0.5
     pairs = {
-        "places": (seeds[..., :-1], seeds[..., 1:]), "tiles": (seeds[:, :-1], seeds[:, 1:]),
-        "frames": (seeds[:-1], seeds[1:]), "scrolled": (seeds[:-1, :, 1:], seeds[1:, :, :-1]),
-    }  # fmt: skip
+        "places": (seeds[..., :-1], seeds[..., 1:]),
+        "tiles": (seeds[:, :-1], seeds[:, 1:]),
+        "frames": (seeds[:-1], seeds[1:]),
+        "scrolled": (seeds[:-1, :, 1:], seeds[1:, :, :-1]),
+    }
     for name, (a, b) in pairs.items():
         z = abs(float((a * b).sum())) / math.sqrt(float((a**2).sum() * (b**2).sum()) / a.size)
         yield Measurement(SCROLL, z, _MAX_Z, "standard deviations", name)
@@ -232,8 +234,11 @@ def test_pixels_of_a_group_share_a_tile(device):
         tiles, chosen = frame["light_tile_samples"], frame["di_temporal_reservoirs"]["light_sample"].reshape(64, 64)
         each = renderer.settings.light_tile_samples
     tile_of = {sample.tobytes(): index // each for index, sample in enumerate(tiles)}
-    found = [{tile_of[sample.tobytes()] for sample in group.ravel() if sample["light_index"] != NO_INDEX}
-             for row in chosen.reshape(8, 8, 8, 8).swapaxes(1, 2) for group in row]  # fmt: skip
+    found = [
+        {tile_of[sample.tobytes()] for sample in group.ravel() if sample["light_index"] != NO_INDEX}
+        for row in chosen.reshape(8, 8, 8, 8).swapaxes(1, 2)
+        for group in row
+    ]
     lit = [group for group in found if group]
     assert len(lit) > 32
     assert all(len(group) == 1 for group in lit)
@@ -256,20 +261,36 @@ def seeding(seed):
     return Bug(FILE, "draw_light_candidate", f"rng = {seed}; return correct(rng);")
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    ENCODED: (measure_tiles, packing("packed.radiance = pack_radiance_log2_rgb9e5(resolved.radiance, 1.0);")),
-    SUN: (measure_tiles, packing("packed.radiance = pack_rgb9e5(resolved.radiance * this_frame.exposure);")),
-    BLACK: (measure_tiles, Bug(FILE, "pack_light_sample", "resolved.radiance += 0.02 * "
-                               "max_component(resolved.radiance); return correct(resolved);")),
-    CHOICE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x % 1024u)")),  # all tiles are alike
-    UNIQUE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x + 1024u * this_frame.index)")),  # seeds are summed
-    SCROLL: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x)")),  # all frames are alike
-    CONTRIBUTION: (measure_contribution, Bug(
-        "common/packing.glsl", "pack_radiance_log2_rgb9e5", "return correct(2.0 * radiance, exposure);")),
-    NOISE: (measure_noise, Bug(
-        "common/packing.glsl", "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;")),
-    "groups: a tile for each pixel": (test_pixels_of_a_group_share_a_tile, Bug(
-        FILE, "choose_light_tile", "rng += gl_GlobalInvocationID.x; return correct(rng);")),
-    "packed as they resolve: double-sided lights": (
-        lambda device: test_samples_are_packed_as_they_resolve(device, 16, 512), packing("packed.data = 0u;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        ENCODED: (measure_tiles, packing("packed.radiance = pack_radiance_log2_rgb9e5(resolved.radiance, 1.0);")),
+        SUN: (measure_tiles, packing("packed.radiance = pack_rgb9e5(resolved.radiance * this_frame.exposure);")),
+        BLACK: (
+            measure_tiles,
+            Bug(
+                FILE,
+                "pack_light_sample",
+                "resolved.radiance += 0.02 * max_component(resolved.radiance); return correct(resolved);",
+            ),
+        ),
+        CHOICE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x % 1024u)")),  # all tiles are alike
+        UNIQUE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x + 1024u * this_frame.index)")),  # seeds are summed
+        SCROLL: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x)")),  # all frames are alike
+        CONTRIBUTION: (
+            measure_contribution,
+            Bug("common/packing.glsl", "pack_radiance_log2_rgb9e5", "return correct(2.0 * radiance, exposure);"),
+        ),
+        NOISE: (
+            measure_noise,
+            Bug("common/packing.glsl", "unpack_radiance_log2_rgb9e5", "return unpack_rgb9e5(bits) / exposure;"),
+        ),
+        "groups: a tile for each pixel": (
+            test_pixels_of_a_group_share_a_tile,
+            Bug(FILE, "choose_light_tile", "rng += gl_GlobalInvocationID.x; return correct(rng);"),
+        ),
+        "packed as they resolve: double-sided lights": (
+            lambda device: test_samples_are_packed_as_they_resolve(device, 16, 512),
+            packing("packed.data = 0u;"),
+        ),
+    }
+)

@@ -71,8 +71,12 @@ LIT = {
     "six lights": Lit(tuple(PUNCTUAL.values()), 2 * BAR, samples=2048),
 }
 ONLY_MIS = {"six lights", "a point light", "a point light with a range", "a spotlight", "a spotlight with a hard edge"}
-SLOW = {("a wide sun", "mis"), ("six lights", "mis"), *((name, "nee") for name in LIT if name not in ONLY_MIS),
-        *((name, "brdf") for name, lit in LIT.items() if lit.bar_of_rays)}  # fmt: skip
+SLOW = {
+    ("a wide sun", "mis"),
+    ("six lights", "mis"),
+    *((name, "nee") for name in LIT if name not in ONLY_MIS),
+    *((name, "brdf") for name, lit in LIT.items() if lit.bar_of_rays),
+}
 QUICK = {(name, "mis") for name in LIT} - SLOW
 
 
@@ -130,8 +134,9 @@ def measure_seen(device):
     sphere = sv.PointLight((0, 0, -distance), intensity=intensity, radius=radius, color=_ORANGE)
     sun = sv.DirectionalLight((0, 0, 1), illuminance=100, angular_diameter=0.5)
     for light, half, radiance in (
-        (sphere, math.asin(radius / distance), intensity / (math.pi * radius**2)), (sun, 0.25, sun_radiance(100, 0.5))
-    ):  # fmt: skip
+        (sphere, math.asin(radius / distance), intensity / (math.pi * radius**2)),
+        (sun, 0.25, sun_radiance(100, 0.5)),
+    ):
         scene = sv.Scene(light, sv.Camera(vertical_fov=3 * half))
         made = take_picture(device, scene, (64, 64), 64, max_bounces=0).mean
         error = np.abs(made[32, 32] / (radiance * light.color) - 1).max()
@@ -163,8 +168,11 @@ def measure_invariance(device):
     yield Measurement(rule, float(error), 1e-5, "relative error")
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, marks=pytest.mark.slow if case in SLOW else ())
-                                  for case in sorted(QUICK | SLOW)], ids="-".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=pytest.mark.slow if case in SLOW else ()) for case in sorted(QUICK | SLOW)],
+    ids="-".join,
+)
 def test_lights_over_a_floor(device, case):
     hold(measure_floor(device, *case))
 
@@ -188,28 +196,61 @@ def meeting_spheres(change):
     return Bug(SPHERE, "intersect_sphere", f"{met}; {change}; return met;")
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "a lamp": (over_floor("a lamp", "nee"), Bug(
-        CHOICE, "part_of_leaf", "PartOfLeaf found = correct(light, part); found.probability *= 1.02; return found;")),
-    "a lamp, by both strategies": (over_floor("a lamp"), Bug(
-        "scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 4.0 * correct(hit, ray_direction, ray_t);")),
-    "a textured lamp": (over_floor("a lamp with a bright spot"), Bug(
-        CHOICE, "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);")),
-    "a sun": (over_floor("a wide sun"), Bug(
-        SAMPLING, "mis_weighted_radiance", "return correct(light_hit, 0.5, mis_pdf);")),
-    "points have no density": (over_floor("a point light"), Bug(SAMPLING, "can_be_hit_by_rays", "return true;")),
-    "a range": (over_floor("a point light with a range"), Bug(
-        *FALLOFF, "light.inverse_range = 0.0; return correct(light, direction, distance);")),
-    "a cone": (over_floor("a spotlight"), Bug(*FALLOFF, "return sqrt(correct(light, direction, distance));")),
-    "the density of a cone": (over_floor("a sphere light", "nee"), Bug(
-        SPHERE, "sphere_cone", "SphereCone cone = correct(light, receiver); cone.one_minus_cos *= 0.9; return cone;")),
-    "hits of spheres": (over_floor("a sphere light"), meeting_spheres("met.inverse_solid_angle_pdf *= 20.0")),
-    "a spotlight's rays": (over_floor("a spotlight with a radius", "brdf"), meeting_spheres(
-        "met.radiance = sphere_lights.at[index].strength")),
-    "several lamps": (over_floor("six lights"), Bug(
-        "scene/lights/point.glsl", "emission_cosine_point", "return 0.9;")),
-    "invariance": (measure_invariance, Bug(
-        CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;")),
-    SEEN: (measure_seen, meeting_spheres("met.radiance *= 0.25")),
-    CIRCLE: (measure_seen, Bug(SPHERE, "sphere_cone", "light.radius *= 1.1; return correct(light, receiver);")),
-}, quick=("a lamp", "a cone"))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "a lamp": (
+            over_floor("a lamp", "nee"),
+            Bug(
+                CHOICE,
+                "part_of_leaf",
+                "PartOfLeaf found = correct(light, part); found.probability *= 1.02; return found;",
+            ),
+        ),
+        "a lamp, by both strategies": (
+            over_floor("a lamp"),
+            Bug(
+                "scene/lights/emissive_mesh.glsl",
+                "emissive_hit_pdf",
+                "return 4.0 * correct(hit, ray_direction, ray_t);",
+            ),
+        ),
+        "a textured lamp": (
+            over_floor("a lamp with a bright spot"),
+            Bug(CHOICE, "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);"),
+        ),
+        "a sun": (
+            over_floor("a wide sun"),
+            Bug(SAMPLING, "mis_weighted_radiance", "return correct(light_hit, 0.5, mis_pdf);"),
+        ),
+        "points have no density": (over_floor("a point light"), Bug(SAMPLING, "can_be_hit_by_rays", "return true;")),
+        "a range": (
+            over_floor("a point light with a range"),
+            Bug(*FALLOFF, "light.inverse_range = 0.0; return correct(light, direction, distance);"),
+        ),
+        "a cone": (over_floor("a spotlight"), Bug(*FALLOFF, "return sqrt(correct(light, direction, distance));")),
+        "the density of a cone": (
+            over_floor("a sphere light", "nee"),
+            Bug(
+                SPHERE,
+                "sphere_cone",
+                "SphereCone cone = correct(light, receiver); cone.one_minus_cos *= 0.9; return cone;",
+            ),
+        ),
+        "hits of spheres": (over_floor("a sphere light"), meeting_spheres("met.inverse_solid_angle_pdf *= 20.0")),
+        "a spotlight's rays": (
+            over_floor("a spotlight with a radius", "brdf"),
+            meeting_spheres("met.radiance = sphere_lights.at[index].strength"),
+        ),
+        "several lamps": (
+            over_floor("six lights"),
+            Bug("scene/lights/point.glsl", "emission_cosine_point", "return 0.9;"),
+        ),
+        "invariance": (
+            measure_invariance,
+            Bug(CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;"),
+        ),
+        SEEN: (measure_seen, meeting_spheres("met.radiance *= 0.25")),
+        CIRCLE: (measure_seen, Bug(SPHERE, "sphere_cone", "light.radius *= 1.1; return correct(light, receiver);")),
+    },
+    quick=("a lamp", "a cone"),
+)

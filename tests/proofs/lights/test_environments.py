@@ -84,8 +84,9 @@ def measure_mirror(device, **settings):
         seen, in_mirror = frame["radiance"], np.isfinite(frame["depth"])
     _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
     for rule, where, along in (
-        (BACKGROUND, ~in_mirror, rays), (MIRROR, in_mirror, rays - 2 * (rays @ normal)[..., None] * normal)
-    ):  # fmt: skip
+        (BACKGROUND, ~in_mirror, rays),
+        (MIRROR, in_mirror, rays - 2 * (rays @ normal)[..., None] * normal),
+    ):
         errors = np.abs(seen[where] - environments.radiance(environment, along[where]))
         yield Measurement(rule, float(errors.max()) / (_HALF_STEP * float(image.max())), 2.0, "of a step")
 
@@ -169,12 +170,19 @@ def slow(measure, *arguments, name):
     return pytest.param(lambda device: measure(device, *arguments), id=name, marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize("measure", [
-    pytest.param(lambda device: measure_floor(device, "mis"), id="floor"), measure_mirror, measure_texels,
-    pytest.param(lambda device: measure_sun(device, 256), id="sun"),
-    slow(measure_floor, "nee", name="light samples"), slow(measure_floor, "brdf", name="random rays"),
-    slow(measure_sun, 2048, name="large sun"), slow(measure_means, FULL, name="precise means"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "measure",
+    [
+        pytest.param(lambda device: measure_floor(device, "mis"), id="floor"),
+        measure_mirror,
+        measure_texels,
+        pytest.param(lambda device: measure_sun(device, 256), id="sun"),
+        slow(measure_floor, "nee", name="light samples"),
+        slow(measure_floor, "brdf", name="random rays"),
+        slow(measure_sun, 2048, name="large sun"),
+        slow(measure_means, FULL, name="precise means"),
+    ],
+)
 def test_rules_hold(device, measure):
     hold(measure(device))
 
@@ -213,20 +221,35 @@ def test_edits_of_a_map_show_at_once(device):
 
 
 LIGHT = "scene/lights/environment.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "a floor": (lambda device: measure_floor(device, "mis"), Bug(
-        LIGHT, "texel_solid_angle", "return correct(map, 1.0);")),
-    BACKGROUND: (measure_mirror, Bug(
-        LIGHT, "environment_radiance", "return correct(map, round(position));")),
-    MIRROR: (measure_mirror, Bug(
-        LIGHT, "evaluate_environment", "return correct(index, -direction);")),
-    DIRECTIONS: (measure_texels, Bug(
-        LIGHT, "texel_solid_angle", "return 1.01 * correct(map, polar_sine);")),
-    EVEN: (measure_texels, Bug(
-        LIGHT, "resolve_environment", "return correct(index, part, 0.2 * u, inverse_probability);")),
-    TEXELS: (measure_texels, Bug(
-        "scene/lights/choice.glsl", "choose_part", "return leaf.first_part + rand_range_u(leaf.part_count, rng);")),
-    MEANS: (lambda device: measure_means(device, FAST), Bug(
-        "scene/sampling.glsl", "mis_weighted_radiance",
-        "return 0.5 * correct(light_hit, light_probability, mis_pdf);")),
-}, quick=(EVEN,))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "a floor": (
+            lambda device: measure_floor(device, "mis"),
+            Bug(LIGHT, "texel_solid_angle", "return correct(map, 1.0);"),
+        ),
+        BACKGROUND: (measure_mirror, Bug(LIGHT, "environment_radiance", "return correct(map, round(position));")),
+        MIRROR: (measure_mirror, Bug(LIGHT, "evaluate_environment", "return correct(index, -direction);")),
+        DIRECTIONS: (measure_texels, Bug(LIGHT, "texel_solid_angle", "return 1.01 * correct(map, polar_sine);")),
+        EVEN: (
+            measure_texels,
+            Bug(LIGHT, "resolve_environment", "return correct(index, part, 0.2 * u, inverse_probability);"),
+        ),
+        TEXELS: (
+            measure_texels,
+            Bug(
+                "scene/lights/choice.glsl",
+                "choose_part",
+                "return leaf.first_part + rand_range_u(leaf.part_count, rng);",
+            ),
+        ),
+        MEANS: (
+            lambda device: measure_means(device, FAST),
+            Bug(
+                "scene/sampling.glsl",
+                "mis_weighted_radiance",
+                "return 0.5 * correct(light_hit, light_probability, mis_pdf);",
+            ),
+        ),
+    },
+    quick=(EVEN,),
+)

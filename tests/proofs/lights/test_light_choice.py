@@ -57,8 +57,9 @@ def draw(shaders, world):
     """The samples, by power and by the tree (2, N), and the lights' powers."""
     with bound(shaders.device, world) as binder:
         constants = dict.fromkeys(binder.features, True)
-        drawn = shaders.run("test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT},
-                            constants=constants)["drawn"]  # fmt: skip
+        drawn = shaders.run(
+            "test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT}, constants=constants
+        )["drawn"]
         return drawn.reshape(2, COUNT), binder.lights.powers
 
 
@@ -152,16 +153,29 @@ def test_a_bright_spot_of_a_dark_lamp(device):
 
 CHOICE = "scene/lights/choice.glsl"
 CHOSEN = with_shaders(test_lights_and_triangles_are_chosen_by_their_light)
-test_a_seeded_bug_is_noticed = bug_tests({
-    "aliases": (CHOSEN, Bug(CHOICE, "choose", "return row;")),
-    "probabilities": (CHOSEN, Bug(
-        CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;")),
-    "equal parts": (CHOSEN, Bug(CHOICE, "has_equal_parts", "return true;")),
-    "leaves": (with_shaders(test_the_density_at_a_hit_is_that_of_the_sample), Bug(
-        CHOICE, "part_of_leaf", "PartOfLeaf found = correct(light, part); found.leaf ^= 1u; return found;")),
-    "densities at hits": (with_shaders(test_the_density_at_a_hit_is_that_of_the_sample), Bug(
-        "scene/surface.glsl", "resolve_surface_interaction(Hit hit, Mesh", """
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "aliases": (CHOSEN, Bug(CHOICE, "choose", "return row;")),
+        "probabilities": (
+            CHOSEN,
+            Bug(CHOICE, "choice_probability_by_power", "return part_of_leaf(light, part).probability;"),
+        ),
+        "equal parts": (CHOSEN, Bug(CHOICE, "has_equal_parts", "return true;")),
+        "leaves": (
+            with_shaders(test_the_density_at_a_hit_is_that_of_the_sample),
+            Bug(CHOICE, "part_of_leaf", "PartOfLeaf found = correct(light, part); found.leaf ^= 1u; return found;"),
+        ),
+        "densities at hits": (
+            with_shaders(test_the_density_at_a_hit_is_that_of_the_sample),
+            Bug(
+                "scene/surface.glsl",
+                "resolve_surface_interaction(Hit hit, Mesh",
+                """
         SurfaceInteraction surface = correct(hit, mesh, ray_direction, cone_width);
         surface.area_pdf_by_power *= 1.01;
-        return surface;""")),
-}, quick=("aliases",))  # fmt: skip
+        return surface;""",
+            ),
+        ),
+    },
+    quick=("aliases",),
+)

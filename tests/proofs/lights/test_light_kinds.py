@@ -43,29 +43,36 @@ class Sky(Light):
 
 
 BULB = light_kinds.LightKind(
-    "bulb", Bulb, light_kinds.NEVER,
+    "bulb",
+    Bulb,
+    light_kinds.NEVER,
     power=lambda light, area: 4 * np.pi * light.intensity,
     buffer="bulbs",
     record=lambda light: {"position": light.position, "intensity": light.intensity},
     position=lambda light: light.position,
     bounds=lambda light: np.array([light.position, light.position]),
-)  # fmt: skip
+)
 SKY = light_kinds.LightKind(
-    "sky", Sky, light_kinds.AT_INFINITY,
+    "sky",
+    Sky,
+    light_kinds.AT_INFINITY,
     power=lambda light, area: np.pi * light.radiance * area,
     buffer="skies",
     record=lambda light: {"radiance": light.radiance},
     position=lambda light: np.zeros(3),
-)  # fmt: skip
+)
 HEAD = """
 #include "common/random.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/types.glsl"
 """
-GLSL = {"bulb": """
+GLSL = {
+    "bulb": """
 #ifndef BULB_GLSL
 #define BULB_GLSL
-""" + HEAD + """
+"""
+    + HEAD
+    + """
 struct Bulb { vec3 position; float intensity; };
 layout(set = 0, scalar) readonly buffer Bulbs { Bulb at[]; } bulbs;
 
@@ -78,10 +85,13 @@ ResolvedLightSample resolve_bulb(uint index, uint part, vec2 u, float inverse_pr
 float emission_cosine_bulb(uint data, float cosine) { return 1.0; }
 uint debug_color_id_bulb(uint index) { return 1000u + index; }
 #endif
-""", "sky": """
+""",
+    "sky": """
 #ifndef SKY_GLSL
 #define SKY_GLSL
-""" + HEAD + """
+"""
+    + HEAD
+    + """
 struct Sky { float radiance; };
 layout(set = 0, scalar) readonly buffer Skies { Sky at[]; } skies;
 
@@ -96,7 +106,8 @@ LightHit evaluate_sky(uint index, vec3 direction) {
     return LightHit(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0), INFINITY);
 }
 #endif
-"""}  # fmt: skip
+""",
+}
 HEIGHT, INTENSITY, RADIANCE, ALBEDO = 2.0, 30.0, 0.7, 0.5
 SIZE = 16, 16
 

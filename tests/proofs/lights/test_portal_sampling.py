@@ -19,10 +19,12 @@ from solari_vk.scene.lights.environment import luminances
 from solari_vk.scene.matrices import rotation
 
 PORTALS = [
-    ((0, 1, -2), (1, 0, 0), (0, 1, 0)), ((0.4, 1.2, -2), (0.8, 0, 0), (0, 0.7, 0)),  # two that overlap
-    ((3, 0, 0), (0, 0.5, 0.3), (0.2, 0, 1)), ((0, 3, 0), (0.6, 0.2, 0), (0.4, 0, 0.5)),  # turned, and sheared
+    ((0, 1, -2), (1, 0, 0), (0, 1, 0)),
+    ((0.4, 1.2, -2), (0.8, 0, 0), (0, 0.7, 0)),  # two that overlap
+    ((3, 0, 0), (0, 0.5, 0.3), (0.2, 0, 1)),
+    ((0, 3, 0), (0.6, 0.2, 0), (0.4, 0, 0.5)),  # turned, and sheared
     ((-0.2, 0.3, 0), (0, 1, 0), (0, 0, 1)),  # close to the first receiver
-]  # fmt: skip
+]
 RECEIVERS = [(0, 0, 0), (0.5, 2, -2.2), (40, 9, 30)]
 DRAWS, GRID, CELLS = 300_000, 256, 16
 _MAX_Z = NormalDist().inv_cdf(0.9999)
@@ -47,11 +49,12 @@ def measure_sampling(shaders):
     with bound(shaders.device, scene) as binder:
         for receiver in RECEIVERS:
             found = shaders.run(
-                "test/portal_samples", max(DRAWS, len(PORTALS) * GRID**2),
+                "test/portal_samples",
+                max(DRAWS, len(PORTALS) * GRID**2),
                 binder.resources | {"place": np.array([receiver], np.float32)},
                 {"drawn": DRAWS, "chances": len(PORTALS) * GRID**2},
                 constants={"SCENE_PORTAL": True, "SCENE_ENVIRONMENT": True},
-            )  # fmt: skip
+            )
             yield from _judged(scene, np.array(receiver, float), found["drawn"], found["chances"])
 
 
@@ -90,8 +93,10 @@ def _judged(scene, receiver, drawn, chances):
         grid = np.stack(np.meshgrid(*2 * [np.linspace(-0.99, 0.99, 100)]), axis=-1) @ np.stack([half_u, half_v])
         evenly = grid.reshape(-1, 3) + center - receiver
         solid_angles = np.abs(evenly @ normal) / np.linalg.norm(evenly, axis=1) ** 3
-        noises = [_noise(scene, directions, 1 / drawn["pdf"][drawn["portal"] == index]),
-                  _noise(scene, evenly, solid_angles)]  # fmt: skip
+        noises = [
+            _noise(scene, directions, 1 / drawn["pdf"][drawn["portal"] == index]),
+            _noise(scene, evenly, solid_angles),
+        ]
         ratios.append(noises[0] / noises[1])
     if not receiver.any():  # from elsewhere less of the sun is seen, or less of the map
         yield Measurement(FOLLOWS, float(np.mean(ratios)), 0.7, "of the noise of even samples")
@@ -108,12 +113,24 @@ def test_directions_have_their_density(shaders):
 
 SAMPLING, PORTAL = "scene/lights/portal_sampling.glsl", "scene/lights/portal.glsl"
 _check = with_shaders(measure_sampling)
-test_a_seeded_bug_is_noticed = bug_tests({
-    CHI_SQUARED: (_check, Bug(
-        SAMPLING, "sample_column_or_row", "return correct(portal, window, first, last, weight, axis, u * u);")),
-    WHOLE: (_check, Bug(SAMPLING, "texel_pdf", "return 0.8 * correct(rectangle, portal, window);")),
-    SAME: (_check, Bug(SAMPLING, "texel_at", "return correct(portal, window, uv * uv);")),
-    INVERSE: (_check, Bug(SAMPLING, "invert_window_sample", "return correct(portal, window, uv).yx;")),
-    FOLLOWS: (_check, Bug(SAMPLING, "find_window", "MapWindow window = correct(portal, receiver); "
-                          "window.map_offset ^= (portal.map_size + 1u) * (portal.map_size + 1u); return window;")),
-}, quick=(CHI_SQUARED,))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        CHI_SQUARED: (
+            _check,
+            Bug(SAMPLING, "sample_column_or_row", "return correct(portal, window, first, last, weight, axis, u * u);"),
+        ),
+        WHOLE: (_check, Bug(SAMPLING, "texel_pdf", "return 0.8 * correct(rectangle, portal, window);")),
+        SAME: (_check, Bug(SAMPLING, "texel_at", "return correct(portal, window, uv * uv);")),
+        INVERSE: (_check, Bug(SAMPLING, "invert_window_sample", "return correct(portal, window, uv).yx;")),
+        FOLLOWS: (
+            _check,
+            Bug(
+                SAMPLING,
+                "find_window",
+                "MapWindow window = correct(portal, receiver); "
+                "window.map_offset ^= (portal.map_size + 1u) * (portal.map_size + 1u); return window;",
+            ),
+        ),
+    },
+    quick=(CHI_SQUARED,),
+)

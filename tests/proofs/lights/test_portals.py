@@ -34,10 +34,11 @@ LOOSE = {
     "too small": [((0.5, 2, 0), (0.3, 0, 0), (0, 0, 0.2))],
     "too large and slanted": [((0.7, 2.2, 0), (2, 0.3, 0), (0.5, 0, 2))],
     "two that overlap, one elsewhere": [
-        ((0.2, 2, 0), (0.7, 0, 0), (0, 0, 1)), ((0.8, 2.1, 0), (0.7, 0, 0), (0, 0, 0.5)),
+        ((0.2, 2, 0), (0.7, 0, 0), (0, 0, 1)),
+        ((0.8, 2.1, 0), (0.7, 0, 0), (0, 0, 0.5)),
         ((0, -1, 0), (1, 0, 0), (0, 1, 0)),
     ],
-}  # fmt: skip
+}
 MEANS = Rule("a frame of a room with portals has the path tracer's mean without them", SUITE, "Portals")
 GAIN = Rule("error (relMSE) of the path tracer with a portal over that without it", SUITE, "Portals")
 FRAMES_GAIN = Rule("error (relMSE) of raw frames with a portal over that without it", SUITE, "Portals")
@@ -56,8 +57,11 @@ def plate_with_opening():
     far, black = 500.0, sv.Material(base_color=0, specular=0)
     scene = sv.Scene()
     for low_x, high_x, low_z, high_z in (
-        (-far, x0, -far, far), (x1, far, -far, far), (x0, x1, -far, z0), (x0, x1, z1, far)
-    ):  # fmt: skip
+        (-far, x0, -far, far),
+        (x1, far, -far, far),
+        (x0, x1, -far, z0),
+        (x0, x1, z1, far),
+    ):
         corners = [(low_x, y, low_z), (high_x, y, low_z), (high_x, y, high_z), (low_x, y, high_z)]
         scene.add(shapes.polygons(corners), black)
     scene.environment = sv.Environment(100.0)
@@ -83,8 +87,14 @@ def measure_open_floor(device, strategy):
     image[generator.random((8, 16)) < 0.2] = 0
     scene = floor_scene(sv.Material(base_color=ALBEDO))
     scene.environment = environment = sv.Environment(image, rotation=2.0)
-    add_portals(scene, [((0, 0.5, 0), (1, 0, 0), (0, 0.5, 0)), ((0.5, 1.5, 0.3), (0.5, 0.2, 0), (0, 0, 0.7)),
-                        ((-1, 0, 0.5), (0.3, 0, 0), (0.2, 1, 1))])  # fmt: skip
+    add_portals(
+        scene,
+        [
+            ((0, 0.5, 0), (1, 0, 0), (0, 0.5, 0)),
+            ((0.5, 1.5, 0.3), (0.5, 0.2, 0), (0, 0, 0.7)),
+            ((-1, 0, 0.5), (0.3, 0, 0), (0.2, 1, 1)),
+        ],
+    )
     made = take_picture(device, scene, (16, 16), 8192, max_bounces=1, lambert=True, light_strategy=strategy)
     expected = environments.irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
     yield from compare_picture(f"an open floor with portals, {strategy}", _CLOSED, made, expected, 0.01)
@@ -140,8 +150,9 @@ IN_ROOM = [WINDOW, ((5.3, 1.3, 2.1), (0.1, 0.5, 0), (0, 0, 0.6)), ((2.5, 1.5, 0)
 
 def measure_room(device, samples=512):
     """Pictures of the room with and without portals, tile by tile."""
-    with_portals, without = (take_picture(device, room(given), (48, 32), samples, max_bounces=8)
-                             for given in (IN_ROOM, ()))  # fmt: skip
+    with_portals, without = (
+        take_picture(device, room(given), (48, 32), samples, max_bounces=8) for given in (IN_ROOM, ())
+    )
     yield from compare_picture(
         "a room with portals", (SUITE, "Portals"), with_portals, without.mean, 0.05, without.variance
     )
@@ -212,13 +223,22 @@ def _floor(device):
     return measure_open_floor(device, "mis")
 
 
-@pytest.mark.parametrize("measure", [
-    *(pytest.param(lambda device, name=name: measure_opening(device, name), id=name) for name in LOOSE),
-    _floor, measure_close, measure_gain, measure_outside, pytest.param(measure_frames_gain, marks=pytest.mark.slow),
-    pytest.param(lambda device: measure_open_floor(device, "nee"), id="floor by light samples", marks=pytest.mark.slow),
-    pytest.param(measure_room, id="room", marks=pytest.mark.slow),
-    pytest.param(measure_paths, id="paths", marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "measure",
+    [
+        *(pytest.param(lambda device, name=name: measure_opening(device, name), id=name) for name in LOOSE),
+        _floor,
+        measure_close,
+        measure_gain,
+        measure_outside,
+        pytest.param(measure_frames_gain, marks=pytest.mark.slow),
+        pytest.param(
+            lambda device: measure_open_floor(device, "nee"), id="floor by light samples", marks=pytest.mark.slow
+        ),
+        pytest.param(measure_room, id="room", marks=pytest.mark.slow),
+        pytest.param(measure_paths, id="paths", marks=pytest.mark.slow),
+    ],
+)
 def test_rules_hold(device, measure):
     hold(measure(device))
 
@@ -238,10 +258,15 @@ def test_frames_have_the_light_of_a_room_without_portals(device, lighting):
 @pytest.mark.slow
 def test_a_room_with_a_portal_is_mitsubas(picture):
     """The same integral, which Mitsuba samples without portals."""
+
     def radiance(polar, width):
         longitude = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-        return (500 * (1 + np.sin(longitude))[None, :, None] * (1 + np.cos(polar))[:, None, None]
-                * np.array((0.5, 0.8, 1.0))).astype(np.float32)  # fmt: skip
+        return (
+            500
+            * (1 + np.sin(longitude))[None, :, None]
+            * (1 + np.cos(polar))[:, None, None]
+            * np.array((0.5, 0.8, 1.0))
+        ).astype(np.float32)
 
     scene = window_room(sv.Environment(radiance(np.pi * (np.arange(256) + 0.5) / 256, 512)), with_portal=True)
     mitsuba = mitsuba_scene.select_variant(vectorized=False)
@@ -308,23 +333,37 @@ def test_portals_shorten_no_histories(device):
 
 WINDOWS, PORTAL, SAMPLING = "scene/lights/portal_sampling.glsl", "scene/lights/portal.glsl", "scene/sampling.glsl"
 _TWICE = Bug(WINDOWS, "sum_portal_pdfs", "return 0.0;")
-_DARKER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
-              "found.radiance *= 0.7; return found;")  # fmt: skip
-_BRIGHTER = Bug(PORTAL, "sample_for_receiver_portal", "ResolvedLightSample found = correct(light_sample, receiver); "
-                "found.radiance *= 3.0; return found;")  # fmt: skip
-test_a_seeded_bug_is_noticed = bug_tests({
-    "what portals sample counts twice": (_exact, _TWICE),
-    "portals are seen from one side": (_floor, Bug(
-        WINDOWS, "evaluate_portal_pdf", "return dot(direction, portals.at[index].normal) < 0.0 ? 0.0 "
-        ": correct(index, origin, direction);")),
-    "a wrong density": (_exact, Bug(
-        WINDOWS, "evaluate_portal_pdf", "return 0.5 * correct(index, origin, direction);")),
-    "rays count as if no portal were sampled": (_exact, Bug(
-        SAMPLING, "portal_choice_ratio", "return 1e-6;")),
-    "less light through portals": (_floor, _DARKER),
-    "rooms": (measure_room, _DARKER),
-    "paths": (measure_paths, _BRIGHTER),
-    MEANS: (measure_frames, _DARKER),
-    GAIN: (measure_gain, _BRIGHTER),
-    FRAMES_GAIN: (measure_frames_gain, _BRIGHTER),
-})  # fmt: skip
+_DARKER = Bug(
+    PORTAL,
+    "sample_for_receiver_portal",
+    "ResolvedLightSample found = correct(light_sample, receiver); found.radiance *= 0.7; return found;",
+)
+_BRIGHTER = Bug(
+    PORTAL,
+    "sample_for_receiver_portal",
+    "ResolvedLightSample found = correct(light_sample, receiver); found.radiance *= 3.0; return found;",
+)
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "what portals sample counts twice": (_exact, _TWICE),
+        "portals are seen from one side": (
+            _floor,
+            Bug(
+                WINDOWS,
+                "evaluate_portal_pdf",
+                "return dot(direction, portals.at[index].normal) < 0.0 ? 0.0 : correct(index, origin, direction);",
+            ),
+        ),
+        "a wrong density": (
+            _exact,
+            Bug(WINDOWS, "evaluate_portal_pdf", "return 0.5 * correct(index, origin, direction);"),
+        ),
+        "rays count as if no portal were sampled": (_exact, Bug(SAMPLING, "portal_choice_ratio", "return 1e-6;")),
+        "less light through portals": (_floor, _DARKER),
+        "rooms": (measure_room, _DARKER),
+        "paths": (measure_paths, _BRIGHTER),
+        MEANS: (measure_frames, _DARKER),
+        GAIN: (measure_gain, _BRIGHTER),
+        FRAMES_GAIN: (measure_frames_gain, _BRIGHTER),
+    }
+)

@@ -24,19 +24,35 @@ HALF, WHOLE_TURN = np.arange(0, 181, STEP), np.arange(-90, 91, STEP)
 # angle 0 of the horizontal ones, 90, and of the vertical ones.
 KINDS = {
     "C, a plane": ("C", HALF, [0], lambda x, y, forward: 500 * (1 + 0.4 * forward + 0.3 * forward**2)),
-    "C, a quarter": ("C", HALF, np.arange(0, 91, STEP),
-                     lambda x, y, forward: 500 * (1 + 0.4 * forward + 0.5 * x**2 - 0.3 * y**2)),
+    "C, a quarter": (
+        "C",
+        HALF,
+        np.arange(0, 91, STEP),
+        lambda x, y, forward: 500 * (1 + 0.4 * forward + 0.5 * x**2 - 0.3 * y**2),
+    ),
     "C, a half": ("C", HALF, HALF, lambda x, y, forward: 500 * (1 + 0.3 * forward + 0.4 * x + 0.2 * y**2)),
-    "C, the other half": ("C", HALF, np.arange(90, 271, STEP),
-                          lambda x, y, forward: 500 * (1 + 0.3 * forward + 0.4 * y + 0.2 * x**2)),
-    "C, whole": ("C", HALF, np.arange(0, 361, STEP),
-                 lambda x, y, forward: 500 * (1 + 0.3 * forward + 0.3 * x - 0.35 * y)),
+    "C, the other half": (
+        "C",
+        HALF,
+        np.arange(90, 271, STEP),
+        lambda x, y, forward: 500 * (1 + 0.3 * forward + 0.4 * y + 0.2 * x**2),
+    ),
+    "C, whole": (
+        "C",
+        HALF,
+        np.arange(0, 361, STEP),
+        lambda x, y, forward: 500 * (1 + 0.3 * forward + 0.3 * x - 0.35 * y),
+    ),
     "C, downwards": ("C", np.arange(0, 91, STEP), [0], lambda x, y, forward: 500 * np.maximum(forward, 0)),
     "B": ("B", WHOLE_TURN, WHOLE_TURN, lambda x, y, forward: 500 * np.maximum(forward, 0) * (1 + 0.5 * x + 0.4 * y)),
     "A": ("A", WHOLE_TURN, WHOLE_TURN, lambda x, y, forward: 500 * np.maximum(forward, 0) * (1 + 0.5 * x + 0.4 * y)),
-    "B, a quarter": ("B", np.arange(0, 91, STEP), np.arange(0, 91, STEP),
-                     lambda x, y, forward: 500 * np.maximum(forward, 0) * (1 + 0.5 * x**2 - 0.4 * y**2)),
-}  # fmt: skip
+    "B, a quarter": (
+        "B",
+        np.arange(0, 91, STEP),
+        np.arange(0, 91, STEP),
+        lambda x, y, forward: 500 * np.maximum(forward, 0) * (1 + 0.5 * x**2 - 0.4 * y**2),
+    ),
+}
 
 
 def make_file(kind, factor=2.0):
@@ -50,11 +66,16 @@ def make_file(kind, factor=2.0):
     else:
         direction = np.sin(v) + 0 * h, -np.cos(v) * np.sin(h), np.cos(v) * np.cos(h)
     values = [vertical, horizontal, *(intensity(*direction) / factor)]
-    return "\n".join([
-        "IESNA:LM-63-2002", "[TEST] a file", "TILT=NONE",
-        f"1 -1 {factor / 0.8} {len(vertical)} {len(horizontal)} {'CBA'.index(photometry) + 1} 2 .1,.1 0", "0.8 1 60",
-        *(" ".join(f"{number:.7g}" for number in row) for row in values),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "IESNA:LM-63-2002",
+            "[TEST] a file",
+            "TILT=NONE",
+            f"1 -1 {factor / 0.8} {len(vertical)} {len(horizontal)} {'CBA'.index(photometry) + 1} 2 .1,.1 0",
+            "0.8 1 60",
+            *(" ".join(f"{number:.7g}" for number in row) for row in values),
+        ]
+    )
 
 
 def light_of(tmp_path, kind, **fields):
@@ -96,8 +117,11 @@ def mean_intensity(kind):
 
 def test_a_seeded_bug_is_noticed(device, tmp_path):
     """Horizontal angles that turn the other way."""
-    bug = Bug("scene/lights/punctual.glsl", "profile_intensity",
-              "light.profile_axes[1] = -light.profile_axes[1]; return correct(light, direction);")  # fmt: skip
+    bug = Bug(
+        "scene/lights/punctual.glsl",
+        "profile_intensity",
+        "light.profile_axes[1] = -light.profile_axes[1]; return correct(light, direction);",
+    )
     with seeded(bug):
         found, expected = measured_and_expected(device, "C, whole", light_of(tmp_path, "C, whole"))
     assert np.abs(found - expected).max() > 100
@@ -112,8 +136,11 @@ def test_frames_have_the_path_tracers_light(device, tmp_path):
     light = light_of(tmp_path, "C, a half", lumens=20)
     light.position = (1, 1.7, 1)
     scene.add(light)
-    scene.add(sv.PointLight((0.5, 0.7, 1.4), profile=light.profile, intensity=2, radius=0.1, direction=(1, 0, 0),
-                            horizontal=(0, 1, 0)))  # fmt: skip
+    scene.add(
+        sv.PointLight(
+            (0.5, 0.7, 1.4), profile=light.profile, intensity=2, radius=0.1, direction=(1, 0, 0), horizontal=(0, 1, 0)
+        )
+    )
     hold(measure_frames(device, scene, Effort(4, 16, 12), 512, 0.04, size=(24, 24)))
 
 
@@ -156,10 +183,16 @@ FINE = np.arange(-10, 10.01, 0.1)
 CLOSE = np.array([0, *np.arange(40, 50, 0.1), *np.arange(50, 361, 10)])
 
 
-@pytest.mark.parametrize(("photometry", "vertical", "horizontal", "aim"), [
-    ("C", np.arange(0, 10, 0.1), [0], (0, 0)), ("C", np.arange(0, 10, 0.25), [0], (0, 0)),
-    ("C", np.arange(20, 40, 0.1), CLOSE, (30.03, 45.07)), ("A", FINE, FINE, (3.03, -5.02)), ("B", FINE, FINE, (0, 0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("photometry", "vertical", "horizontal", "aim"),
+    [
+        ("C", np.arange(0, 10, 0.1), [0], (0, 0)),
+        ("C", np.arange(0, 10, 0.25), [0], (0, 0)),
+        ("C", np.arange(20, 40, 0.1), CLOSE, (30.03, 45.07)),
+        ("A", FINE, FINE, (3.03, -5.02)),
+        ("B", FINE, FINE, (0, 0)),
+    ],
+)
 def test_narrow_beams_keep_their_flux(photometry, vertical, horizontal, aim):
     """Of half a degree, where half of the intensity is left."""
 
@@ -168,8 +201,9 @@ def test_narrow_beams_keep_their_flux(photometry, vertical, horizontal, aim):
         if photometry == "C":
             return np.stack(np.broadcast_arrays(np.sin(v) * np.cos(h), np.sin(v) * np.sin(h), np.cos(v)), -1)
         first, second = (v, h) if photometry == "A" else (h, v)
-        return np.stack(np.broadcast_arrays(np.sin(first), np.cos(first) * np.sin(second),
-                                            np.cos(first) * np.cos(second)), -1)  # fmt: skip
+        return np.stack(
+            np.broadcast_arrays(np.sin(first), np.cos(first) * np.sin(second), np.cos(first) * np.cos(second)), -1
+        )
 
     away = directions(vertical, np.reshape(horizontal, (-1, 1))) - directions(*aim)
     candelas = np.exp2(-np.square(np.linalg.norm(away, axis=-1) / math.radians(0.25)))
@@ -234,10 +268,16 @@ def test_all_that_parts_numbers_is_charged(separator):
         LightProfile.parse(f"TILT=NONE\n{f'12{separator}' * 100_000}".encode("latin-1"), "lamp")
 
 
-@pytest.mark.parametrize(("first", "number", "factor"), [
-    ("", 0.9, 0.9), ("IESNA91\n", 0.9, 0.9), ("IESNA:LM-63-1995\n", 0, 1), ("IESNA:LM-63-2002\r\n", 0, 1),
-    ("IES:LM-63-2019\n", 1.10100, 1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("first", "number", "factor"),
+    [
+        ("", 0.9, 0.9),
+        ("IESNA91\n", 0.9, 0.9),
+        ("IESNA:LM-63-1995\n", 0, 1),
+        ("IESNA:LM-63-2002\r\n", 0, 1),
+        ("IES:LM-63-2019\n", 1.10100, 1),
+    ],
+)
 def test_the_number_after_the_ballast_factor_counts_in_old_files_only(first, number, factor):
     text = f"{first}TILT=NONE\n{NUMBERS.replace('1 1 60', f'0.5 {number} 60')}8 2\n\x1a"  # DOS ends files by \x1a
     assert LightProfile.parse(text.encode(), "lamp").candelas.tolist() == [[4 * factor, factor]]

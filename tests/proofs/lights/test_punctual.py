@@ -41,10 +41,17 @@ def box_with_lamps(*names):
 # ---- whole frames -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("lighting", [{}, *(
-    pytest.param(lighting, marks=pytest.mark.slow)
-    for lighting in ({"denoise": True, "antialiasing": True}, REUSE, SPLIT)
-)], ids=["raw", "denoised", "reuse", "split"])  # fmt: skip
+@pytest.mark.parametrize(
+    "lighting",
+    [
+        {},
+        *(
+            pytest.param(lighting, marks=pytest.mark.slow)
+            for lighting in ({"denoise": True, "antialiasing": True}, REUSE, SPLIT)
+        ),
+    ],
+    ids=["raw", "denoised", "reuse", "split"],
+)
 def test_frames_have_the_path_tracers_light(device, lighting):
     """With three lamps, one of which the camera sees."""
     bar, tile_bar = (0.07, 0.25) if lighting == SPLIT else (0.03, 0.15)
@@ -118,9 +125,14 @@ def emitters(mi, point, spot):
     to_world = mi.ScalarTransform4f().look_at(origin=spot.position.tolist(), target=target, up=[0.3, 0.2, 0.9])
     return {
         "point": {"type": "point", "position": point.position.tolist(), "intensity": point_color},
-        "spot": {"type": "spot", "to_world": to_world, "intensity": spot_color, "beam_width": inner,
-                 "cutoff_angle": outer},
-    }  # fmt: skip
+        "spot": {
+            "type": "spot",
+            "to_world": to_world,
+            "intensity": spot_color,
+            "beam_width": inner,
+            "cutoff_angle": outer,
+        },
+    }
 
 
 @pytest.mark.slow
@@ -134,10 +146,14 @@ def test_a_box_under_point_and_spot_is_mitsubas(device):
     assert_equal(compare(made.mean, made.variance, *mitsuba_scene.render(mitsuba, theirs, 8, 64)), 0.012)
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "lamps are 3 % too bright": (test_a_box_under_point_and_spot_is_mitsubas, Bug(
-        "scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "lamps are 3 % too bright": (
+            test_a_box_under_point_and_spot_is_mitsubas,
+            Bug("scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);"),
+        )
+    }
+)
 
 
 # ---- changes ----------------------------------------------------------------------------------------

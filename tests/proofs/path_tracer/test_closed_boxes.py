@@ -58,9 +58,13 @@ def measure_white_box(device, roughness, metallic):
 # ---- closed surfaces --------------------------------------------------------------------------------
 
 PLACES = {
-    "plain": place(), "small": place(1e-3), "large": place(1e4), "far": place(1.0, (1000.0, 1000.0, 1000.0)),
-    "stretched": place((10.0, 0.1, 1.0), turn=0.7), "mirrored": place((-1.0, 1.0, 1.0)),
-}  # fmt: skip
+    "plain": place(),
+    "small": place(1e-3),
+    "large": place(1e4),
+    "far": place(1.0, (1000.0, 1000.0, 1000.0)),
+    "stretched": place((10.0, 0.1, 1.0), turn=0.7),
+    "mirrored": place((-1.0, 1.0, 1.0)),
+}
 
 
 def ball_with_bumps():
@@ -103,16 +107,22 @@ def slow(*case):
     return pytest.param(*case, marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("bounces", "strategy"), [
-    (0, "mis"), (1, "mis"), (1, "nee"), (1, "brdf"), slow(5, "mis"), slow(5, "nee"), slow(5, "brdf"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("bounces", "strategy"),
+    [(0, "mis"), (1, "mis"), (1, "nee"), (1, "brdf"), slow(5, "mis"), slow(5, "nee"), slow(5, "brdf")],
+)
 def test_series(device, bounces, strategy):
     hold(measure_series(device, bounces, strategy))
 
 
-@pytest.mark.parametrize(("roughness", "metallic"), [(0.5, 0.0), (0.15, 1.0), *(
-    slow(*case) for case in ((0.0, 0.0), (0.0, 0.5), (0.15, 0.5), (0.5, 0.5), (1.0, 0.0), (1.0, 1.0))
-)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("roughness", "metallic"),
+    [
+        (0.5, 0.0),
+        (0.15, 1.0),
+        *(slow(*case) for case in ((0.0, 0.0), (0.0, 0.5), (0.15, 0.5), (0.5, 0.5), (1.0, 0.0), (1.0, 1.0))),
+    ],
+)
 def test_white_boxes(device, roughness, metallic):
     hold(measure_white_box(device, roughness, metallic))
 
@@ -123,19 +133,36 @@ def test_closed_surfaces_are_light_tight(device, where, samples):
     hold(measure_light_tight(device, where, samples))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "light samples in a closed room": (lambda device: measure_series(device, 1, "nee"), Bug(
-        "scene/sampling.glsl", "resolve_light_sample(LightSample light_sample, float",
-        "ResolvedLightSample found = correct(light_sample, leaf_probability); found.inverse_area_pdf *= 1.02; "
-        "return found;")),
-    "weights of hits": (lambda device: measure_series(device, 5, "mis"), Bug(
-        "scene/walk.glsl", "emitted_light", "return correct(walk, surface, 0.0);")),
-    "white walls": (lambda device: measure_white_box(device, 0.5, 0.0), Bug(
-        "scene/lobes/specular.glsl", "dielectric_albedo", "return 0.5 * correct(specular, ab, cosine);")),
-    "white metal": (lambda device: measure_white_box(device, 1.0, 1.0), Bug(
-        "scene/brdf_table.glsl", "lookup_brdf_table", "return vec2(1.0, 0.0);")),
-    "light-tight": (lambda device: measure_light_tight(device, "far"), Bug(
-        "scene/surface.glsl", "world_ray_offset", "return 0.0;")),
-    "shadows": (lambda device: measure_light_tight(device, "plain"), Bug(
-        "scene/light_visibility.glsl", "trace_light_transmittance", "return vec3(1.0);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "light samples in a closed room": (
+            lambda device: measure_series(device, 1, "nee"),
+            Bug(
+                "scene/sampling.glsl",
+                "resolve_light_sample(LightSample light_sample, float",
+                "ResolvedLightSample found = correct(light_sample, leaf_probability); found.inverse_area_pdf *= 1.02; "
+                "return found;",
+            ),
+        ),
+        "weights of hits": (
+            lambda device: measure_series(device, 5, "mis"),
+            Bug("scene/walk.glsl", "emitted_light", "return correct(walk, surface, 0.0);"),
+        ),
+        "white walls": (
+            lambda device: measure_white_box(device, 0.5, 0.0),
+            Bug("scene/lobes/specular.glsl", "dielectric_albedo", "return 0.5 * correct(specular, ab, cosine);"),
+        ),
+        "white metal": (
+            lambda device: measure_white_box(device, 1.0, 1.0),
+            Bug("scene/brdf_table.glsl", "lookup_brdf_table", "return vec2(1.0, 0.0);"),
+        ),
+        "light-tight": (
+            lambda device: measure_light_tight(device, "far"),
+            Bug("scene/surface.glsl", "world_ray_offset", "return 0.0;"),
+        ),
+        "shadows": (
+            lambda device: measure_light_tight(device, "plain"),
+            Bug("scene/light_visibility.glsl", "trace_light_transmittance", "return vec3(1.0);"),
+        ),
+    }
+)

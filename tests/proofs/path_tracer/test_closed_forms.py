@@ -36,11 +36,23 @@ def lamp_over_surface(surface, points, eye):
 GLOSSY = (0.35, 0.0, 1.0)
 
 
-@pytest.mark.parametrize("case", [
-    GLOSSY, *(pytest.param(case, marks=pytest.mark.slow) for case in (
-        (*GLOSSY, "fresnel_product"), (0.6, 0.5, (0.2, 0.6, 1.0)), (*GLOSSY, "sum"), (0.35, 1.0, 0.5), (1.0, 0.0, 0.5)
-    ))
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    "case",
+    [
+        GLOSSY,
+        *(
+            pytest.param(case, marks=pytest.mark.slow)
+            for case in (
+                (*GLOSSY, "fresnel_product"),
+                (0.6, 0.5, (0.2, 0.6, 1.0)),
+                (*GLOSSY, "sum"),
+                (0.35, 1.0, 0.5),
+                (1.0, 0.0, 0.5),
+            )
+        ),
+    ],
+    ids=str,
+)
 def test_lamp_over_our_materials(device, case):
     """Compares a single bounce off a glossy floor with quadrature of the NumPy BRDF."""
     color, (roughness, metallic, reflectance, layering) = np.array((0.9, 0.5, 0.15)), (*case, "conserving")[:4]
@@ -60,10 +72,20 @@ def check_glossy(device):
     test_lamp_over_our_materials(device, GLOSSY)
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "weights of hits": (check_glossy, Bug(
-        "scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 3.0 * correct(hit, ray_direction, ray_t);")),
-    "Fresnel": (check_glossy, Bug("scene/microfacet.glsl", "reflectance_f0", "return 0.5 * correct(reflectance);")),
-    "half a pixel off": (check_glossy, Bug(
-        "scene/camera.glsl", "make_camera_ray", "return correct(pixel_position - 0.5);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "weights of hits": (
+            check_glossy,
+            Bug(
+                "scene/lights/emissive_mesh.glsl",
+                "emissive_hit_pdf",
+                "return 3.0 * correct(hit, ray_direction, ray_t);",
+            ),
+        ),
+        "Fresnel": (check_glossy, Bug("scene/microfacet.glsl", "reflectance_f0", "return 0.5 * correct(reflectance);")),
+        "half a pixel off": (
+            check_glossy,
+            Bug("scene/camera.glsl", "make_camera_ray", "return correct(pixel_position - 0.5);"),
+        ),
+    }
+)

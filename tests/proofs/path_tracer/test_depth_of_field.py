@@ -72,8 +72,11 @@ def test_an_aperture_of_blades(device):
 def test_blades_are_turned(device):
     """A triangle with a corner at the right, or at the left."""
     for turn, right in ((0.0, True), (math.pi, False)):
-        scene = sv.Scene(sv.Camera(vertical_fov=FOV, aperture=APERTURE, focus_distance=2.0, aperture_blades=3,
-                                   aperture_rotation=turn))  # fmt: skip
+        scene = sv.Scene(
+            sv.Camera(
+                vertical_fov=FOV, aperture=APERTURE, focus_distance=2.0, aperture_blades=3, aperture_rotation=turn
+            )
+        )
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
         light = trace(device, scene, 256, SIZE, seed=8, max_bounces=0)[..., 0].sum(axis=0)
         along, at = light / light.sum(), np.arange(SIZE[0]) - (SIZE[0] - 1) / 2
@@ -82,10 +85,15 @@ def test_blades_are_turned(device):
         assert along @ at**3 == pytest.approx((1 if right else -1) * radius**3 / 40, rel=0.15)
 
 
-@pytest.mark.parametrize("fields", [
-    {"projection": "fisheye", "vertical_fov": 2.0}, {"projection": "equirectangular"},
-    {"vertical_fov": FOV, "distortion": (-0.1, 0.01, 0, 0)},
-], ids=["fisheye", "panorama", "distorted"])  # fmt: skip
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"projection": "fisheye", "vertical_fov": 2.0},
+        {"projection": "equirectangular"},
+        {"vertical_fov": FOV, "distortion": (-0.1, 0.01, 0, 0)},
+    ],
+    ids=["fisheye", "panorama", "distorted"],
+)
 def test_other_lenses_have_apertures_too(device, fields):
     """A disk of confusion of the angle that the aperture has from the lamp, less that from the focus."""
     size = (192, 96)
@@ -120,9 +128,15 @@ def test_a_changed_lens_starts_a_new_picture(device):
 
 
 LENS = ("scene/camera.glsl", "through_lens")
-test_a_seeded_bug_is_noticed = bug_tests({
-    "a lens twice as wide": (lambda device: test_the_disk_of_confusion(device, "perspective", 2.0), Bug(
-        *LENS, "return correct(ray, 2.0 * on_lens);")),
-    "a focus at equal distances instead of depths": (test_what_is_in_focus_is_sharp_everywhere, Bug(
-        *LENS, "ray.depth_per_t = 1.0; return correct(ray, on_lens);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "a lens twice as wide": (
+            lambda device: test_the_disk_of_confusion(device, "perspective", 2.0),
+            Bug(*LENS, "return correct(ray, 2.0 * on_lens);"),
+        ),
+        "a focus at equal distances instead of depths": (
+            test_what_is_in_focus_is_sharp_everywhere,
+            Bug(*LENS, "ray.depth_per_t = 1.0; return correct(ray, on_lens);"),
+        ),
+    }
+)

@@ -107,6 +107,6 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "seeds have no effect": (
             test_pixels_and_seeds_are_independent,
             Bug("common/hash.glsl", "seed_rng", "return correct(pixel, number, 0u);"),
-        ),
+        )
     }
 )

@@ -58,9 +58,14 @@ def test_colors_orientation_and_channels(tracer):
     """v = 0, which is the quad's lower edge, shows the image's first row, as glTF says. Green is roughness and blue is
     metallic, both linear; red is ignored."""
     material = sv.Material(
-        base_color=(1, 1, 0.5), base_color_texture=four_colors(), emissive=(8, 4, 2), emissive_texture=four_colors(),
-        perceptual_roughness=0.5, metallic=1.0, metallic_roughness_texture=flat(255, 102, 51),
-    )  # fmt: skip
+        base_color=(1, 1, 0.5),
+        base_color_texture=four_colors(),
+        emissive=(8, 4, 2),
+        emissive_texture=four_colors(),
+        perceptual_roughness=0.5,
+        metallic=1.0,
+        metallic_roughness_texture=flat(255, 102, 51),
+    )
     renderer = look(tracer, material, max_bounces=0, samples=16)
     np.testing.assert_allclose(quadrants(renderer["albedo"]), COLORS[::-1] * (1, 1, 0.5), atol=2e-3)
     for name in ("emissive", "radiance"):
@@ -72,10 +77,15 @@ def test_colors_orientation_and_channels(tracer):
 MOVED, TURNED = np.array([(1, 0, 1), (0, 1, 0)]), np.array([(0, 1, 0), (-1, 0, 1)])
 
 
-@pytest.mark.parametrize(("wrap", "matrix", "expected"), [
-    ("repeat", MOVED, COLORS[::-1]), ("mirrored_repeat", MOVED, COLORS[::-1, ::-1]),
-    ("clamp_to_edge", MOVED, COLORS[::-1, [1, 1]]), ("repeat", TURNED, COLORS.swapaxes(0, 1)[::-1, ::-1]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("wrap", "matrix", "expected"),
+    [
+        ("repeat", MOVED, COLORS[::-1]),
+        ("mirrored_repeat", MOVED, COLORS[::-1, ::-1]),
+        ("clamp_to_edge", MOVED, COLORS[::-1, [1, 1]]),
+        ("repeat", TURNED, COLORS.swapaxes(0, 1)[::-1, ::-1]),
+    ],
+)
 def test_wrapping_and_transforms(tracer, wrap, matrix, expected):
     texture = four_colors(wrap_u=wrap, wrap_v=wrap, uv_transform=matrix)
     renderer = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture))
@@ -216,9 +226,16 @@ def test_vertex_colors(tracer):
     np.testing.assert_allclose(albedo, np.broadcast_to(expected, (32, 32, 3)), atol=2e-3)
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    "mirrored instances: tangents aren't": (test_normal_maps_of_mirrored_instances, Bug(
-        "scene/surface.glsl", "resolve_tangents",
-        "mat3 tangents = correct(instance, mesh, point, barycentrics, normal, texture_index); "
-        "tangents[1] *= sign(determinant(mat3(instance.world_from_object))); return tangents;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "mirrored instances: tangents aren't": (
+            test_normal_maps_of_mirrored_instances,
+            Bug(
+                "scene/surface.glsl",
+                "resolve_tangents",
+                "mat3 tangents = correct(instance, mesh, point, barycentrics, normal, texture_index); "
+                "tangents[1] *= sign(determinant(mat3(instance.world_from_object))); return tangents;",
+            ),
+        )
+    }
+)

@@ -186,10 +186,13 @@ def measure_distances(device):
 # ---- each rule holds, and can fail ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("measure", [
-    measure_mirrors, *(pytest.param(m, marks=pytest.mark.slow)
-                       for m in (measure_mirror_chain, measure_distances, measure_lobes)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "measure",
+    [
+        measure_mirrors,
+        *(pytest.param(m, marks=pytest.mark.slow) for m in (measure_mirror_chain, measure_distances, measure_lobes)),
+    ],
+)
 def test_rules_hold(device, measure):
     hold(measure(device))
 
@@ -199,25 +202,51 @@ def writing(change):
 
     The pass runs several times in a frame, so the change must be wrong also when it is made twice.
     """
-    return Bug("passes/paths/first_ray.comp", "main", "correct(); uvec2 at = INVOCATION_INDEX; "
-               "if (any(greaterThanEqual(at, camera.size))) { return; } uint row = at.y * camera.size.x + at.x; "
-               f"vec2 lengths = vec2(paths_diffuse.at[row].w, paths_specular.at[row].w); {change} "
-               "paths_diffuse.at[row].w = lengths.x; paths_specular.at[row].w = lengths.y;")  # fmt: skip
+    return Bug(
+        "passes/paths/first_ray.comp",
+        "main",
+        "correct(); uvec2 at = INVOCATION_INDEX; "
+        "if (any(greaterThanEqual(at, camera.size))) { return; } uint row = at.y * camera.size.x + at.x; "
+        f"vec2 lengths = vec2(paths_diffuse.at[row].w, paths_specular.at[row].w); {change} "
+        "paths_diffuse.at[row].w = lengths.x; paths_specular.at[row].w = lengths.y;",
+    )
 
 
 PATH = "passes/paths/path.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return PerLobe(next.weight, "
-                                 "vec3(0.0)); } return correct(next);")),
-    MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_DELTA_BOUNCES", "0u")),
-    CHAIN: (measure_mirror_chain, Bug("passes/paths/path_state.glsl", "load_path_state",
-                                      "Path path = correct(pixel_index); path.delta_bounces = 0u; return path;")),
-    MIRROR_DISTANCE: (measure_mirrors, writing("lengths = vec2(max(lengths.x, lengths.y), 0.0);")),
-    LOBES: (measure_lobes, Bug(PATH, "path_light", "PerLobe light = correct(path); "
-                               "light.diffuse += light.specular; return light;")),
-    # demodulated by the other lobe
-    DEMODULATION: (measure_lobes, Bug("passes/demodulation.glsl", "demodulation",
-                                      "Demodulation by = correct(surface); by.specular = by.diffuse; return by;")),
-    DISTANCE: (measure_distances, writing("lengths *= 1.1;")),
-    OWN_DISTANCE: (measure_distances, writing("lengths = vec2(max(lengths.x, lengths.y));")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        METAL: (
+            measure_mirrors,
+            Bug(
+                PATH,
+                "lobe_weights",
+                "if (next.pdf == INFINITY) { return PerLobe(next.weight, vec3(0.0)); } return correct(next);",
+            ),
+        ),
+        MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_DELTA_BOUNCES", "0u")),
+        CHAIN: (
+            measure_mirror_chain,
+            Bug(
+                "passes/paths/path_state.glsl",
+                "load_path_state",
+                "Path path = correct(pixel_index); path.delta_bounces = 0u; return path;",
+            ),
+        ),
+        MIRROR_DISTANCE: (measure_mirrors, writing("lengths = vec2(max(lengths.x, lengths.y), 0.0);")),
+        LOBES: (
+            measure_lobes,
+            Bug(PATH, "path_light", "PerLobe light = correct(path); light.diffuse += light.specular; return light;"),
+        ),
+        # demodulated by the other lobe
+        DEMODULATION: (
+            measure_lobes,
+            Bug(
+                "passes/demodulation.glsl",
+                "demodulation",
+                "Demodulation by = correct(surface); by.specular = by.diffuse; return by;",
+            ),
+        ),
+        DISTANCE: (measure_distances, writing("lengths *= 1.1;")),
+        OWN_DISTANCE: (measure_distances, writing("lengths = vec2(max(lengths.x, lengths.y));")),
+    }
+)

@@ -26,52 +26,78 @@ GLASS = {"transmission": 1.0, "perceptual_roughness": 0.3}
 COAT = {"clearcoat": 1.0, "clearcoat_roughness": 0.4}  # a smooth one shows the sun in few pixels
 FILM = {"iridescence": 1.0, "iridescence_ior": 1.6, "reflectance": 1.0}
 NEEDED = {
-    "alpha": {"alpha_mode": "blend"}, "alpha_mode": {"alpha": 0.6},
+    "alpha": {"alpha_mode": "blend"},
+    "alpha_mode": {"alpha": 0.6},
     "alpha_cutoff": {"alpha_mode": "mask", "alpha": 0.5},
     "attenuation_color": {**GLASS, "solid": True, "attenuation_distance": 0.3},
     "attenuation_distance": {**GLASS, "solid": True, "attenuation_color": (0.8, 0.3, 0.2)},
-    "clearcoat_normal_scale": COAT, "clearcoat_normal_texture": COAT, "clearcoat_roughness": {"clearcoat": 1.0},
+    "clearcoat_normal_scale": COAT,
+    "clearcoat_normal_texture": COAT,
+    "clearcoat_roughness": {"clearcoat": 1.0},
     "clearcoat_roughness_texture": {"clearcoat": 1.0, "clearcoat_roughness": 1.0},
-    "diffuse_transmission_color": {"diffuse_transmission": 0.7}, "anisotropy_rotation": {"anisotropy": 0.8},
-    "emissive_texture": {"emissive": 1.0}, "sheen_color_texture": {"sheen_color": 0.8},
-    "sheen_roughness": {"sheen_color": 0.8}, "sheen_roughness_texture": {"sheen_color": 0.8, "sheen_roughness": 1.0},
-    "solid": GLASS, "dispersion": {**GLASS, "solid": True},
+    "diffuse_transmission_color": {"diffuse_transmission": 0.7},
+    "anisotropy_rotation": {"anisotropy": 0.8},
+    "emissive_texture": {"emissive": 1.0},
+    "sheen_color_texture": {"sheen_color": 0.8},
+    "sheen_roughness": {"sheen_color": 0.8},
+    "sheen_roughness_texture": {"sheen_color": 0.8, "sheen_roughness": 1.0},
+    "solid": GLASS,
+    "dispersion": {**GLASS, "solid": True},
     "transmission_texture": {"transmission": 1.0, "perceptual_roughness": 0.3},
     "metallic_roughness_texture": {"metallic": 1.0, "perceptual_roughness": 1.0},
-    "specular_color_texture": {"reflectance": 1.0}, "unlit": {"base_color": (0.2, 0.5, 0.9)},
-    "clearcoat_texture": COAT, "anisotropy_texture": {"anisotropy": 1.0},
+    "specular_color_texture": {"reflectance": 1.0},
+    "unlit": {"base_color": (0.2, 0.5, 0.9)},
+    "clearcoat_texture": COAT,
+    "anisotropy_texture": {"anisotropy": 1.0},
     "diffuse_transmission_texture": {"diffuse_transmission": 1.0},
     "diffuse_transmission_color_texture": {"diffuse_transmission": 0.7},
     **dict.fromkeys(("iridescence_ior", "iridescence_texture", "iridescence_thickness"), FILM),
     "iridescence_thickness_texture": FILM,
-}  # fmt: skip
+}
 BUMPED = ("normal_scale", "clearcoat_normal_scale")
 VALUES = {
     "alpha_mode": lambda random: ("opaque", "mask", "blend")[random.integers(3)],
-    "anisotropy_rotation": lambda random: random.uniform(-3, 3), "attenuation_distance": lambda random: random.random(),
-    "double_sided": lambda random: random.random() < 0.5, "solid": lambda random: random.random() < 0.5,
-    "emissive": lambda random: 2 * random.random(3), "ior": lambda random: random.uniform(1, 4),
-    "normal_scale": lambda random: random.uniform(-1, 1), "reflectance": lambda random: 2 * random.random(3),
-    "dispersion": lambda random: random.uniform(0, 3), "iridescence_ior": lambda random: random.uniform(1, 2.5),
+    "anisotropy_rotation": lambda random: random.uniform(-3, 3),
+    "attenuation_distance": lambda random: random.random(),
+    "double_sided": lambda random: random.random() < 0.5,
+    "solid": lambda random: random.random() < 0.5,
+    "emissive": lambda random: 2 * random.random(3),
+    "ior": lambda random: random.uniform(1, 4),
+    "normal_scale": lambda random: random.uniform(-1, 1),
+    "reflectance": lambda random: 2 * random.random(3),
+    "dispersion": lambda random: random.uniform(0, 3),
+    "iridescence_ior": lambda random: random.uniform(1, 2.5),
     "iridescence_thickness": lambda random: random.uniform(0, 900, 2),
-    "clearcoat_normal_scale": lambda random: random.uniform(-1, 1), "unlit": lambda random: random.random() < 0.5,
-}  # fmt: skip
+    "clearcoat_normal_scale": lambda random: random.uniform(-1, 1),
+    "unlit": lambda random: random.random() < 0.5,
+}
 FIELDS = {field.name: field for field in fields(sv.Material) if field.name != "name"}
 GROUPS = {
     "surfaces": [
-        "base_color", "base_color_texture", "metallic", "metallic_roughness_texture", "perceptual_roughness",
-        "normal_scale", "normal_texture", "double_sided", "unlit", "ior",
+        "base_color",
+        "base_color_texture",
+        "metallic",
+        "metallic_roughness_texture",
+        "perceptual_roughness",
+        "normal_scale",
+        "normal_texture",
+        "double_sided",
+        "unlit",
+        "ior",
     ],
     "emission": ["emissive", "emissive_texture"],
     "coverage": ["alpha", "alpha_mode", "alpha_cutoff"],
     "layers": [
-        "reflectance", "specular", "specular_texture", "specular_color_texture",
+        "reflectance",
+        "specular",
+        "specular_texture",
+        "specular_color_texture",
         *(name for name in FIELDS if name.startswith(("clearcoat", "sheen", "anisotropy"))),
     ],
     "dispersion": ["dispersion"],
     "iridescence": [name for name in FIELDS if name.startswith("iridescence")],
     "glass": [name for name in FIELDS if name.startswith(("transmission", "solid", "attenuation", "diffuse"))],
-}  # fmt: skip
+}
 RULES = {name: Rule(f"four balls of random {name} have the path tracer's light", SUITE, "Paths") for name in FIELDS}
 
 
@@ -119,9 +145,14 @@ def measure_fields(device, names, effort=EFFORT):
 
 
 @pytest.mark.slow  # compiles for a minute
-@pytest.mark.parametrize("layer", [
-    COAT, {"sheen_color": (1, 1, 1), "sheen_roughness": 128 / 255},  # which the G-buffer stores as it is
-], ids=["coat", "sheen"])  # fmt: skip
+@pytest.mark.parametrize(
+    "layer",
+    [
+        COAT,
+        {"sheen_color": (1, 1, 1), "sheen_roughness": 128 / 255},  # which the G-buffer stores as it is
+    ],
+    ids=["coat", "sheen"],
+)
 def test_layers_over_smooth_metal_show_points(device, layer):
     """Which no ray meets, so that smooth metals alone need no light samples."""
     metal = sv.Material(metallic=1.0, perceptual_roughness=0.0, **layer)
@@ -146,8 +177,15 @@ def test_every_field_is_measured():
     assert sorted(name for names in GROUPS.values() for name in names) == sorted(FIELDS)
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    RULES["reflectance"]: (functools.partial(measure_fields, names=["reflectance"]), Bug(
-        "scene/base_material.glsl", "unpack_base",
-        "BaseMaterial right = correct(base, packed); right.reflectance = base.reflectance; return right;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        RULES["reflectance"]: (
+            functools.partial(measure_fields, names=["reflectance"]),
+            Bug(
+                "scene/base_material.glsl",
+                "unpack_base",
+                "BaseMaterial right = correct(base, packed); right.reflectance = base.reflectance; return right;",
+            ),
+        )
+    }
+)

@@ -27,9 +27,10 @@ CELLS = Rule("cells over a shiny floor in the sun have the path tracer's irradia
 CENTER = LAMP_CORNERS.mean(axis=0)
 # Corners of lamps over a floor: a lamp of 1 m, one of 1 cm, and one that nearly touches the floor.
 LAMPS = {
-    "wide": LAMP_CORNERS, "tiny": CENTER + 0.01 * (LAMP_CORNERS - CENTER),
+    "wide": LAMP_CORNERS,
+    "tiny": CENTER + 0.01 * (LAMP_CORNERS - CENTER),
     "near": np.array([(-1.5, 0.2, -1.5), (1.5, 0.2, -1.5), (1.5, 0.2, 1.5), (-1.5, 0.2, 1.5)]),
-}  # fmt: skip
+}
 CANDIDATES = {"one": {}, "several": {"paths_candidates": 8}}
 LIGHT = Rule("the light of a Lambert floor is its closed form", "closed form", "irradiance")
 TILES = Rule("each of 4 x 4 tiles of a Lambert floor is its closed form", "closed form", "irradiance")
@@ -119,8 +120,10 @@ def _panel_over_metal(roughness):
     """A matte panel that faces a floor of metal in the sun, and a wall whose paths meet the panel from below."""
     scene = sv.Scene(sv.Camera.look_at((0.3, 0.6, 2.4), (0, 0.8, -1), vertical_fov=1.0))
     for mesh, material in (
-        (shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), sv.Material(
-            base_color=rgb((0.95, 0.9, 0.8)), metallic=1.0, perceptual_roughness=math.sqrt(roughness))),
+        (
+            shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)),
+            sv.Material(base_color=rgb((0.95, 0.9, 0.8)), metallic=1.0, perceptual_roughness=math.sqrt(roughness)),
+        ),
         (shapes.quad((0, _HEIGHT, 0), (_PANEL, 0, 0), (0, 0, _PANEL)), matte(0.5)),
         (shapes.quad((0, 0.5, -1.4), (1.5, 0, 0), (0, 0.5, 0)), matte(0.3)),
     ):
@@ -202,18 +205,34 @@ def test_brief_check_holds(device, kind):
 
 PATH, VERTEX = "passes/paths/path.glsl", "passes/paths/vertex.glsl"
 one, several, cached = (functools.partial(brief, kind) for kind in ("one", "several", "cached"))
-test_a_seeded_bug_is_noticed = bug_tests({
-    # light samples without MIS weight, hits without it
-    ONE: (one, Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light, 1e9 * expected_candidates);")),
-    ONE_TILES: (one, Bug("scene/walk.glsl", "hit_light_pdf(Receiver", "return 0.0;")),
-    # several light samples are weighted as one
-    SEVERAL_TILES: (several, Bug(
-        VERTEX, "evaluate_next_event", "return correct(vertex, light, min(expected_candidates, 1.0));")),
-    # the diffuse lobe is in the cache and followed
-    CACHED: (cached, Bug(PATH, "look_up_world_cache", "bool goes_on = correct(path, surface); "
-                         "path.specular_only = false; return goes_on;")),
-    SEQUENCE: (measure_sequence, Bug("passes/paths/first_ray.comp", "start_path", "Path path = correct(pixel, surface, "
-                                     "sample_index); path.u = rand_vec2f(path.rng); return path;")),
-    # no specular lobe is followed
-    CELLS: (measure_cells, Bug(PATH, "is_rough", "return true;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        # light samples without MIS weight, hits without it
+        ONE: (one, Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light, 1e9 * expected_candidates);")),
+        ONE_TILES: (one, Bug("scene/walk.glsl", "hit_light_pdf(Receiver", "return 0.0;")),
+        # several light samples are weighted as one
+        SEVERAL_TILES: (
+            several,
+            Bug(VERTEX, "evaluate_next_event", "return correct(vertex, light, min(expected_candidates, 1.0));"),
+        ),
+        # the diffuse lobe is in the cache and followed
+        CACHED: (
+            cached,
+            Bug(
+                PATH,
+                "look_up_world_cache",
+                "bool goes_on = correct(path, surface); path.specular_only = false; return goes_on;",
+            ),
+        ),
+        SEQUENCE: (
+            measure_sequence,
+            Bug(
+                "passes/paths/first_ray.comp",
+                "start_path",
+                "Path path = correct(pixel, surface, sample_index); path.u = rand_vec2f(path.rng); return path;",
+            ),
+        ),
+        # no specular lobe is followed
+        CELLS: (measure_cells, Bug(PATH, "is_rough", "return true;")),
+    }
+)

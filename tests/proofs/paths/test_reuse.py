@@ -142,22 +142,30 @@ def stressed(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("measure", [
-    measure_means, stressed, measure_noise, measure_lag,
-], ids=lambda measure: measure.__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "measure", [measure_means, stressed, measure_noise, measure_lag], ids=lambda measure: measure.__name__
+)
 def test_rules_hold(device, measure):
     hold(measure(device))
 
 
 RESERVOIR = "passes/paths/reservoir.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    REUSED: (stressed, Bug(RESERVOIR, "is_visible", "return true;")),
-    REUSED_TILES: (stressed, Bug(RESERVOIR, "shift_jacobian",
-                                 "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
-    LESS_NOISE: (measure_noise, Bug(RESERVOIR, "hit_normal", "return -correct(reservoir);")),
-    NO_LAG: (measure_lag, Bug(RESERVOIR, "trace_sample_transmittance", "return correct(vertex, reservoir, false);")),
-    "light in a coat": (measure_coat, Bug("passes/paths/candidate.glsl", "first_ray_is_delta", "return false;")),
-    "what was removed: the previous frame counts whole": (
-        lambda device: test_what_was_removed_lends_no_light(device, lit_by_a_wall, "wall"), Bug(
-        "passes/paths/temporal.comp", "previous_confidence", "return confidence;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        REUSED: (stressed, Bug(RESERVOIR, "is_visible", "return true;")),
+        REUSED_TILES: (
+            stressed,
+            Bug(RESERVOIR, "shift_jacobian", "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;"),
+        ),
+        LESS_NOISE: (measure_noise, Bug(RESERVOIR, "hit_normal", "return -correct(reservoir);")),
+        NO_LAG: (
+            measure_lag,
+            Bug(RESERVOIR, "trace_sample_transmittance", "return correct(vertex, reservoir, false);"),
+        ),
+        "light in a coat": (measure_coat, Bug("passes/paths/candidate.glsl", "first_ray_is_delta", "return false;")),
+        "what was removed: the previous frame counts whole": (
+            lambda device: test_what_was_removed_lends_no_light(device, lit_by_a_wall, "wall"),
+            Bug("passes/paths/temporal.comp", "previous_confidence", "return confidence;"),
+        ),
+    }
+)

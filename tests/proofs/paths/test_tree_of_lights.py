@@ -62,9 +62,13 @@ def measure_leaves(shaders, scene, receivers, what):
         shares = records["by_power"]["probability"].astype(np.float64)
         nodes = leaves.tree.records[records["node"]]
         powers, positions = nodes["power"].astype(np.float64), nodes["center"].astype(np.float64)
-        found = shaders.run("test/light_tree", POINTS * DRAWS, {**binder.resources, "receivers": receivers},
-                            {"drawn": POINTS * DRAWS, "probabilities": POINTS * count},
-                            constants={"SCENE_LIGHT_TREE": True})  # fmt: skip
+        found = shaders.run(
+            "test/light_tree",
+            POINTS * DRAWS,
+            {**binder.resources, "receivers": receivers},
+            {"drawn": POINTS * DRAWS, "probabilities": POINTS * count},
+            constants={"SCENE_LIGHT_TREE": True},
+        )
     drawn = found["drawn"].reshape(POINTS, DRAWS)
     probabilities = found["probabilities"].reshape(POINTS, count).astype(np.float64)
     expected = np.take_along_axis(probabilities, drawn["light"].astype(np.int64), axis=1)
@@ -106,12 +110,25 @@ def test_tree(shaders):
 
 
 TREE = "scene/lights/tree.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({rule: (with_shaders(measure_tree), bug) for rule, bug in {
-    EQUAL: Bug(TREE, "descend_light_tree", "ChosenLeaf chosen = correct(receiver, rng); "
-               "chosen.probability = sqrt(chosen.probability); return chosen;"),
-    SUM: Bug(TREE, "node_probability", "return sqrt(correct(node, receiver));"),
-    # the more likely of two lights is taken
-    OFTEN: Bug(TREE, "choose_leaf", "ChosenLeaf one = correct(receiver, rng), other = correct(receiver, rng); "
-               "return one.probability > other.probability ? one : other;"),
-    CLOSE: Bug(TREE, "MIN_COSINE", "1.0"),
-}.items()})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        rule: (with_shaders(measure_tree), bug)
+        for rule, bug in {
+            EQUAL: Bug(
+                TREE,
+                "descend_light_tree",
+                "ChosenLeaf chosen = correct(receiver, rng); "
+                "chosen.probability = sqrt(chosen.probability); return chosen;",
+            ),
+            SUM: Bug(TREE, "node_probability", "return sqrt(correct(node, receiver));"),
+            # the more likely of two lights is taken
+            OFTEN: Bug(
+                TREE,
+                "choose_leaf",
+                "ChosenLeaf one = correct(receiver, rng), other = correct(receiver, rng); "
+                "return one.probability > other.probability ? one : other;",
+            ),
+            CLOSE: Bug(TREE, "MIN_COSINE", "1.0"),
+        }.items()
+    }
+)

@@ -49,11 +49,14 @@ def field(rng):
     places = np.stack(np.unravel_index(rng.permutation(1000)[:COUNT], (10, 10, 10)), 1) * 2.0 - 9.0
     flat = 0.4 * np.array([(1, 0, 0), (-0.5, 0.75**0.5, 0), (-0.5, -(0.75**0.5), 0)])
     corners = np.concatenate([place + flat @ rotation(rng.normal(size=3), rng.uniform(0, np.pi)) for place in places])
-    return sv.Mesh(corners, deformation=sv.Deformation(
-        joints=rng.integers(0, JOINTS, (COUNT, 3), np.uint32).repeat(3, axis=0),
-        joint_weights=rng.dirichlet(np.ones(3), COUNT).repeat(3, axis=0).astype(np.float32),
-        targets=rng.uniform(-0.04, 0.04, (TARGETS, 3 * COUNT, 3)).astype(np.float32),
-    ))  # fmt: skip
+    return sv.Mesh(
+        corners,
+        deformation=sv.Deformation(
+            joints=rng.integers(0, JOINTS, (COUNT, 3), np.uint32).repeat(3, axis=0),
+            joint_weights=rng.dirichlet(np.ones(3), COUNT).repeat(3, axis=0).astype(np.float32),
+            targets=rng.uniform(-0.04, 0.04, (TARGETS, 3 * COUNT, 3)).astype(np.float32),
+        ),
+    )
 
 
 def random_pose(rng, scale=1.0):
@@ -96,8 +99,10 @@ def measure_vertices(device):
     with sv.RayTracer(device, sv.Scene(instance, other)) as tracer:
         weights = rng.uniform(-1, 1, TARGETS) * (1, 0, 1, 1, 1)
         for rule, matrices, given in (
-            (SKIN, random_pose(rng), None), (MORPH, None, weights), (BOTH, random_pose(rng), weights),
-        ):  # fmt: skip
+            (SKIN, random_pose(rng), None),
+            (MORPH, None, weights),
+            (BOTH, random_pose(rng), weights),
+        ):
             instance.update(joint_matrices=matrices, morph_weights=given)
             yield Measurement(rule, find_error(tracer, instance), MAX_OFF, "m off", "one pose")
         yield Measurement(OWN_JOINTS, find_error(tracer, other), MAX_OFF, "m off")
@@ -147,8 +152,9 @@ def measure_motion(device, way):
         renderer.render()
         for morphed, up, moved in ((2.0, 0, 0), (2.0, 3.5, 0), (-1.25, 4.75, 1.5), (-1.25, 4.75, 1.5)):
             matrix[1, 3] = up * PIXEL
-            instance.update(joint_matrices=matrix[None].copy(), morph_weights=[morphed * PIXEL],
-                            transform=[moved * PIXEL, 0, 0])  # fmt: skip
+            instance.update(
+                joint_matrices=matrix[None].copy(), morph_weights=[morphed * PIXEL], transform=[moved * PIXEL, 0, 0]
+            )
             motion = gbuffer.decode(renderer.render())["motion"] * SIZE
             now = np.array((morphed + moved, -up))
             worst, last = max(worst, float(np.abs(motion - (last - now)).max())), now
@@ -189,19 +195,35 @@ def test_normals_and_motion(device, way):
 
 DEFORM, TRACED = "scene/deform.comp", "passes/gbuffer/gbuffer.glsl"
 motion_of_rays = functools.partial(measure_motion, way="traced")
-test_a_seeded_bug_is_noticed = bug_tests({
-    SKIN: (measure_vertices, Bug(DEFORM, "blend_joints", "mesh.influence_count = 2u; return correct(mesh, vertex);")),
-    OWN_JOINTS: (measure_vertices, Bug(
-        DEFORM, "blend_joints", "mesh.first_joint = 0u; return correct(mesh, vertex);")),
-    MORPH: (measure_vertices, Bug(DEFORM, "load", "return 1.01 * correct(values, at);")),
-    BOTH: (measure_vertices, Bug(DEFORM, "blend_joints", "return mat4x3(1.0);")),
-    NORMALS: (functools.partial(measure_normals, way="traced"), Bug(
-        DEFORM, "blend_joints", "mat4x3 found = correct(mesh, vertex); "
-        "return mat4x3(found[0], found[1] - 0.4 * found[0], found[2], found[3]);")),
-    MOTION: (motion_of_rays, Bug(TRACED, "changes_pose", "return false;")),
-    REST: (motion_of_rays, Bug(
-        TRACED, "motion_vector", "return correct(world_position, previous_world_position) + 1e-4;")),
-}, quick=(BOTH,))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        SKIN: (
+            measure_vertices,
+            Bug(DEFORM, "blend_joints", "mesh.influence_count = 2u; return correct(mesh, vertex);"),
+        ),
+        OWN_JOINTS: (
+            measure_vertices,
+            Bug(DEFORM, "blend_joints", "mesh.first_joint = 0u; return correct(mesh, vertex);"),
+        ),
+        MORPH: (measure_vertices, Bug(DEFORM, "load", "return 1.01 * correct(values, at);")),
+        BOTH: (measure_vertices, Bug(DEFORM, "blend_joints", "return mat4x3(1.0);")),
+        NORMALS: (
+            functools.partial(measure_normals, way="traced"),
+            Bug(
+                DEFORM,
+                "blend_joints",
+                "mat4x3 found = correct(mesh, vertex); "
+                "return mat4x3(found[0], found[1] - 0.4 * found[0], found[2], found[3]);",
+            ),
+        ),
+        MOTION: (motion_of_rays, Bug(TRACED, "changes_pose", "return false;")),
+        REST: (
+            motion_of_rays,
+            Bug(TRACED, "motion_vector", "return correct(world_position, previous_world_position) + 1e-4;"),
+        ),
+    },
+    quick=(BOTH,),
+)
 
 
 # ---- the previous structure, and light --------------------------------------------------------------
@@ -278,8 +300,10 @@ def test_realtime_frames_follow_poses(device):
     """While a character moves, all frames are finite; soon after it stopped, they are as bright as the path tracer's
     picture of the baked scene, where it is now and where it was."""
     mesh, rest = tube(4, around=12, rings=16)
-    tubes = [sv.Instance(mesh, matte(color), [x, 0, 0], joint_matrices=bent(rest, 0))
-             for x, color in ((-0.7, (0.8, 0.3, 0.2)), (0.7, 0.6))]  # fmt: skip
+    tubes = [
+        sv.Instance(mesh, matte(color), [x, 0, 0], joint_matrices=bent(rest, 0))
+        for x, color in ((-0.7, (0.8, 0.3, 0.2)), (0.7, 0.6))
+    ]
     lamp = sv.Instance(sv.shapes.quad((0, 4, 1), (1, 0, 0), (0, 0, 1)), sv.Material(emissive=20.0, double_sided=True))
     floor = sv.Instance(sv.shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), matte(0.6))
     scene = sv.Scene(*tubes, floor, lamp)

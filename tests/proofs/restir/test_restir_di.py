@@ -153,10 +153,17 @@ def test_initial_visibility_is_biased(device, cornell):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [
-    {"di_temporal": False}, {"di_spatial": False}, {"permutation_sampling": False},
-    {"spatial_radius_halving": False}, {"jitter": True},
-], ids=lambda settings: next(iter(settings)))  # fmt: skip
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"di_temporal": False},
+        {"di_spatial": False},
+        {"permutation_sampling": False},
+        {"spatial_radius_halving": False},
+        {"jitter": True},
+    ],
+    ids=lambda settings: next(iter(settings)),
+)
 def test_other_options_do_not_change_the_mean(device, cornell, settings):
     scene, truth, _ = cornell
     bar = 0.02 if "jitter" in settings else 0.01  # the reference has no jitter
@@ -261,10 +268,17 @@ def test_brief_check_holds(device):
     hold(brief(device))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    DIRECT: (brief, Bug(
-        "passes/solari019/restir_di/initial_and_temporal.glsl", "generate_initial_reservoir",
-        "DiReservoir reservoir = correct(pixel, surface, rng); "
-        "reservoir.unbiased_contribution_weight *= float(restir_di_settings.candidates); return reservoir;")),
-    SHADOW: (brief, Bug("passes/solari019/restir_di/spatial_and_shade.comp", "transmittance", "return vec3(1.0);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        DIRECT: (
+            brief,
+            Bug(
+                "passes/solari019/restir_di/initial_and_temporal.glsl",
+                "generate_initial_reservoir",
+                "DiReservoir reservoir = correct(pixel, surface, rng); "
+                "reservoir.unbiased_contribution_weight *= float(restir_di_settings.candidates); return reservoir;",
+            ),
+        ),
+        SHADOW: (brief, Bug("passes/solari019/restir_di/spatial_and_shade.comp", "transmittance", "return vec3(1.0);")),
+    }
+)

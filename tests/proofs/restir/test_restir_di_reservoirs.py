@@ -49,11 +49,15 @@ def initial_outcomes(targets, candidates):
 # Targets of each light at this pixel and at the other one. In "gone" the last light was removed, in "new" the first one
 # was added; in "apart" the two pixels have no light in common.
 CASES = {
-    "alike": ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]), "unlike": ([1.0, 0.2, 3.0], [5.0, 2.0, 0.1]),
-    "zeros": ([1.0, 0.0, 3.0], [0.0, 2.0, 0.5]), "apart": ([1.0, 2.0, 0.0], [0.0, 0.0, 4.0]),
-    "gone": ([1.0, 2.0, 0.0], [1.0, 2.0, 8.0]), "new": ([4.0, 1.0, 2.0], [0.0, 1.0, 2.0]),
-    "dark there": ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0]), "dark here": ([0.0, 0.0, 0.0], [1.0, 2.0, 3.0]),
-}  # fmt: skip
+    "alike": ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
+    "unlike": ([1.0, 0.2, 3.0], [5.0, 2.0, 0.1]),
+    "zeros": ([1.0, 0.0, 3.0], [0.0, 2.0, 0.5]),
+    "apart": ([1.0, 2.0, 0.0], [0.0, 0.0, 4.0]),
+    "gone": ([1.0, 2.0, 0.0], [1.0, 2.0, 8.0]),
+    "new": ([4.0, 1.0, 2.0], [0.0, 1.0, 2.0]),
+    "dark there": ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0]),
+    "dark here": ([0.0, 0.0, 0.0], [1.0, 2.0, 3.0]),
+}
 CONFIDENCES = [(1.0, 20.0), (1.0, 1.0), (1.0, 0.0), (21.0, 3.0)]
 
 
@@ -147,14 +151,30 @@ def test_choice(shaders, check):
 
 
 SHARE = functools.partial(Bug, "passes/solari019/restir_di/reservoir.glsl", "merge_share")
-test_a_seeded_bug_is_noticed = bug_tests({
-    "merge: weights ignore targets": (with_shaders(check_merge, "zeros"), SHARE(
-        "return correct(confidences, vec2(1.0));")),
-    "choices: confidence ignored": (with_shaders(check_choices), SHARE("return correct(vec2(1.0), targets);")),
-    "streams: latest preferred": (with_shaders(check_streams), Bug(
-        "common/random.glsl", "choose_weighted", "weight_sum += weight; "
-        "return rand_f(rng) * rand_f(rng) * weight_sum < weight;")),
-    "permutation: no shift back": (with_shaders(check_permutation), Bug(
-        "passes/reuse.glsl", "permute_pixel", "ivec2 shift = ivec2(random & 3u, random >> 2u & 3u); "
-        "ivec2 partner = (pixel + shift) ^ 3; return is_inside(partner, camera.size) ? partner : pixel;")),
-}, quick=("merge: weights ignore targets",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "merge: weights ignore targets": (
+            with_shaders(check_merge, "zeros"),
+            SHARE("return correct(confidences, vec2(1.0));"),
+        ),
+        "choices: confidence ignored": (with_shaders(check_choices), SHARE("return correct(vec2(1.0), targets);")),
+        "streams: latest preferred": (
+            with_shaders(check_streams),
+            Bug(
+                "common/random.glsl",
+                "choose_weighted",
+                "weight_sum += weight; return rand_f(rng) * rand_f(rng) * weight_sum < weight;",
+            ),
+        ),
+        "permutation: no shift back": (
+            with_shaders(check_permutation),
+            Bug(
+                "passes/reuse.glsl",
+                "permute_pixel",
+                "ivec2 shift = ivec2(random & 3u, random >> 2u & 3u); "
+                "ivec2 partner = (pixel + shift) ^ 3; return is_inside(partner, camera.size) ? partner : pixel;",
+            ),
+        ),
+    },
+    quick=("merge: weights ignore targets",),
+)

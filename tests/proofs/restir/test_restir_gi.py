@@ -113,8 +113,13 @@ def test_confidence_grows_to_its_cap_and_is_reset(device):
 @pytest.mark.slow
 def test_reservoirs_name_living_cells_that_hold_their_points(device):
     """After each frame: with the shortest lives, a moving camera, and settings that change."""
-    changes = {4: {"gi_refresh": False}, 6: {"gi_refresh": True}, 8: {"world_cache": False}, 9: {"world_cache": True},
-               11: {"world_cache_cells": 1 << 13}}  # fmt: skip
+    changes = {
+        4: {"gi_refresh": False},
+        6: {"gi_refresh": True},
+        8: {"world_cache": False},
+        9: {"world_cache": True},
+        11: {"world_cache_cells": 1 << 13},
+    }
     few = {"world_cache_lifetime": 1, "world_cache_cells": 1 << 14}
     with make_renderer(device, cornell_box(), **SPLIT, **few) as renderer:
         for step in range(14):
@@ -144,13 +149,32 @@ def test_brief_check_holds(device):
     hold(brief(device))
 
 
-test_a_seeded_bug_is_noticed = bug_tests({
-    INDIRECT: (brief, Bug("passes/solari019/restir_gi/initial.comp", "generate_initial_reservoir",
-                          "GiReservoir reservoir = correct(surface, rng); "
-                          "reservoir.unbiased_contribution_weight *= 0.5; return reservoir;")),
-    SIXTEENTHS: (brief, Bug("passes/solari019/restir_gi/spatial_and_shade.comp", "shade_diffuse",
-                            "return correct(surface, reservoir) / max(reservoir.unbiased_contribution_weight, 1e-6);")),
-    "cells of reservoirs: kept unread": (test_reservoirs_name_living_cells_that_hold_their_points, Bug(
-        "passes/solari019/restir_gi/temporal.comp", "refresh_radiance",
-        "if (restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u) { correct(reservoir); }")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        INDIRECT: (
+            brief,
+            Bug(
+                "passes/solari019/restir_gi/initial.comp",
+                "generate_initial_reservoir",
+                "GiReservoir reservoir = correct(surface, rng); "
+                "reservoir.unbiased_contribution_weight *= 0.5; return reservoir;",
+            ),
+        ),
+        SIXTEENTHS: (
+            brief,
+            Bug(
+                "passes/solari019/restir_gi/spatial_and_shade.comp",
+                "shade_diffuse",
+                "return correct(surface, reservoir) / max(reservoir.unbiased_contribution_weight, 1e-6);",
+            ),
+        ),
+        "cells of reservoirs: kept unread": (
+            test_reservoirs_name_living_cells_that_hold_their_points,
+            Bug(
+                "passes/solari019/restir_gi/temporal.comp",
+                "refresh_radiance",
+                "if (restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u) { correct(reservoir); }",
+            ),
+        ),
+    }
+)

@@ -82,8 +82,14 @@ def merge_all(shaders, worlds):
     with bound(shaders.device, Scene(Instance(mesh=quad(**BLOCKER), material=matte(0.5)))) as binder:
         outputs = {"merged": len(cases) * CHOICES, "ray_counts": 1}
         inputs = {**binder.resources, "pixels": pixels, "cases": cases}
-        found = shaders.run("test/gi_merge", outputs["merged"], inputs, outputs, constants={"CHOICES": CHOICES},
-                            uniforms={"restir_gi_settings.jacobian_limit": JACOBIAN_LIMIT})["merged"]  # fmt: skip
+        found = shaders.run(
+            "test/gi_merge",
+            outputs["merged"],
+            inputs,
+            outputs,
+            constants={"CHOICES": CHOICES},
+            uniforms={"restir_gi_settings.jacobian_limit": JACOBIAN_LIMIT},
+        )["merged"]
     return cases, np.array(owners), found.reshape(len(cases), CHOICES)
 
 
@@ -111,9 +117,15 @@ def test_merge_is_unbiased(shaders):
 
 
 RESERVOIR = "passes/solari019/restir_gi/reservoir.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "merge: no Jacobian": (with_shaders(test_merge_is_unbiased), Bug(
-        RESERVOIR, "reconnection_jacobian", "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
-    "merge: samples that are hidden": (with_shaders(test_merge_is_unbiased), Bug(
-        RESERVOIR, "trace_sample_visibility", "correct(surface, reservoir); return true;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "merge: no Jacobian": (
+            with_shaders(test_merge_is_unbiased),
+            Bug(RESERVOIR, "reconnection_jacobian", "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;"),
+        ),
+        "merge: samples that are hidden": (
+            with_shaders(test_merge_is_unbiased),
+            Bug(RESERVOIR, "trace_sample_visibility", "correct(surface, reservoir); return true;"),
+        ),
+    }
+)

@@ -129,17 +129,28 @@ def test_packings(shaders):
 
 
 RANDOM, PACKING = "common/random.glsl", "common/packing.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "generators": (with_shaders(test_generators), Bug("common/hash.glsl", "pcg", "return correct(v) ^ (v & 1u);")),
-    "ranges": (with_shaders(test_generators), Bug(
-        RANDOM, "rand_range_u", "return correct(max(n, 1u) - 1u, rng);")),
-    "disks": (with_shaders(test_disk), Bug(RANDOM, "sample_disk", "return correct(vec2(u.x * u.x, u.y));")),
-    "hemispheres": (with_shaders(test_hemispheres), Bug(
-        RANDOM, "sample_uniform_hemisphere", "return sample_cosine_hemisphere(u);")),
-    "barycentrics": (with_shaders(test_barycentrics), Bug(
-        RANDOM, "sample_triangle_barycentrics", "return correct(vec2(u.x * u.x, u.y));")),
-    "cones": (with_shaders(test_cone, 0.01, (0, 0, 1)), Bug(
-        RANDOM, "sample_cone", "return correct(axis, 2.0 * one_minus_cos_half_angle, u);")),
-    "packing of numbers": (with_shaders(test_packings), Bug(PACKING, "pack_rgb9e5", "return correct(color * 0.999);")),
-    "packing of directions": (with_shaders(test_packings), Bug(PACKING, "octahedral_wrap", "return v;")),
-}, quick=("disks", "packing of directions"))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "generators": (with_shaders(test_generators), Bug("common/hash.glsl", "pcg", "return correct(v) ^ (v & 1u);")),
+        "ranges": (with_shaders(test_generators), Bug(RANDOM, "rand_range_u", "return correct(max(n, 1u) - 1u, rng);")),
+        "disks": (with_shaders(test_disk), Bug(RANDOM, "sample_disk", "return correct(vec2(u.x * u.x, u.y));")),
+        "hemispheres": (
+            with_shaders(test_hemispheres),
+            Bug(RANDOM, "sample_uniform_hemisphere", "return sample_cosine_hemisphere(u);"),
+        ),
+        "barycentrics": (
+            with_shaders(test_barycentrics),
+            Bug(RANDOM, "sample_triangle_barycentrics", "return correct(vec2(u.x * u.x, u.y));"),
+        ),
+        "cones": (
+            with_shaders(test_cone, 0.01, (0, 0, 1)),
+            Bug(RANDOM, "sample_cone", "return correct(axis, 2.0 * one_minus_cos_half_angle, u);"),
+        ),
+        "packing of numbers": (
+            with_shaders(test_packings),
+            Bug(PACKING, "pack_rgb9e5", "return correct(color * 0.999);"),
+        ),
+        "packing of directions": (with_shaders(test_packings), Bug(PACKING, "octahedral_wrap", "return v;")),
+    },
+    quick=("disks", "packing of directions"),
+)

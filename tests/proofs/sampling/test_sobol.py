@@ -25,8 +25,10 @@ def generated(indices, dimension):
     Digit r of a point is the sum of the matrix's row r times the index's digits, lowest first. The matrices are the
     identity, and Pascal's triangle, which the primitive polynomial of degree 0 gives (Burley 2020, section 2).
     """
-    matrix = np.array([[comb(column, row) if dimension else row == column for column in range(BITS)]
-                       for row in range(BITS)]) % 2  # fmt: skip
+    matrix = (
+        np.array([[comb(column, row) if dimension else row == column for column in range(BITS)] for row in range(BITS)])
+        % 2
+    )
     digits = (np.asarray(indices, np.uint64)[:, None] >> np.arange(BITS, dtype=np.uint64)) & np.uint64(1)
     found = digits.astype(np.int64) @ matrix.T.astype(np.int64) % 2
     return (found.astype(np.uint64) << np.arange(BITS - 1, -1, -1, dtype=np.uint64)).sum(axis=1).astype(np.uint32)
@@ -116,12 +118,25 @@ def test_sobol(shaders, check):
 
 
 SOBOL = "common/sobol.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "second dimension": (with_shaders(check_second_dimension), Bug(SOBOL, "sobol_second_dimension", "return index;")),
-    "nested": (with_shaders(check_nested), Bug(SOBOL, "owen_scramble", "return bits ^ seed;")),
-    "intervals": (with_shaders(check_intervals), Bug(
-        SOBOL, "owen_scramble", "return bitfieldReverse(correct(bitfieldReverse(bits), seed));")),
-    "uniform": (with_shaders(check_uniform), Bug(
-        SOBOL, "sobol_point", "return correct(index, seed) * vec2(0.5, 1.0);")),
-    "independent": (with_shaders(check_independent), Bug(SOBOL, "sobol_point", "return correct(index, seed / 2u);")),
-}, quick=("second dimension",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "second dimension": (
+            with_shaders(check_second_dimension),
+            Bug(SOBOL, "sobol_second_dimension", "return index;"),
+        ),
+        "nested": (with_shaders(check_nested), Bug(SOBOL, "owen_scramble", "return bits ^ seed;")),
+        "intervals": (
+            with_shaders(check_intervals),
+            Bug(SOBOL, "owen_scramble", "return bitfieldReverse(correct(bitfieldReverse(bits), seed));"),
+        ),
+        "uniform": (
+            with_shaders(check_uniform),
+            Bug(SOBOL, "sobol_point", "return correct(index, seed) * vec2(0.5, 1.0);"),
+        ),
+        "independent": (
+            with_shaders(check_independent),
+            Bug(SOBOL, "sobol_point", "return correct(index, seed / 2u);"),
+        ),
+    },
+    quick=("second dimension",),
+)

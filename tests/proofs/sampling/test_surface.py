@@ -69,20 +69,28 @@ def test_bent_normals(shaders):
 def test_broken_meshes_resolve_to_numbers(shaders):
     rng = np.random.default_rng(10)
     texture = Texture(image=TextureImage(pixels=rng.integers(0, 256, (4, 4, 4), dtype=np.uint8)))
-    material = Material(base_color_texture=texture, normal_texture=texture, metallic_roughness_texture=texture,
-                        normal_scale=3.0)  # fmt: skip
+    material = Material(
+        base_color_texture=texture, normal_texture=texture, metallic_roughness_texture=texture, normal_scale=3.0
+    )
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
     zeros, up = np.zeros((3, 3), np.float32), np.tile([0, 0, 1], (3, 1))
     uvs, tangents = corner[:, :2], np.tile(np.array([0, 0, 1, 1], np.float32), (3, 1))
-    meshes = [Mesh(**fields) for fields in (
-        {"positions": corner}, {"positions": corner, "normals": zeros, "uvs": uvs},
-        {"positions": corner, "uvs": np.ones((3, 2))}, {"positions": corner, "uvs": uvs * 1e-20},
-        {"positions": corner, "normals": -up, "uvs": uvs},
-        {"positions": corner, "uvs": uvs, "normals": up, "tangents": tangents},
-        {"positions": corner, "uvs": uvs, "normals": up, "tangents": 0 * tangents},
-        {"positions": zeros, "uvs": uvs}, {"positions": corner * (1, 0, 0), "uvs": uvs},
-        {"positions": corner * 1e-20, "uvs": uvs}, {"positions": corner * 1e15, "uvs": uvs},
-    )]  # fmt: skip
+    meshes = [
+        Mesh(**fields)
+        for fields in (
+            {"positions": corner},
+            {"positions": corner, "normals": zeros, "uvs": uvs},
+            {"positions": corner, "uvs": np.ones((3, 2))},
+            {"positions": corner, "uvs": uvs * 1e-20},
+            {"positions": corner, "normals": -up, "uvs": uvs},
+            {"positions": corner, "uvs": uvs, "normals": up, "tangents": tangents},
+            {"positions": corner, "uvs": uvs, "normals": up, "tangents": 0 * tangents},
+            {"positions": zeros, "uvs": uvs},
+            {"positions": corner * (1, 0, 0), "uvs": uvs},
+            {"positions": corner * 1e-20, "uvs": uvs},
+            {"positions": corner * 1e15, "uvs": uvs},
+        )
+    ]
     count = 64 * len(meshes)
     vectors = np.zeros((count, 3, 3))
     vectors[:, 0, 0] = np.arange(count) % len(meshes)
@@ -144,12 +152,24 @@ def test_offsets(shaders, scale):
 
 
 SURFACE = "scene/surface.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "bent normals": (with_shaders(test_bent_normals), Bug(SURFACE, "bend_shading_normal", "return normal;")),
-    "heuristics": (with_shaders(test_heuristics), Bug(
-        "common/math.glsl", "power_heuristic", "return f * f / (f * f + g * g);")),
-    "offsets": (with_shaders(test_offsets, 1e-3), Bug(
-        SURFACE, "world_ray_offset", "return 0.1 * correct(reach, world_from_object, cofactors, object_normal);")),
-    "offsets of lights": (with_shaders(test_offsets, 1.0), Bug(
-        "scene/light_visibility.glsl", "shadow_ray_segment", "return light_sample.world_position - ray_origin;")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "bent normals": (with_shaders(test_bent_normals), Bug(SURFACE, "bend_shading_normal", "return normal;")),
+        "heuristics": (
+            with_shaders(test_heuristics),
+            Bug("common/math.glsl", "power_heuristic", "return f * f / (f * f + g * g);"),
+        ),
+        "offsets": (
+            with_shaders(test_offsets, 1e-3),
+            Bug(
+                SURFACE, "world_ray_offset", "return 0.1 * correct(reach, world_from_object, cofactors, object_normal);"
+            ),
+        ),
+        "offsets of lights": (
+            with_shaders(test_offsets, 1.0),
+            Bug(
+                "scene/light_visibility.glsl", "shadow_ray_segment", "return light_sample.world_position - ray_origin;"
+            ),
+        ),
+    }
+)

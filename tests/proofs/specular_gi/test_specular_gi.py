@@ -30,9 +30,13 @@ CAMERA_LOBE = Rule("Solari's rule: a path from a mirror ends when a matte wall h
 CAMERA_LENGTH = Rule("Solari's rule: a path continues after a ray shorter than sqrt(3) cells", *_SPECULAR)
 # Without cache, reuse and lights left to DI, the pass is an unbiased path tracer of the specular lobe.
 UNBIASED = {
-    **SPLIT, "gbuffer": "traced", "world_cache": False, "specular_bounces": 16,
-    "specular_di_roughness": 1.0, "specular_reuse_roughness": 1.0,
-}  # fmt: skip
+    **SPLIT,
+    "gbuffer": "traced",
+    "world_cache": False,
+    "specular_bounces": 16,
+    "specular_di_roughness": 1.0,
+    "specular_reuse_roughness": 1.0,
+}
 _PASSES = (*GBUFFER, "solari019/specular_gi/")
 SIDE = 32
 FIRST, LAST = slice(None, SIDE // 2), slice(SIDE // 2, None)
@@ -84,12 +88,19 @@ class PathCase(NamedTuple):
 
 # The cone of the first ray is meters wide at its end for roughness 0.6, 0.1 to 0.3 m for 0.3, and 0 for a mirror.
 PATH_CASES = {
-    "spread": (PathCase(ENDS, 0.6, max_rays=1.1), PathCase(GOES_ON, 0.3, min_rays=1.3),
-               PathCase(GOES_ON, 0.0, min_rays=2.0)),
-    "camera_spread": (PathCase(CAMERA_CONE, 0.6, max_rays=1.1), PathCase(CAMERA_CONE, 0.3, max_rays=1.1),
-                      PathCase(GOES_ON, 0.0, min_rays=2.0), PathCase(CAMERA_LOBE, 0.0, max_rays=4.0),
-                      PathCase(CAMERA_LENGTH, 1.0, min_rays=2.1, cell_size=1.5)),
-}  # fmt: skip
+    "spread": (
+        PathCase(ENDS, 0.6, max_rays=1.1),
+        PathCase(GOES_ON, 0.3, min_rays=1.3),
+        PathCase(GOES_ON, 0.0, min_rays=2.0),
+    ),
+    "camera_spread": (
+        PathCase(CAMERA_CONE, 0.6, max_rays=1.1),
+        PathCase(CAMERA_CONE, 0.3, max_rays=1.1),
+        PathCase(GOES_ON, 0.0, min_rays=2.0),
+        PathCase(CAMERA_LOBE, 0.0, max_rays=4.0),
+        PathCase(CAMERA_LENGTH, 1.0, min_rays=2.1, cell_size=1.5),
+    ),
+}
 
 
 def measure_termination(device, termination):
@@ -114,9 +125,11 @@ def _count_rays(device, perceptual_roughness, **settings):
     wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
     # "finest", so that no path goes on because of a divided cell.
     chosen = sv.Settings(
-        **{**SMALL, **SPLIT, **settings}, specular_bounces=8, specular_reuse_roughness=1.0,
+        **{**SMALL, **SPLIT, **settings},
+        specular_bounces=8,
+        specular_reuse_roughness=1.0,
         world_cache_leak_prevention="finest",
-    )  # fmt: skip
+    )
     with sv.Renderer(device, sv.Scene(room, light, wall, camera), (16, 16), chosen, count_rays=True) as renderer:
         counts, row = [], renderer.counted_passes.index("solari019/specular_gi/trace")
         for _ in range(12):
@@ -195,8 +208,9 @@ def test_mirrors_show_the_suns_disk(device, mirrors):
 
 def test_a_rough_coat_over_a_mirror_is_lit_in_another_mirror(device):
     """By light samples, since no other ray finds a point light."""
-    coated = Material(base_color=GOLD.base_color, metallic=1.0, perceptual_roughness=0.0, clearcoat=1.0,
-                      clearcoat_roughness=0.5)  # fmt: skip
+    coated = Material(
+        base_color=GOLD.base_color, metallic=1.0, perceptual_roughness=0.0, clearcoat=1.0, clearcoat_roughness=0.5
+    )
     scene = Scene(Instance(mesh=shapes.quad((0, 0, -3), (40, 0, 0), (0, 40, 0)), material=GOLD))
     scene.add(Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=coated))
     scene.add(sv.PointLight(position=(0.0, 2.0, -1.0), intensity=50.0))
@@ -236,17 +250,34 @@ def test_rules_hold(device, measure):
 
 
 TRACE, LOBE = "passes/solari019/specular_gi/trace.comp", "passes/solari019/specular_gi/cone_spread.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "a flat mirror: no Fresnel term": (test_a_flat_mirror_shows_the_mirrored_cameras_picture, Bug(
-        LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
-        "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),
-    GLOSSY: (measure_gallery, Bug("scene/walk.glsl", "trace_shadow_ray", "return vec3(0.0);")),
-    # the pdf of another lobe
-    PANEL: (measure_gallery, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
-                                 "if (next.pdf != INFINITY) { next.weight /= 1.1; } return next;")),
-    ENDS: (spread, Bug(TRACE, "may_end", "return false;")),
-    GOES_ON: (spread, Bug(TRACE, "may_end", "return correct(surface, INFINITY, ray_t, rng);")),
-    CAMERA_LOBE: (camera_spread, Bug(TRACE, "widen_as_solari", "return spread_width;")),  # and CAMERA_CONE
-    CAMERA_LENGTH: (camera_spread, Bug(
-        TRACE, "may_end", "return correct(surface, spread_width, sqrt(3.0) * ray_t, rng);")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "a flat mirror: no Fresnel term": (
+            test_a_flat_mirror_shows_the_mirrored_cameras_picture,
+            Bug(
+                LOBE,
+                "sample_specular_brdf",
+                "BrdfSample next = correct(brdf, wo, rng); "
+                "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;",
+            ),
+        ),
+        GLOSSY: (measure_gallery, Bug("scene/walk.glsl", "trace_shadow_ray", "return vec3(0.0);")),
+        # the pdf of another lobe
+        PANEL: (
+            measure_gallery,
+            Bug(
+                LOBE,
+                "sample_specular_brdf",
+                "BrdfSample next = correct(brdf, wo, rng); "
+                "if (next.pdf != INFINITY) { next.weight /= 1.1; } return next;",
+            ),
+        ),
+        ENDS: (spread, Bug(TRACE, "may_end", "return false;")),
+        GOES_ON: (spread, Bug(TRACE, "may_end", "return correct(surface, INFINITY, ray_t, rng);")),
+        CAMERA_LOBE: (camera_spread, Bug(TRACE, "widen_as_solari", "return spread_width;")),  # and CAMERA_CONE
+        CAMERA_LENGTH: (
+            camera_spread,
+            Bug(TRACE, "may_end", "return correct(surface, spread_width, sqrt(3.0) * ray_t, rng);"),
+        ),
+    }
+)

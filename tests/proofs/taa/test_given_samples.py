@@ -106,21 +106,33 @@ def measure_not_finite(device):
 MEASURES = (measure_even_light, measure_motion, measure_changes, measure_noise, measure_not_finite)
 
 
-@pytest.mark.parametrize("measure", [*MEASURES, pytest.param(measure_areas, marks=pytest.mark.slow)],
-                         ids=lambda measure: measure.__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "measure", [*MEASURES, pytest.param(measure_areas, marks=pytest.mark.slow)], ids=lambda measure: measure.__name__
+)
 def test_rules_hold(device, measure):
     hold(measure(device))
 
 
 HISTORY = "passes/taa/history.glsl"
-test_a_seeded_bug_is_noticed = bug_tests({
-    EVEN: (measure_even_light, Bug(SAMPLES, "interpolate", "NearestSample found = correct(at, around); "
-                                   "found.radiance *= 0.9; return found;")),
-    AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
-    UPSCALED: (measure_areas, Bug(SAMPLES, "among_samples",
-                                  "return position * render_scale() - 0.5 + this_frame.sample_jitter;")),
-    SHARP: (measure_motion, Bug(HISTORY, "interpolate_history", "return correct(floor(position) + 0.5, around);")),
-    FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
-    NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
-    NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
-}, quick=(EVEN,))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        EVEN: (
+            measure_even_light,
+            Bug(
+                SAMPLES,
+                "interpolate",
+                "NearestSample found = correct(at, around); found.radiance *= 0.9; return found;",
+            ),
+        ),
+        AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
+        UPSCALED: (
+            measure_areas,
+            Bug(SAMPLES, "among_samples", "return position * render_scale() - 0.5 + this_frame.sample_jitter;"),
+        ),
+        SHARP: (measure_motion, Bug(HISTORY, "interpolate_history", "return correct(floor(position) + 0.5, around);")),
+        FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
+        NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
+        NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
+    },
+    quick=(EVEN,),
+)

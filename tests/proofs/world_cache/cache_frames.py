@@ -32,9 +32,12 @@ class CacheFrame(SceneFrame):
         stages = [
             light_tiles(settings),
             world_cache.paths_stage((8, 8), settings) if settings.lighting == "paths" else cache(settings),
-            Stage("ask", buffers={"answers": QUERY_COUNT, "ray_counts": 6},
-                  passes=[Pass("world_cache_test/ask", threads=QUERY_COUNT, constants=constants)]),
-        ]  # fmt: skip
+            Stage(
+                "ask",
+                buffers={"answers": QUERY_COUNT, "ray_counts": 6},
+                passes=[Pass("world_cache_test/ask", threads=QUERY_COUNT, constants=constants)],
+            ),
+        ]
         super().__init__(device, scene, stages, external=tables, glsl_root=SHADERS, barrier_every_pass=barriers)
 
     def reset(self, seed):

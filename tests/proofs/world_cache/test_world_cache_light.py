@@ -22,15 +22,29 @@ from solari_vk.scene.builtin import place, rgb
 from solari_vk.settings.layering import LAYERINGS
 
 ALBEDO = 0.5  # of closed_box, whose walls emit 1: a radiance of 2 arrives everywhere, and half of it is reflected
-CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_roughness", "f4"), ("metallic", "f4"),
-                 ("cosine", "f4")])  # fmt: skip
+CASE = np.dtype(
+    [
+        ("base_color", "f4", 3),
+        ("reflectance", "f4"),
+        ("perceptual_roughness", "f4"),
+        ("metallic", "f4"),
+        ("cosine", "f4"),
+    ]
+)
 
 
 def settings(**changed):
-    return sv.Settings(**{
-        "lighting": "split", "lambert": True, "world_cache_cells": 1 << 14, "world_cache_search_steps": 16,
-        "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9, **changed,
-    })  # fmt: skip
+    return sv.Settings(
+        **{
+            "lighting": "split",
+            "lambert": True,
+            "world_cache_cells": 1 << 14,
+            "world_cache_search_steps": 16,
+            "world_cache_updates": "all",
+            "world_cache_updates_per_pixel": 1e9,
+            **changed,
+        }
+    )
 
 
 # Enough to notice the bugs below. The observation of one seed has a standard deviation of 0.8 %; if observations are
@@ -52,9 +66,11 @@ def check_fixed_point(device, *, seeds=16, bar=0.02, warm_up=40, **changed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changed", [
-    {"lighting": "paths"}, {"warm_up": 100}, {"world_cache_change_exponent": 10, "world_cache_max_samples": 6},
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    "changed",
+    [{"lighting": "paths"}, {"warm_up": 100}, {"world_cache_change_exponent": 10, "world_cache_max_samples": 6}],
+    ids=str,
+)
 def test_fixed_point(device, changed):
     """The cache converges to the right light. After 100 frames the adaptive blend loses about 1 %, because it forgets
     the brightest samples sooner than the others."""
@@ -109,8 +125,7 @@ def test_one_seed_one_cache(device):
     for seed, barriers in ((0, False), (0, True), (1, False)):
         scene = sv.builtin("cornell_box")
         camera = sv.Camera.look_at((0.0, 1.0, 0.2), (0, 1, -1))
-        with CacheFrame(device, scene, settings(world_cache_update_cap=500), seed=seed,
-                        barriers=barriers) as frame:  # fmt: skip
+        with CacheFrame(device, scene, settings(world_cache_update_cap=500), seed=seed, barriers=barriers) as frame:
             frame.run(12, camera)
             assert frame.counters["insert_failures"] == 0
             assert frame.counters["updates"] < frame.counters["active_cells"]
@@ -127,8 +142,13 @@ def test_albedo_is_what_the_brdf_reflects(shaders, layering):
     cases["base_color"], cases["reflectance"] = (0.9, 0.5, 0.1), 0.7
     for column, name in enumerate(("perceptual_roughness", "metallic", "cosine")):
         cases[name] = grid[:, column]
-    out = shaders.run("world_cache_test/albedo", len(cases), {"cases": cases, **shaders.brdf_tables()},
-                      {"albedos": 2 * len(cases)}, constants={"brdf_layering": LAYERINGS.index(layering)})  # fmt: skip
+    out = shaders.run(
+        "world_cache_test/albedo",
+        len(cases),
+        {"cases": cases, **shaders.brdf_tables()},
+        {"albedos": 2 * len(cases)},
+        constants={"brdf_layering": LAYERINGS.index(layering)},
+    )
     ours, summed = out["albedos"].reshape(-1, 2, 3).swapaxes(0, 1)
     np.testing.assert_allclose(ours, summed, rtol=0.015, atol=0.003)
 
@@ -143,11 +163,15 @@ def test_cells_double_with_distance(shaders):
     places = (eye + directions).reshape(-1, 3).astype(np.float32)
     level = np.log2(1 + distances / 15)
     for sharpness in (3.0, 1.0):
-        uniforms = {"world_cache_settings.cell_size": 0.15, "world_cache_settings.lod_distance": 15.0,
-                    "world_cache_settings.lod_sharpness": sharpness,
-                    "camera.world_from_view": np.vstack([np.eye(3), eye])}  # fmt: skip
-        sizes = shaders.run("world_cache_test/sizes", len(places), {"places": places}, {"sizes": len(places)},
-                            uniforms=uniforms)["sizes"]  # fmt: skip
+        uniforms = {
+            "world_cache_settings.cell_size": 0.15,
+            "world_cache_settings.lod_distance": 15.0,
+            "world_cache_settings.lod_sharpness": sharpness,
+            "camera.world_from_view": np.vstack([np.eye(3), eye]),
+        }
+        sizes = shaders.run(
+            "world_cache_test/sizes", len(places), {"places": places}, {"sizes": len(places)}, uniforms=uniforms
+        )["sizes"]
         coarser = np.log2(sizes.reshape(len(distances), count) / 0.15)
         np.testing.assert_allclose(coarser, np.round(coarser), atol=1e-5)
         coarser -= np.floor(level + 1e-5)[:, None]
@@ -216,9 +240,14 @@ def measure_cells(device, corners):
     """The irradiance (N, 3) of settled cells over the closed form at the centers of their floors, and the latter."""
     scene = floor_scene(sv.Material(base_color=rgb(0.5)), lamp_above(corners))
     settings = sv.Settings(
-        lighting="paths", lambert=True, world_cache_cells=1 << 15, world_cache_updates="all",
-        world_cache_updates_per_pixel=1e9, world_cache_cell_size=0.05, world_cache_lifetime=100,
-    )  # fmt: skip
+        lighting="paths",
+        lambert=True,
+        world_cache_cells=1 << 15,
+        world_cache_updates="all",
+        world_cache_updates_per_pixel=1e9,
+        world_cache_cell_size=0.05,
+        world_cache_lifetime=100,
+    )
     # Cameras see no back sides, but the rays of this frame meet them, so they start below the lamp.
     height = corners[:, 1].min()
     camera = sv.Camera.look_at((0, 0.6 * height, 0), (0, 0, 0), up=(0, 0, 1))
@@ -233,9 +262,9 @@ def measure_cells(device, corners):
     return cells["irradiance"][settled, :3] / expected, expected
 
 
-@pytest.mark.parametrize("lamp", [
-    "tilted", *(pytest.param(name, marks=pytest.mark.slow) for name in ("near", "small")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "lamp", ["tilted", *(pytest.param(name, marks=pytest.mark.slow) for name in ("near", "small"))]
+)
 def test_cells_under_a_lamp(device, lamp):
     """Require the right mean and median, and no cell far from its closed form. A cell's samples lie all over the cell,
     so that single cells differ from the irradiance at its center."""
@@ -273,26 +302,58 @@ def test_short_rays_use_the_finest_cells(device):
 
 QUERY, MAP = "passes/world_cache/query.glsl", "passes/world_cache/map.glsl"
 brief_fixed_point = functools.partial(check_fixed_point, **BRIEF)
-test_a_seeded_bug_is_noticed = bug_tests({
-    "short rays: cells as for all rays": (test_short_rays_use_the_finest_cells, Bug(
-        QUERY, "query_world_cache",
-        "return correct(world_position, geometric_world_normal, INFINITY, lifetime, rng);")),
-    "fixed point: 1 / M dropped": (brief_fixed_point, Bug(
-        "passes/solari019/world_cache/sample_direct.comp", "sample_direct_irradiance",
-        "return float(world_cache_settings.candidates) * correct(surface, rng);")),
-    "fixed point of paths: without pi": (functools.partial(brief_fixed_point, lighting="paths"), Bug(
-        "passes/world_cache/sample.comp", "main", "correct(); uint row = thread_index(INVOCATION_INDEX); "
-        "if (row < world_cache_counters.active_cells) { world_cache_samples.at[row].irradiance *= INVERSE_PI; }")),
-    "overfull map: paths end": (test_overfull_map, Bug(QUERY, "MAX_CACHE_MISSES", "0u")),
-    "thin wall: it hides nothing": (test_thin_wall, Bug(
-        "passes/world_cache/division.glsl", "sees_first_point", "return true;")),
-    "death: lives are halved": (test_cell_death, Bug(
-        MAP, "read_world_cache_cell", "return correct(cell, lifetime / 2u);")),
-    "albedo: nothing under the layer": (with_shaders(test_albedo_is_what_the_brdf_reflects, "conserving"), Bug(
-        QUERY, "surface_albedo", "return lobe_albedos(material, cosine).specular;")),
-    "sizes: cells never grow": (with_shaders(test_cells_double_with_distance), Bug(
-        MAP, "get_cell_size", "return min(correct(world_position, rng), world_cache_settings.cell_size);")),
-    "cells under a lamp: light samples weighted as one": (functools.partial(test_cells_under_a_lamp, lamp="near"), Bug(
-        "passes/paths/vertex.glsl", "evaluate_next_event",
-        "return correct(vertex, light, min(expected_candidates, 1.0));")),
-})  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "short rays: cells as for all rays": (
+            test_short_rays_use_the_finest_cells,
+            Bug(
+                QUERY,
+                "query_world_cache",
+                "return correct(world_position, geometric_world_normal, INFINITY, lifetime, rng);",
+            ),
+        ),
+        "fixed point: 1 / M dropped": (
+            brief_fixed_point,
+            Bug(
+                "passes/solari019/world_cache/sample_direct.comp",
+                "sample_direct_irradiance",
+                "return float(world_cache_settings.candidates) * correct(surface, rng);",
+            ),
+        ),
+        "fixed point of paths: without pi": (
+            functools.partial(brief_fixed_point, lighting="paths"),
+            Bug(
+                "passes/world_cache/sample.comp",
+                "main",
+                "correct(); uint row = thread_index(INVOCATION_INDEX); "
+                "if (row < world_cache_counters.active_cells) { "
+                "world_cache_samples.at[row].irradiance *= INVERSE_PI; }",
+            ),
+        ),
+        "overfull map: paths end": (test_overfull_map, Bug(QUERY, "MAX_CACHE_MISSES", "0u")),
+        "thin wall: it hides nothing": (
+            test_thin_wall,
+            Bug("passes/world_cache/division.glsl", "sees_first_point", "return true;"),
+        ),
+        "death: lives are halved": (
+            test_cell_death,
+            Bug(MAP, "read_world_cache_cell", "return correct(cell, lifetime / 2u);"),
+        ),
+        "albedo: nothing under the layer": (
+            with_shaders(test_albedo_is_what_the_brdf_reflects, "conserving"),
+            Bug(QUERY, "surface_albedo", "return lobe_albedos(material, cosine).specular;"),
+        ),
+        "sizes: cells never grow": (
+            with_shaders(test_cells_double_with_distance),
+            Bug(MAP, "get_cell_size", "return min(correct(world_position, rng), world_cache_settings.cell_size);"),
+        ),
+        "cells under a lamp: light samples weighted as one": (
+            functools.partial(test_cells_under_a_lamp, lamp="near"),
+            Bug(
+                "passes/paths/vertex.glsl",
+                "evaluate_next_event",
+                "return correct(vertex, light, min(expected_candidates, 1.0));",
+            ),
+        ),
+    }
+)

@@ -191,8 +191,13 @@ def test_only_cells_that_were_asked_for_are_updated(device):
     asked = np.where(some, every, 0)
     with MapFrame(device, 1024, queries, world_cache_search_steps=64, world_cache_updates="asked") as frame:
         entries = frame.run()["answers"]["cell"]
-        for queries["rng"], expected in ((asked, entries), (asked, entries[some]), (every, entries[some]), (0, entries),
-                                         (0, [])):  # fmt: skip
+        for queries["rng"], expected in (
+            (asked, entries),
+            (asked, entries[some]),
+            (every, entries[some]),
+            (0, entries),
+            (0, []),
+        ):
             frame.ask(queries)
             count = int(frame.run()["counters"]["active_cells"])
             np.testing.assert_array_equal(np.sort(frame["active_cells"][:count]), np.unique(expected))
@@ -202,9 +207,10 @@ def test_only_cells_that_were_asked_for_are_updated(device):
 # ---- blend ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("exponent", "cap", "of_pixels"), [
-    (1 / 8, 1 << 20, 1e9), (10.0, 1 << 20, 1e9), (1 / 8, 700, 1e9), (1 / 8, 1 << 20, 12.5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("exponent", "cap", "of_pixels"),
+    [(1 / 8, 1 << 20, 1e9), (10.0, 1 << 20, 1e9), (1 / 8, 700, 1e9), (1 / 8, 1 << 20, 12.5)],
+)
 def test_blend(device, exponent, cap, of_pixels):
     cells, random = 2048, np.random.default_rng(2)
     irradiance = random.lognormal(0, 2, (cells, 4)).astype(np.float32)
@@ -213,8 +219,11 @@ def test_blend(device, exponent, cap, of_pixels):
     deltas = (irradiance[:, 0] * random.normal(0, 0.3, cells)).astype(np.float32)
     samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
-    settings = {"world_cache_change_exponent": exponent, "world_cache_update_cap": cap,
-                "world_cache_updates_per_pixel": of_pixels}  # fmt: skip
+    settings = {
+        "world_cache_change_exponent": exponent,
+        "world_cache_update_cap": cap,
+        "world_cache_updates_per_pixel": of_pixels,
+    }
     with MapFrame(device, cells, **settings) as frame:
         frame.fill(irradiance=irradiance, luminance_deltas=deltas, samples=samples)
         frame.run()
@@ -283,32 +292,75 @@ def test_cells_near_a_changed_light_forget(device):
 
 
 MAP, DECAY = "passes/world_cache/map.glsl", "passes/world_cache/decay.comp"
-test_a_seeded_bug_is_noticed = bug_tests({
-    "map: the normal isn't in the key": (test_map, Bug(
-        MAP, "make_world_cache_key", "return correct(world_position, vec3(0.0), cell_size);")),
-    "full map: cells are shared": (test_full_map, Bug(
-        MAP, "insert_world_cache_cell",
-        "uint cell = correct(key); return cell == NO_INDEX ? world_cache_entry(key, 0u) : cell;")),
-    "holes: the search ends at one": (test_holes, Bug(
-        MAP, "find_world_cache_cell", "uint cell = correct(key, empty_step); "
-        "return empty_step < world_cache_settings.search_steps ? NO_INDEX : cell;")),
-    "points: half the offset": (test_points, Bug(
-        MAP, "unpack_point", "WorldCacheSurface surface = correct(cell, point); surface.ray_offset *= 0.5; "
-        "return surface;")),
-    "compaction: the first block begins a cell late": (test_compaction, Bug(
-        "passes/world_cache/scan.comp", "main",
-        "correct(); if (gl_LocalInvocationIndex == 0u) { world_cache_blocks.at[0] += 1u; }")),
-    "lives: dead cells keep what they hold": (test_lives, Bug(DECAY, "clear_cell", "")),
-    "asked: all are updated": (test_only_cells_that_were_asked_for_are_updated, Bug(
-        MAP, "is_to_update", "return world_cache_checksums.at[cell] != EMPTY_CELL "
-        "&& world_cache_first_points.at[cell] != DIVIDED_CELL;")),
-    "blend: a sample too many": (lambda device: test_blend(device, 1 / 8, 1 << 20, 1e9), Bug(
-        "passes/world_cache/blend.comp", "SHORT_HISTORY_GROWTH", "1.0")),
-    "cap: by half": (lambda device: test_blend(device, 1 / 8, 700, 1e9), Bug(
-        "passes/world_cache/update.glsl", "find_cell_to_update",
-        "uint cell = correct(thread); return (thread & 1u) == 0u ? cell : NO_INDEX;")),
-    "relight: forgotten": (lambda device: test_changed_light_is_forgotten(device, 0.2, True), Bug(
-        DECAY, "relight", "")),
-    "relight: frame after frame": (test_cells_near_a_changed_light_forget, Bug(
-        "passes/light_change.glsl", "light_change", "return correct(world_position, irradiance, ANY_CHANGE);")),
-}, quick=("map: the normal isn't in the key",))  # fmt: skip
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "map: the normal isn't in the key": (
+            test_map,
+            Bug(MAP, "make_world_cache_key", "return correct(world_position, vec3(0.0), cell_size);"),
+        ),
+        "full map: cells are shared": (
+            test_full_map,
+            Bug(
+                MAP,
+                "insert_world_cache_cell",
+                "uint cell = correct(key); return cell == NO_INDEX ? world_cache_entry(key, 0u) : cell;",
+            ),
+        ),
+        "holes: the search ends at one": (
+            test_holes,
+            Bug(
+                MAP,
+                "find_world_cache_cell",
+                "uint cell = correct(key, empty_step); "
+                "return empty_step < world_cache_settings.search_steps ? NO_INDEX : cell;",
+            ),
+        ),
+        "points: half the offset": (
+            test_points,
+            Bug(
+                MAP,
+                "unpack_point",
+                "WorldCacheSurface surface = correct(cell, point); surface.ray_offset *= 0.5; return surface;",
+            ),
+        ),
+        "compaction: the first block begins a cell late": (
+            test_compaction,
+            Bug(
+                "passes/world_cache/scan.comp",
+                "main",
+                "correct(); if (gl_LocalInvocationIndex == 0u) { world_cache_blocks.at[0] += 1u; }",
+            ),
+        ),
+        "lives: dead cells keep what they hold": (test_lives, Bug(DECAY, "clear_cell", "")),
+        "asked: all are updated": (
+            test_only_cells_that_were_asked_for_are_updated,
+            Bug(
+                MAP,
+                "is_to_update",
+                "return world_cache_checksums.at[cell] != EMPTY_CELL "
+                "&& world_cache_first_points.at[cell] != DIVIDED_CELL;",
+            ),
+        ),
+        "blend: a sample too many": (
+            lambda device: test_blend(device, 1 / 8, 1 << 20, 1e9),
+            Bug("passes/world_cache/blend.comp", "SHORT_HISTORY_GROWTH", "1.0"),
+        ),
+        "cap: by half": (
+            lambda device: test_blend(device, 1 / 8, 700, 1e9),
+            Bug(
+                "passes/world_cache/update.glsl",
+                "find_cell_to_update",
+                "uint cell = correct(thread); return (thread & 1u) == 0u ? cell : NO_INDEX;",
+            ),
+        ),
+        "relight: forgotten": (
+            lambda device: test_changed_light_is_forgotten(device, 0.2, True),
+            Bug(DECAY, "relight", ""),
+        ),
+        "relight: frame after frame": (
+            test_cells_near_a_changed_light_forget,
+            Bug("passes/light_change.glsl", "light_change", "return correct(world_position, irradiance, ANY_CHANGE);"),
+        ),
+    },
+    quick=("map: the normal isn't in the key",),
+)

@@ -81,8 +81,13 @@ def test_the_program_about_driver_faults_shows_them(device):
     """On a device without the fault all six lists are right. Where it is known to have it, the first list is right, and
     another wrong or missing."""
     _, [program] = code_of("driver_faults.md")
-    done = subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONPATH": str(FOLDER.parents[2])},
-                          capture_output=True, text=True, check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(FOLDER.parents[2])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     right = {"last": [0, 1, -1], "first": [-1, 1, 2], "mask 0": [-1, 1, 2]}
     lines = [f"{memory} memory, {name}: {hits}" for memory in ("new", "used") for name, hits in right.items()]
     known = known_faults(f"{device.properties.driver} {device.name}")

@@ -44,8 +44,13 @@ VALID = [  # a call and its valid arguments, of which each is replaced by one of
     (sv.RayTracer, lambda s: {"device": s.device, "scene": sv.Scene()}),
     (sv.SceneFrame, lambda s: {"device": s.device, "scene": sv.Scene(), "stages": []}),
 ]
-OPTIONS = {"prefer_fast_trace": True, "low_memory": False, "update_mode": rt.UpdateMode.BUILD, "rebuild_after": 1,
-           "name": "new"}  # fmt: skip
+OPTIONS = {
+    "prefer_fast_trace": True,
+    "low_memory": False,
+    "update_mode": rt.UpdateMode.BUILD,
+    "rebuild_after": 1,
+    "name": "new",
+}
 FLAGS = {"opaque": True, "no_duplicate_any_hit": True}
 ARGUMENTS = [  # what is wrong about a value; `s` are the structures of `states`
     (lambda s: rt.TlasInstance("x"), r"the Blas is 'x': give what rt\.create_blas makes"),

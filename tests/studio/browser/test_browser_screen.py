@@ -125,8 +125,13 @@ def test_options_are_followed_and_a_state_goes_on_elsewhere(screens):
     assert other.control.distance == state["distance"], "what is zoomed to stays"
     assert other.options() == state["options"]
     assert tower.settings.denoise, "other cameras keep their settings"
-    for name, value, words in (("mode", "x", "no mode"), ("view", 3, "view"), ("upscale", 2, "no option"),
-                               ("paths_bounces", 0, "from 1 to 64"), ("quality", [], "no quality")):  # fmt: skip
+    for name, value, words in (
+        ("mode", "x", "no mode"),
+        ("view", 3, "view"),
+        ("upscale", 2, "no option"),
+        ("paths_bounces", 0, "from 1 to 64"),
+        ("quality", [], "no quality"),
+    ):
         with pytest.raises(SolariError, match=words):
             other.do({"set": {name: value}})
     other.close()

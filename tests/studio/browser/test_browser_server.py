@@ -215,9 +215,20 @@ def test_hostile_messages_do_no_harm():
     async def check():
         async with serving() as site:
             client = await site.open("a")
-            for text in ("", "[]", "{", "[" * 5000, '{"move": 1}', '{"move": {}}', '{"move": {"right": "x"}}',
-                         '{"shown": "x", "width": -1}', '{"set": {"a": 1}}', '{"grab": null}',
-                         '{"move": {"right": 1e999}, "input": "x"}', '{"move": {"right": NaN}}'):  # fmt: skip
+            for text in (
+                "",
+                "[]",
+                "{",
+                "[" * 5000,
+                '{"move": 1}',
+                '{"move": {}}',
+                '{"move": {"right": "x"}}',
+                '{"shown": "x", "width": -1}',
+                '{"set": {"a": 1}}',
+                '{"grab": null}',
+                '{"move": {"right": 1e999}, "input": "x"}',
+                '{"move": {"right": NaN}}',
+            ):
                 await client.line.send_str(text)
             await client.say(move={"right": 0}, input=7)
             await client.until(lambda one: one.frames and one.frames[-1]["input"] == 7)
@@ -264,14 +275,26 @@ def test_there_are_at_most_so_many_pages_and_cameras():
 def test_only_the_page_is_served():
     async def check():
         async with serving() as site:
-            for path, words in (("/", b"<canvas"), ("/page.js", b"WebSocket"), ("/picture.js", b"export"),
-                                ("/page.css", b"body")):  # fmt: skip
+            for path, words in (
+                ("/", b"<canvas"),
+                ("/page.js", b"WebSocket"),
+                ("/picture.js", b"export"),
+                ("/page.css", b"body"),
+            ):
                 status, body = await site.get(path)
                 assert status == 200
                 assert words in body
-            for path in ("/../../../../etc/passwd", "/..%2f..%2f..%2fetc%2fpasswd", "/%2e%2e/server.py", "/server.py",
-                         "/page.js/../hub.py", "//etc/passwd", "/page.html", "/a%20b.glb",
-                         "/picture.png?session=../../etc/passwd"):  # fmt: skip
+            for path in (
+                "/../../../../etc/passwd",
+                "/..%2f..%2f..%2fetc%2fpasswd",
+                "/%2e%2e/server.py",
+                "/server.py",
+                "/page.js/../hub.py",
+                "//etc/passwd",
+                "/page.html",
+                "/a%20b.glb",
+                "/picture.png?session=../../etc/passwd",
+            ):
                 status, body = await site.get(path)
                 assert status in (400, 404), path
                 assert b"root:" not in body
@@ -287,8 +310,15 @@ def test_only_the_page_is_served():
 def test_a_token_is_asked_for_everywhere():
     async def check():
         async with serving(token="secret-word") as site:
-            for path in ("/", "/page.js", "/picture.png", "/?token=secret-wor", "/?token=%C3%A9", "/live",
-                         "/live?token=secret-word"):  # fmt: skip
+            for path in (
+                "/",
+                "/page.js",
+                "/picture.png",
+                "/?token=secret-wor",
+                "/?token=%C3%A9",
+                "/live",
+                "/live?token=secret-word",
+            ):
                 assert (await site.get(path))[0] == 403, path
             with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
                 await site.open("a")
@@ -303,8 +333,12 @@ def test_a_token_is_asked_for_everywhere():
 def test_pages_of_other_sites_are_refused():
     async def check():
         async with serving() as site:
-            for name, value in (("Origin", "http://example.com"), ("Origin", "null"), ("Host", "example.com"),
-                                ("Host", f"example.com:{site.server.port}")):  # fmt: skip
+            for name, value in (
+                ("Origin", "http://example.com"),
+                ("Origin", "null"),
+                ("Host", "example.com"),
+                ("Host", f"example.com:{site.server.port}"),
+            ):
                 assert (await site.get("/", headers={name: value}))[0] == 403, value
                 with pytest.raises(aiohttp.WSServerHandshakeError):
                     await site.http.ws_connect(f"{site.base}/live", headers={name: value})
@@ -319,11 +353,14 @@ def test_which_hosts_are_this_machine():
     assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.1.4", "example.com", "", "localhost.example.com")))
 
 
-@pytest.mark.parametrize(("host", "port", "words"), [
-    ("127.0.0.1", None, "the port is in use: give another one, or 0"),
-    ("203.0.113.7", 0, "this machine doesn't have the address"),
-    ("127.0.0.1", 65536, "from 0 to 65535"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("host", "port", "words"),
+    [
+        ("127.0.0.1", None, "the port is in use: give another one, or 0"),
+        ("203.0.113.7", 0, "this machine doesn't have the address"),
+        ("127.0.0.1", 65536, "from 0 to 65535"),
+    ],
+)
 def test_where_nothing_can_listen(host, port, words):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1] if port is None else port
@@ -340,6 +377,7 @@ def test_the_command_says_what_is_missing(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     assert main(["serve", "builtin:cornell_box"]) == 2
     said = capsys.readouterr().err.splitlines()
-    for words, line in zip(("no such file", "at least 8", "from 0 to 65535", "pip install 'solari-vk[serve]'"), said,
-                           strict=True):  # fmt: skip
+    for words, line in zip(
+        ("no such file", "at least 8", "from 0 to 65535", "pip install 'solari-vk[serve]'"), said, strict=True
+    ):
         assert words in line

@@ -36,10 +36,20 @@ def screen() -> Iterator[str]:
         pytest.skip("no Xvfb")
     read, write = os.pipe()
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SCREEN[0]}x{SCREEN[1]}x24", "-nolisten", "tcp",
-         "-noreset"],  # without it the server restarts when its last window closes, and refuses windows until then
-        pass_fds=[write], stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        [
+            "Xvfb",
+            "-displayfd",
+            str(write),
+            "-screen",
+            "0",
+            f"{SCREEN[0]}x{SCREEN[1]}x24",
+            "-nolisten",
+            "tcp",
+            "-noreset",
+        ],  # without it the server restarts when its last window closes, and refuses windows until then
+        pass_fds=[write],
+        stderr=subprocess.DEVNULL,
+    )
     os.close(write)
     with os.fdopen(read) as pipe:
         name = f":{pipe.readline().strip()}"
@@ -130,7 +140,7 @@ def replace(monkeypatch):
         outliner,
         panels,
         widgets,
-    )  # fmt: skip
+    )
 
     imgui = panels.imgui
     modules = environment_panel, file_panel, material_panel, object_panel, outliner, panels, widgets

@@ -291,8 +291,11 @@ def test_a_screenshot_has_the_windows_size_and_lists_edits(open_viewer, tmp_path
     assert "--size 32x32" in command
     assert "It renders 32x32" in stretched
     assert "64x64" in stretched
-    assert edits == ["# scene.materials[1].base_color = [0.25, 0.5, 1.0]", "# scene.instances[0].visible = False",
-                     f"# scene.add({lamp!r})"]  # fmt: skip
+    assert edits == [
+        "# scene.materials[1].base_color = [0.25, 0.5, 1.0]",
+        "# scene.instances[0].visible = False",
+        f"# scene.add({lamp!r})",
+    ]
     assert "leaves out" in heading
     assert "listed there" in viewer.message
 

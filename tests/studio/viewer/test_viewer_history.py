@@ -23,8 +23,12 @@ from solari_vk.studio.viewer.window import Event
 def state(scene, settings):
     """Everything that edits may change, as values that compare."""
     items = [*scene.instances, *scene.lights, *scene.cameras, *scene.materials]
-    fields = [(id(item), name, np.asarray(getattr(item, name)).tolist()) for item in items for name in item._names
-              if not isinstance(getattr(item, name), (sv.Mesh, sv.Material, sv.Texture))]  # fmt: skip
+    fields = [
+        (id(item), name, np.asarray(getattr(item, name)).tolist())
+        for item in items
+        for name in item._names
+        if not isinstance(getattr(item, name), (sv.Mesh, sv.Material, sv.Texture))
+    ]
     return str(fields), repr(settings), str(scene.environment)
 
 

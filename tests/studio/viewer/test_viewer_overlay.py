@@ -294,8 +294,11 @@ def test_every_field_of_a_light_can_be_edited(open_viewer, replace, monkeypatch)
     viewer = open_viewer(size=SIZE, scale=0.2)
     viewer.run(frames=1)
     monkeypatch.setattr(viewer.pictures, "render", lambda *_: None)  # which would compile for long
-    for light in (sv.PointLight((0, 1, 0), radius=0.1), sv.SpotLight((0, 1, 0), (0, -1, 0.1), radius=0.1),
-                  sv.DirectionalLight((0, -1, 0.2))):  # fmt: skip
+    for light in (
+        sv.PointLight((0, 1, 0), radius=0.1),
+        sv.SpotLight((0, 1, 0), (0, -1, 0.1), radius=0.1),
+        sv.DirectionalLight((0, -1, 0.2)),
+    ):
         viewer.selected = viewer.scene.add(light)
         before = {name: getattr(light, name) for name in light._names}
         replace(
@@ -385,8 +388,10 @@ def test_files_are_saved_and_opened_again(open_viewer, replace, tmp_path, monkey
     assert recent_files() == [str(other), str(saved)]
     viewer.run(frames=2)
     offered = []
-    replace(button=lambda label: label == "open ...",
-            menu_item_simple=lambda label: offered.append(label) or "cornell" in label)  # fmt: skip
+    replace(
+        button=lambda label: label == "open ...",
+        menu_item_simple=lambda label: offered.append(label) or "cornell" in label,
+    )
     viewer.run(frames=2)
     assert viewer.name == "cornell_box-001.glb"
     assert [label.partition("##")[0] for label in offered[:2]] == ["other.glb", "cornell_box-001.glb"]

@@ -58,8 +58,10 @@ def test_what_is_done_to_several_is_undone_at_once(session, scene, blocks):
     assert all((block.position == place).all() for block, place in zip(blocks, before, strict=True))
     act(session, "redo")
     act(session, "undo")
-    changes = {"hide": lambda: [block.visible for block in blocks] == [False, False],
-               "remove": lambda: not {"short block", "tall block"} & set(scene.instances.names)}  # fmt: skip
+    changes = {
+        "hide": lambda: [block.visible for block in blocks] == [False, False],
+        "remove": lambda: not {"short block", "tall block"} & set(scene.instances.names),
+    }
     for action, changed in changes.items():
         act(session, action)
         assert changed()

@@ -127,8 +127,9 @@ class Slow(FakePictures):
 def slow(session, device):
     """A session of such pictures, `Rendering` for it, and a function that renders frames and returns the grey level
     that the window shows."""
-    images = [device.image(2, 2, raw.VK_FORMAT_R8G8B8A8_UNORM, "slow", usage=raw.VK_IMAGE_USAGE_STORAGE_BIT)
-              for _ in range(2)]  # fmt: skip
+    images = [
+        device.image(2, 2, raw.VK_FORMAT_R8G8B8A8_UNORM, "slow", usage=raw.VK_IMAGE_USAGE_STORAGE_BIT) for _ in range(2)
+    ]
     session.pictures, second = (Slow(session.scene, image) for image in images)
     software = SimpleNamespace(kind="cpu")
     session.device = SimpleNamespace(properties=software, wait_idle=device.wait_idle, image=device.image)

@@ -81,5 +81,6 @@ def make_session(scene, folder="."):
     camera.see(4.0)
     sources = Sources(scene, None, None)
     pictures = FakePictures(scene)
-    return Session(FakeWindow(), pictures, camera, ScaleControl(), sources,
-                   source=None, source_options=(), folder=Path(folder))  # fmt: skip
+    return Session(
+        FakeWindow(), pictures, camera, ScaleControl(), sources, source=None, source_options=(), folder=Path(folder)
+    )

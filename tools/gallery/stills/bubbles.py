@@ -14,10 +14,16 @@ import solari_vk as sv
 
 SAMPLES = 96
 BUBBLES = (
-    ((-0.62, 0.12, 0), 0.30), ((0.05, -0.10, 0.35), 0.38), ((0.72, 0.18, -0.2), 0.24), ((0.36, 0.46, -0.7), 0.16),
-    ((-0.22, 0.48, -0.9), 0.13), ((-1.15, -0.24, -0.9), 0.22), ((1.2, -0.26, -0.6), 0.20), ((1.62, 0.55, -1.6), 0.17),
+    ((-0.62, 0.12, 0), 0.30),
+    ((0.05, -0.10, 0.35), 0.38),
+    ((0.72, 0.18, -0.2), 0.24),
+    ((0.36, 0.46, -0.7), 0.16),
+    ((-0.22, 0.48, -0.9), 0.13),
+    ((-1.15, -0.24, -0.9), 0.22),
+    ((1.2, -0.26, -0.6), 0.20),
+    ((1.62, 0.55, -1.6), 0.17),
     ((-1.45, 0.62, -1.5), 0.12),
-)  # fmt: skip
+)
 
 
 def film(seed: int) -> sv.Material:
@@ -30,8 +36,16 @@ def film(seed: int) -> sv.Material:
         swirl = np.sin(waves[0] * u + 7 * octave * v + random.uniform(0, 6)) * np.sin(np.pi * v)
         depth += 0.10 / octave * swirl * np.cos(waves[1] * np.pi * v + random.uniform(0, 6))
     thickness = np.uint8(255 * np.clip(depth, 0, 1))[..., None].repeat(3, axis=-1)
-    return sv.Material(transmission=1, roughness=0, ior=1.0, iridescence=1, iridescence_ior=1.33, double_sided=True,
-                       iridescence_thickness=(120, 620), iridescence_thickness_texture=thickness)  # fmt: skip
+    return sv.Material(
+        transmission=1,
+        roughness=0,
+        ior=1.0,
+        iridescence=1,
+        iridescence_ior=1.33,
+        double_sided=True,
+        iridescence_thickness=(120, 620),
+        iridescence_thickness_texture=thickness,
+    )
 
 
 def scene(assets: Path) -> sv.Scene:

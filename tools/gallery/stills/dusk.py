@@ -36,8 +36,12 @@ def scene(assets: Path) -> sv.Scene:
     frame = sv.Material(base_color=(0.04, 0.035, 0.03), roughness=0.4)
     floor = sv.Material(base_color_texture=planks(), roughness=0.14)
     made.add(sv.shapes.plane(12, 16), floor, name="floor")
-    for low, high in (((-6.2, 0, -8), (-6, 5, 8)), ((6, 0, -8), (6.2, 5, 8)), ((-6, 0, 8), (6, 5, 8.2)),
-                      ((-6, 5, -8), (6, 5.2, 8))):  # fmt: skip
+    for low, high in (
+        ((-6.2, 0, -8), (-6, 5, 8)),
+        ((6, 0, -8), (6.2, 5, 8)),
+        ((-6, 0, 8), (6, 5, 8.2)),
+        ((-6, 5, -8), (6, 5.2, 8)),
+    ):
         made.add(sv.shapes.box(low, high), plaster)
     for x in np.linspace(-6, 6, 7):
         made.add(sv.shapes.box((x - 0.06, 0, -8.1), (x + 0.06, 5, -7.9)), frame)
@@ -55,8 +59,10 @@ def scene(assets: Path) -> sv.Scene:
         made.add(sv.shapes.sphere(radius, 24), paper, (x, y, z), name=f"lantern {number}")
         made.add(sv.shapes.box((x - 0.006, y, z - 0.006), (x + 0.006, 5, z + 0.006)), frame)
 
-    bench, cushion = sv.Material(base_color=(0.16, 0.09, 0.05), roughness=0.3), sv.Material(
-        base_color=(0.08, 0.16, 0.2), sheen_color=0.4, sheen_roughness=0.5)  # fmt: skip
+    bench, cushion = (
+        sv.Material(base_color=(0.16, 0.09, 0.05), roughness=0.3),
+        sv.Material(base_color=(0.08, 0.16, 0.2), sheen_color=0.4, sheen_roughness=0.5),
+    )
     made.add(sv.shapes.box((-3.4, 0, -2.6), (-0.6, 0.32, -1.6)), bench)
     made.add(sv.shapes.box((-3.35, 0.32, -2.55), (-2.02, 0.5, -1.65)), cushion)
     made.add(sv.shapes.box((-1.98, 0.32, -2.55), (-0.65, 0.5, -1.65)), cushion)
@@ -68,8 +74,12 @@ def scene(assets: Path) -> sv.Scene:
     made.add(sv.shapes.cylinder(0.07, 0.25), glazed, (1.42, 0.98, -1.5))
     steel = sv.Material(base_color=0.9, metallic=1, roughness=0.03)
     made.add(sv.shapes.sphere(0.11, 48), steel, (1.85, 0.64, -1.15))
-    made.add(sv.shapes.torus(0.7, 0.16, 96), steel, np.array(
-        [[1, 0, 0, 3.6], [0, 0, -1, 1.12], [0, 1, 0, -3.2], [0, 0, 0, 1]], float), name="sculpture")  # fmt: skip
+    made.add(
+        sv.shapes.torus(0.7, 0.16, 96),
+        steel,
+        np.array([[1, 0, 0, 3.6], [0, 0, -1, 1.12], [0, 1, 0, -3.2], [0, 0, 0, 1]], float),
+        name="sculpture",
+    )
     made.add(sv.shapes.box((3.2, 0, -3.6), (4, 0.28, -2.8)), plaster)
 
     made.environment = sv.Sky((-0.25, -0.035, -1.0), intensity=0.03)

@@ -40,8 +40,9 @@ def window(seed: int) -> sv.Material:
     color = np.where(glass[..., None], colors[nearest[..., 0]], np.where(inside[..., None], 0.02, 0.5))
     picture = np.uint8(255 * color ** (1 / 2.2))
     clear = np.uint8(255 * glass)[..., None].repeat(3, axis=-1)
-    return sv.Material(base_color_texture=picture, transmission=1, transmission_texture=clear, roughness=0,
-                       double_sided=True)  # fmt: skip
+    return sv.Material(
+        base_color_texture=picture, transmission=1, transmission_texture=clear, roughness=0, double_sided=True
+    )
 
 
 def scene(assets: Path) -> sv.Scene:

@@ -36,8 +36,10 @@ def strap(side: int) -> sv.Mesh:
     up = 0.11 * np.stack([0 * along, np.cos(along), np.sin(along)], axis=1)
     middle, across = np.stack([0 * z, y, z], axis=1), width[:, None] * (1, 0, 0)
     corners = [middle - across - up, middle + across - up, middle + across + up, middle - across + up]
-    quads = [np.stack([a[:-1], b[:-1], b[1:], a[1:]], axis=1)
-             for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]  # fmt: skip
+    quads = [
+        np.stack([a[:-1], b[:-1], b[1:], a[1:]], axis=1)
+        for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
+    ]
     turned = np.concatenate(quads) * (1, 1, side)
     return sv.shapes.polygons(*(turned if side > 0 else turned[:, ::-1]))
 

@@ -48,8 +48,15 @@ def select(only: Sequence[str]) -> list[Pair]:
     return [pair for name, pair in known.items() if not only or name in only]
 
 
-def run(device_name: str | None, *, rays: str | None = None, markdown: Path | None = None, only: Sequence[str] = (),
-        quick: bool = False, seeds: int | None = None) -> None:  # fmt: skip
+def run(
+    device_name: str | None,
+    *,
+    rays: str | None = None,
+    markdown: Path | None = None,
+    only: Sequence[str] = (),
+    quick: bool = False,
+    seeds: int | None = None,
+) -> None:
     """Measure all claims, or those named in `only`. quick: tiny pictures and two seeds, to try the command. Raises
     SolariError for an unknown name, and without a folder for the page."""
     chosen, count = select(only), seeds or (2 if quick else 5)

@@ -115,8 +115,10 @@ def host_times(device: Device, frames: int) -> dict[str, float]:
         block.transform = moved
 
     cases: dict[str, Callable[[int], None]] = {
-        "still": lambda _: None, "camera moving": move_camera, "one instance moving": move_block,
-    }  # fmt: skip
+        "still": lambda _: None,
+        "camera moving": move_camera,
+        "one instance moving": move_block,
+    }
     found = {}
     with Renderer(device, scene, (32, 32), Settings()) as renderer:
         for name, change in cases.items():

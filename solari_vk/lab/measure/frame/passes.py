@@ -30,9 +30,14 @@ def frame_times(
 
 
 def count_rays(
-    device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int,
+    device: Device,
+    binder: SceneBinder,
+    camera: Camera,
+    size: tuple[int, int],
+    warm_up: int,
+    frames: int,
     settings: Settings | None = None,
-) -> dict[str, float]:  # fmt: skip
+) -> dict[str, float]:
     """Rays per pixel of a frame by pass, after a warm-up that fills cells and reservoirs."""
     renderer = Renderer(device, binder, size, settings, count_rays=True)
     with renderer:

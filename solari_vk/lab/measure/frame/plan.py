@@ -30,15 +30,29 @@ class Plan:
 
 SOFTWARE = Plan()
 GPU = Plan(
-    sizes=((1920, 1080), (3840, 2160)), frames=40, growth_size=(1280, 720), growth_frames=40,
-    sides=(256, 512, 1024, 2048, 4096), triangles=(1_000, 10_000, 100_000, 1_000_000, 10_000_000, 30_000_000),
-    lights=(8, 1_000, 100_000, 1_000_000), instances=(100, 10_000, 100_000, 1_000_000),
-)  # fmt: skip
+    sizes=((1920, 1080), (3840, 2160)),
+    frames=40,
+    growth_size=(1280, 720),
+    growth_frames=40,
+    sides=(256, 512, 1024, 2048, 4096),
+    triangles=(1_000, 10_000, 100_000, 1_000_000, 10_000_000, 30_000_000),
+    lights=(8, 1_000, 100_000, 1_000_000),
+    instances=(100, 10_000, 100_000, 1_000_000),
+)
 QUICK = Plan(
-    sizes=((16, 16),), frames=2, warm_up_frames=1, seconds=0.0, cold_start=False, host_frames=10,
-    growth_size=(16, 16), growth_frames=2, sides=(16, 32), triangles=(100, 1_000), lights=(8, 1_000),
+    sizes=((16, 16),),
+    frames=2,
+    warm_up_frames=1,
+    seconds=0.0,
+    cold_start=False,
+    host_frames=10,
+    growth_size=(16, 16),
+    growth_frames=2,
+    sides=(16, 32),
+    triangles=(100, 1_000),
+    lights=(8, 1_000),
     instances=(10, 100),
-)  # fmt: skip
+)
 
 
 def plan_for(device: Device, *, quick: bool) -> Plan:

@@ -36,9 +36,14 @@ INTRO = (
 
 
 def run(
-    select: str | None, files: Sequence[Path], *, rays: str | None = None, markdown: Path | None = None,
-    pictures: Path | None = None, quick: bool = False,
-) -> None:  # fmt: skip
+    select: str | None,
+    files: Sequence[Path],
+    *,
+    rays: str | None = None,
+    markdown: Path | None = None,
+    pictures: Path | None = None,
+    quick: bool = False,
+) -> None:
     """Measure and print everything.
 
     markdown: a page to write too. pictures: a folder for the last frame of each scene. quick: small
@@ -93,12 +98,19 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
                     if pictures is not None and size == plan.sizes[0]:
                         renderer.render(scene.camera).save(pictures / f"{scene.name}.png")
         binder.destroy()
-    report.table(f"Passes at {named}, milliseconds", ["pass", *head],
-                 _rows(times, milliseconds) + _rows(frames, milliseconds),
-                 "With a barrier before each pass, so that its time includes no work of another pass. In a stream, "
-                 "frames are submitted without waiting for the previous one and without those barriers.")  # fmt: skip
-    report.table(f"Rays per pixel at {named}", ["pass", *head], _rows(rays, "{:.2f}".format),
-                 "Rays that a query of the world cache traces count for the pass that queries it.")  # fmt: skip
+    report.table(
+        f"Passes at {named}, milliseconds",
+        ["pass", *head],
+        _rows(times, milliseconds) + _rows(frames, milliseconds),
+        "With a barrier before each pass, so that its time includes no work of another pass. In a stream, "
+        "frames are submitted without waiting for the previous one and without those barriers.",
+    )
+    report.table(
+        f"Rays per pixel at {named}",
+        ["pass", *head],
+        _rows(rays, "{:.2f}".format),
+        "Rays that a query of the world cache traces count for the pass that queries it.",
+    )
     table = [
         ["bare rays, million a second", *(f"{speed:.3f}" for _, speed in ratios)],
         ["time of the frame / time of as many bare rays", *(f"{ratio:.2f}" for ratio, _ in ratios)],
@@ -109,20 +121,30 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
 def _start(device: Device, report: Report, plan: Plan) -> None:
     """The time to make a renderer and its first frame, with and without compiled pipelines."""
     report.progress("start")
-    rows = [[name, *(f"{value:.2f}" for value in spent)]
-            for name, spent in costs.start_seconds(device, cold=plan.cold_start).items()]  # fmt: skip
-    report.table("Start, cornell_box 256x256", ["compiled", "Renderer made, s", "first frame, s"], rows,
-                 "In new processes. The driver's own cache is off, except in the last row. An installed package has "
-                 "compiled GLSL.")  # fmt: skip
+    rows = [
+        [name, *(f"{value:.2f}" for value in spent)]
+        for name, spent in costs.start_seconds(device, cold=plan.cold_start).items()
+    ]
+    report.table(
+        "Start, cornell_box 256x256",
+        ["compiled", "Renderer made, s", "first frame, s"],
+        rows,
+        "In new processes. The driver's own cache is off, except in the last row. An installed package has "
+        "compiled GLSL.",
+    )
 
 
 def _host(device: Device, report: Report, frames: int) -> None:
     report.progress("host time")
     found = costs.host_times(device, frames)
     rows = [[name, f"{spent:.3f}", "yes" if spent < HOST_AIM else "no"] for name, spent in found.items()]
-    report.table("Python's time for a frame", ["cornell_box 32x32", "ms", f"under {HOST_AIM} ms"], rows,
-                 "Medians of calls of `render`, which start on an idle device. On a software device each frame clears "
-                 "the processor's caches of Python's data, which makes these calls slower.")  # fmt: skip
+    report.table(
+        "Python's time for a frame",
+        ["cornell_box 32x32", "ms", f"under {HOST_AIM} ms"],
+        rows,
+        "Medians of calls of `render`, which start on an idle device. On a software device each frame clears "
+        "the processor's caches of Python's data, which makes these calls slower.",
+    )
 
 
 def _growth(device: Device, report: Report, plan: Plan) -> None:
@@ -131,16 +153,36 @@ def _growth(device: Device, report: Report, plan: Plan) -> None:
     named, triangles = f"{size[0]}x{size[1]}", plan.lights[-1]
     box = builtin("cornell_box")
     tables: tuple[tuple[str, str, str, Sequence[int], Callable[[int], tuple[Scene, Size]]], ...] = (
-        ("Growth with pixels, cornell_box", "pixels", "Light tiles and the cache's map cost the same at any size.",
-         [side * side for side in plan.sides], lambda pixels: (box, (math.isqrt(pixels), math.isqrt(pixels)))),
-        (f"Growth with triangles, {named}", "triangles", "A height field under one lamp.",
-         plan.triangles, lambda count: (hilly(count), size)),
-        (f"Growth with instances, {named}", "instances", "Tetrahedra on a square under one lamp.",
-         plan.instances, lambda count: (scattered(count), size)),
-        (f"Growth with lights, {named}", "emissive triangles",
-         f"{triangles:,} triangles hang over a floor. This many of them, evenly spread, emit the same power together.",
-         plan.lights, lambda count: (glowing(count, triangles), size)),
-    )  # fmt: skip
+        (
+            "Growth with pixels, cornell_box",
+            "pixels",
+            "Light tiles and the cache's map cost the same at any size.",
+            [side * side for side in plan.sides],
+            lambda pixels: (box, (math.isqrt(pixels), math.isqrt(pixels))),
+        ),
+        (
+            f"Growth with triangles, {named}",
+            "triangles",
+            "A height field under one lamp.",
+            plan.triangles,
+            lambda count: (hilly(count), size),
+        ),
+        (
+            f"Growth with instances, {named}",
+            "instances",
+            "Tetrahedra on a square under one lamp.",
+            plan.instances,
+            lambda count: (scattered(count), size),
+        ),
+        (
+            f"Growth with lights, {named}",
+            "emissive triangles",
+            f"{triangles:,} triangles hang over a floor. This many of them, evenly spread, emit the same power "
+            "together.",
+            plan.lights,
+            lambda count: (glowing(count, triangles), size),
+        ),
+    )
     for title, what, note, cases, make in tables:
         rows, first = [], math.nan
         for count in cases:
@@ -170,6 +212,10 @@ def _memory(device: Device, report: Report) -> None:
     slopes, fixed_bytes = map(sum, zip(*stages.values(), strict=True))
     rows = [[name, f"{slope:.1f}", f"{fixed / 1e6:.2f}"] for name, (slope, fixed) in sorted(stages.items())]
     rows.append(["all", *(f"{value:.2f}" for value in (slopes, fixed_bytes / 1e6))])
-    report.table("Memory of a frame", ["stage", "bytes a pixel", "fixed MB"], rows,
-                 "A resource belongs to the first stage that writes it. Both images of a history count. The scene and "
-                 "its acceleration structures are not included.")  # fmt: skip
+    report.table(
+        "Memory of a frame",
+        ["stage", "bytes a pixel", "fixed MB"],
+        rows,
+        "A resource belongs to the first stage that writes it. Both images of a history count. The scene and "
+        "its acceleration structures are not included.",
+    )

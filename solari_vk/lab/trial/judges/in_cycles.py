@@ -150,8 +150,14 @@ def _hide_backs(material: Any) -> None:
     """Cameras don't see the backs of single-sided surfaces, as in glTF: of those that light passes, where it matters
     most."""
     nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
-    passes = any(node.type == "BSDF_TRANSPARENT" or (node.type == "BSDF_PRINCIPLED" and (
-        node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1)) for node in nodes)  # fmt: skip
+    passes = any(
+        node.type == "BSDF_TRANSPARENT"
+        or (
+            node.type == "BSDF_PRINCIPLED"
+            and (node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1)
+        )
+        for node in nodes
+    )
     outputs = [node.inputs["Surface"] for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]
     for output in [surface for surface in outputs if surface.is_linked]:
         links, shown = material.node_tree.links, output.links[0].from_socket

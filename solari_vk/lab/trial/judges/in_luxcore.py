@@ -24,11 +24,16 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
     width, height = job["size"]
     depth = job["max_bounces"] + 1
     settings = {
-        "renderengine.type": "PATHCPU", "sampler.type": "RANDOM", "path.russianroulette.depth": 1000,
+        "renderengine.type": "PATHCPU",
+        "sampler.type": "RANDOM",
+        "path.russianroulette.depth": 1000,
         **{f"path.pathdepth.{kind}": depth for kind in ("total", "diffuse", "glossy", "specular")},
-        "film.width": width, "film.height": height, "film.filter.type": "BOX", "film.filter.width": 0.5,
+        "film.width": width,
+        "film.height": height,
+        "film.filter.type": "BOX",
+        "film.filter.width": 0.5,
         "film.imagepipelines.0.0.type": "NOP",
-    }  # fmt: skip
+    }
 
     def render(samples: int, seed: int) -> Any:
         chosen = properties(settings | {"renderengine.seed": seed + 1, "batch.haltspp": samples})
@@ -89,13 +94,22 @@ class Builder:
         place = np.array(camera["transform"])
         half = camera["orthographic_height"] / 2
         window = (half or 1) * np.array([-width / height, width / height, -1 - 2 / height, 1 - 2 / height])
-        self.parse("camera", {
-            "type": "orthographic" if half else "perspective",
-            "lookat.orig": place[:3, 3], "lookat.target": place[:3, 3] - place[:3, 2],
-            "up": place[:3, 1], "fieldofview": float(np.degrees(camera["vertical_fov"])),
-            "screenwindow": window, "cliphither": camera["near"], "clipyon": 1e6,
-            "autovolume.enable": 0, "shutteropen": 0.0, "shutterclose": 0.0,
-        })  # fmt: skip
+        self.parse(
+            "camera",
+            {
+                "type": "orthographic" if half else "perspective",
+                "lookat.orig": place[:3, 3],
+                "lookat.target": place[:3, 3] - place[:3, 2],
+                "up": place[:3, 1],
+                "fieldofview": float(np.degrees(camera["vertical_fov"])),
+                "screenwindow": window,
+                "cliphither": camera["near"],
+                "clipyon": 1e6,
+                "autovolume.enable": 0,
+                "shutteropen": 0.0,
+                "shutterclose": 0.0,
+            },
+        )
 
     def light(self, light: dict[str, Any]) -> dict[str, Any]:
         """Suns with a disk, and points and spheres, whose gain is over all directions."""
@@ -103,14 +117,24 @@ class Builder:
             half = light["angular_diameter"] / 2
             cosine = float(np.cos(np.float32(half)))  # rounded as LuxCore rounds it
             radiance = light["illuminance"] / (np.pi * (1 - cosine**2))
-            return {"type": "distant", "direction": light["direction"], "theta": float(np.degrees(half)),
-                    "color": light["color"], "gain": [radiance] * 3}  # fmt: skip
+            return {
+                "type": "distant",
+                "direction": light["direction"],
+                "theta": float(np.degrees(half)),
+                "color": light["color"],
+                "gain": [radiance] * 3,
+            }
         found = {"position": light["position"], "color": light["color"]}
         if light["kind"] == "spot":
             inner, outer = (float(np.degrees(light[f"{name}_cone_angle"])) for name in ("inner", "outer"))
             target = np.array(light["position"]) + light["direction"]
-            return found | {"type": "spot", "target": target, "coneangle": outer, "conedeltaangle": outer - inner,
-                            "gain": [light["intensity"]] * 3}  # fmt: skip
+            return found | {
+                "type": "spot",
+                "target": target,
+                "coneangle": outer,
+                "conedeltaangle": outer - inner,
+                "gain": [light["intensity"]] * 3,
+            }
         kind = {"type": "sphere", "radius": light["radius"]} if light["radius"] > 0 else {"type": "point"}
         return found | kind | {"gain": [4 * np.pi * light["intensity"]] * 3}
 
@@ -119,9 +143,16 @@ class Builder:
         self.image("environment", np.repeat(texels, 2, axis=1) if texels.shape[1] == 1 else texels)
         to_world = np.eye(4)
         to_world[:3, :3] = np.array(environment["rotation"]) @ FROM_MAP
-        self.parse("lights.environment", {"type": "infinite", "file": "environment", "gamma": 1.0,
-                                          "transformation": to_world.T.ravel(),
-                                          "gain": [environment["intensity"]] * 3})  # fmt: skip
+        self.parse(
+            "lights.environment",
+            {
+                "type": "infinite",
+                "file": "environment",
+                "gamma": 1.0,
+                "transformation": to_world.T.ravel(),
+                "gain": [environment["intensity"]] * 3,
+            },
+        )
 
     def image(self, name: str, texels: Any) -> None:
         height, width, channels = texels.shape
@@ -137,8 +168,9 @@ class Builder:
             self.parse(f"textures.{name}", {"type": "hitpointcolor"})
             return name
         self.image(given["file"], np.load(self.folder / given["file"]))
-        self.parse(f"textures.{name}", {"type": "imagemap", "file": given["file"], "gamma": 1.0,
-                                        "wrap": WRAPS[given["wrap"]]})  # fmt: skip
+        self.parse(
+            f"textures.{name}", {"type": "imagemap", "file": given["file"], "gamma": 1.0, "wrap": WRAPS[given["wrap"]]}
+        )
         return name
 
     def material(self, given: dict[str, Any]) -> dict[str, Any]:
@@ -147,8 +179,12 @@ class Builder:
         if given["type"] == "diffuse":
             made = {"type": "matte", "kd": parameters.get("reflectance", [0.0] * 3)}
         elif given["type"] in GLASS:
-            made = {"type": GLASS[given["type"]], "kr": [1.0] * 3, "kt": parameters["specular_transmittance"],
-                    "interiorior": parameters["int_ior"]}  # fmt: skip
+            made = {
+                "type": GLASS[given["type"]],
+                "kr": [1.0] * 3,
+                "kt": parameters["specular_transmittance"],
+                "interiorior": parameters["int_ior"],
+            }
             if given["cauchy"] and given["type"] == "dielectric":
                 made["cauchyb"] = given["cauchy"]  # its index of refraction is that of endless waves
                 made["interiorior"] -= given["cauchy"] / 0.58756**2

@@ -61,12 +61,24 @@ class Builder:
         # Mitsuba looks along +z with +x to the left; orthographic pictures are 2 wide.
         half = camera["orthographic_height"] / 2 * width / height
         to_world = mi.ScalarTransform4f(np.array(camera["transform"]) @ np.diag((-(half or 1), half or 1, -1.0, 1.0)))
-        film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "pixel_format": "rgb",
-                "component_format": "float32"}  # fmt: skip
+        film = {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        }
         angle = {} if half else {"fov": float(np.degrees(camera["vertical_fov"])), "fov_axis": "y"}
-        sensor = {"type": "orthographic" if half else "perspective", **angle,
-                  "near_clip": camera["near"], "far_clip": 1e6, "to_world": to_world, "film": film,
-                  "sampler": {"type": "independent"}}  # fmt: skip
+        sensor = {
+            "type": "orthographic" if half else "perspective",
+            **angle,
+            "near_clip": camera["near"],
+            "far_clip": 1e6,
+            "to_world": to_world,
+            "film": film,
+            "sampler": {"type": "independent"},
+        }
         integrator = {"type": "path", "max_depth": job["max_bounces"] + 1, "rr_depth": 1000}
         parts: dict[str, Any] = {"type": "scene", "integrator": integrator, "sensor": sensor}
         for index, light in enumerate(job["lights"]):
@@ -81,22 +93,34 @@ class Builder:
     def light(self, light: dict[str, Any]) -> dict[str, Any]:
         """An emitter: suns without a disk, spheres as spheres."""
         if light["kind"] == "directional":
-            return {"type": "directional", "direction": light["direction"],
-                    "irradiance": rgb(np.array(light["color"]) * light["illuminance"])}  # fmt: skip
+            return {
+                "type": "directional",
+                "direction": light["direction"],
+                "irradiance": rgb(np.array(light["color"]) * light["illuminance"]),
+            }
         intensity = np.array(light["color"]) * light["intensity"]
         if light["kind"] == "point" and light["radius"] > 0:
             radiance = intensity / (np.pi * light["radius"] ** 2)
-            return {"type": "sphere", "center": light["position"], "radius": light["radius"],
-                    "bsdf": {"type": "diffuse", "reflectance": 0.0},
-                    "emitter": {"type": "area", "radiance": rgb(radiance)}}  # fmt: skip
+            return {
+                "type": "sphere",
+                "center": light["position"],
+                "radius": light["radius"],
+                "bsdf": {"type": "diffuse", "reflectance": 0.0},
+                "emitter": {"type": "area", "radiance": rgb(radiance)},
+            }
         if light["kind"] == "point":
             return {"type": "point", "position": light["position"], "intensity": rgb(intensity)}
         at = np.array(light["position"])
         up = np.eye(3)[np.argmin(np.abs(light["direction"]))]
         place = mi.ScalarTransform4f().look_at(origin=at, target=at + light["direction"], up=up)
         outer, inner = (float(np.degrees(light[f"{name}_cone_angle"])) for name in ("outer", "inner"))
-        return {"type": "spot", "to_world": place, "intensity": rgb(intensity), "cutoff_angle": outer,
-                "beam_width": inner}  # fmt: skip
+        return {
+            "type": "spot",
+            "to_world": place,
+            "intensity": rgb(intensity),
+            "cutoff_angle": outer,
+            "beam_width": inner,
+        }
 
     def environment(self, environment: dict[str, Any]) -> dict[str, Any]:
         """The map by rows from pole to pole, as Mitsuba has them, with the same values between texels' centers."""
@@ -120,8 +144,13 @@ class Builder:
         if "attribute" in given:
             return {"type": "mesh_attribute", "name": given["attribute"]}
         bitmap = mi.Bitmap(np.load(self.folder / given["file"]))
-        return {"type": "bitmap", "bitmap": bitmap, "raw": True, "wrap_mode": given["wrap"],
-                "filter_type": given["filter"]}  # fmt: skip
+        return {
+            "type": "bitmap",
+            "bitmap": bitmap,
+            "raw": True,
+            "wrap_mode": given["wrap"],
+            "filter_type": given["filter"],
+        }
 
     def material(self, given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any] | None]:
         """The BSDF and the emitter of a material."""
@@ -144,12 +173,22 @@ class Builder:
         if emitter is not None:
             properties["mesh_emitter"] = mi.load_dict(emitter)
         properties["face_normals"] = "normals" not in arrays
-        mesh = mi.Mesh(name, len(arrays["positions"]), len(arrays["triangles"]), props=properties,
-                       has_vertex_normals="normals" in arrays, has_vertex_texcoords="uvs" in arrays)  # fmt: skip
+        mesh = mi.Mesh(
+            name,
+            len(arrays["positions"]),
+            len(arrays["triangles"]),
+            props=properties,
+            has_vertex_normals="normals" in arrays,
+            has_vertex_texcoords="uvs" in arrays,
+        )
         if "colors" in arrays:
             mesh.add_attribute("vertex_color", 3, arrays["colors"].ravel())
-        names = {"positions": "vertex_positions", "normals": "vertex_normals", "uvs": "vertex_texcoords",
-                 "triangles": "faces"}  # fmt: skip
+        names = {
+            "positions": "vertex_positions",
+            "normals": "vertex_normals",
+            "uvs": "vertex_texcoords",
+            "triangles": "faces",
+        }
         parameters = mi.traverse(mesh)
         for key in names.keys() & set(arrays):
             parameters[names[key]] = arrays[key].ravel()

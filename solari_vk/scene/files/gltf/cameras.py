@@ -16,9 +16,16 @@ from solari_vk.scene.model import Camera
 
 ANGLE = "vertical_fov"  # is a word of glTF's, but for cameras that see more, and orthographic ones
 OWN = (
-    "aperture", "aperture_blades", "aperture_rotation", "focus_distance", "ev100", "auto_exposure", "jitter",
-    *LENS_FIELDS, ANGLE,
-)  # fmt: skip
+    "aperture",
+    "aperture_blades",
+    "aperture_rotation",
+    "focus_distance",
+    "ev100",
+    "auto_exposure",
+    "jitter",
+    *LENS_FIELDS,
+    ANGLE,
+)
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
 DEFAULT = "default_camera"  # in the extras of a node
 LARGEST_YFOV = math.pi - 1e-4

@@ -114,35 +114,79 @@ def _volume(extension: Entry, material: Entry, report: Report) -> dict[str, Any]
 
 EXTENSIONS = (
     # Ratified by Khronos.
-    Extension("KHR_animation_pointer", "part", "properties of nodes; numbers of materials and of their texture "
-              "transforms, of cameras and of lights; others stay and are named"),
+    Extension(
+        "KHR_animation_pointer",
+        "part",
+        "properties of nodes; numbers of materials and of their texture "
+        "transforms, of cameras and of lights; others stay and are named",
+    ),
     Extension("KHR_draco_mesh_compression", "works", "with the extra `formats`"),
     Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),
-    Extension("KHR_lights_punctual", "works", "a `range` of 0, which glTF forbids, is no limit; light above 1e15 cd or "
-              "lux is dimmed to that; both are reported"),
-    Extension("KHR_materials_anisotropy", "works", "needs tangents or uvs; glass and coats have none", _anisotropy,
-              {"anisotropy_texture": "anisotropyTexture"}),
-    Extension("KHR_materials_clearcoat", "works", "", _clearcoat,
-              {"clearcoat_texture": "clearcoatTexture", "clearcoat_roughness_texture": "clearcoatRoughnessTexture",
-               "clearcoat_normal_texture": "clearcoatNormalTexture"}),
+    Extension(
+        "KHR_lights_punctual",
+        "works",
+        "a `range` of 0, which glTF forbids, is no limit; light above 1e15 cd or "
+        "lux is dimmed to that; both are reported",
+    ),
+    Extension(
+        "KHR_materials_anisotropy",
+        "works",
+        "needs tangents or uvs; glass and coats have none",
+        _anisotropy,
+        {"anisotropy_texture": "anisotropyTexture"},
+    ),
+    Extension(
+        "KHR_materials_clearcoat",
+        "works",
+        "",
+        _clearcoat,
+        {
+            "clearcoat_texture": "clearcoatTexture",
+            "clearcoat_roughness_texture": "clearcoatRoughnessTexture",
+            "clearcoat_normal_texture": "clearcoatNormalTexture",
+        },
+    ),
     Extension("KHR_materials_dispersion", "works", "up to 100; `lighting=split` bends all colors alike", _dispersion),
     Extension("KHR_materials_emissive_strength", "works", ""),
     Extension("KHR_materials_ior", "works", "", _reflections),
-    Extension("KHR_materials_iridescence", "works", "also on glass; coats have none", _iridescence,
-              {"iridescence_texture": "iridescenceTexture",
-               "iridescence_thickness_texture": "iridescenceThicknessTexture"}),
-    Extension("KHR_materials_sheen", "works", "", _sheen,
-              {"sheen_color_texture": "sheenColorTexture", "sheen_roughness_texture": "sheenRoughnessTexture"}),
-    Extension("KHR_materials_specular", "works", "", _reflections,
-              {"specular_texture": "specularTexture", "specular_color_texture": "specularColorTexture"}),
-    Extension("KHR_materials_transmission", "works", "shadow rays pass thin smooth glass only", _transmission,
-              {"transmission_texture": "transmissionTexture"}),
-    Extension("KHR_materials_unlit", "works",
-              "seen in mirrors and through clear glass, not in rough reflections; a color of 1 is 1.2 cd/m²"),
+    Extension(
+        "KHR_materials_iridescence",
+        "works",
+        "also on glass; coats have none",
+        _iridescence,
+        {"iridescence_texture": "iridescenceTexture", "iridescence_thickness_texture": "iridescenceThicknessTexture"},
+    ),
+    Extension(
+        "KHR_materials_sheen",
+        "works",
+        "",
+        _sheen,
+        {"sheen_color_texture": "sheenColorTexture", "sheen_roughness_texture": "sheenRoughnessTexture"},
+    ),
+    Extension(
+        "KHR_materials_specular",
+        "works",
+        "",
+        _reflections,
+        {"specular_texture": "specularTexture", "specular_color_texture": "specularColorTexture"},
+    ),
+    Extension(
+        "KHR_materials_transmission",
+        "works",
+        "shadow rays pass thin smooth glass only",
+        _transmission,
+        {"transmission_texture": "transmissionTexture"},
+    ),
+    Extension(
+        "KHR_materials_unlit",
+        "works",
+        "seen in mirrors and through clear glass, not in rough reflections; a color of 1 is 1.2 cd/m²",
+    ),
     Extension("KHR_materials_variants", "works", "`load_gltf(variant=)`, `scene.use_variant`, `--variant`"),
-    Extension("KHR_materials_volume", "works", "meshes must be closed; thickness only says whether there is a volume",
-              _volume),
+    Extension(
+        "KHR_materials_volume", "works", "meshes must be closed; thickness only says whether there is a volume", _volume
+    ),
     Extension("KHR_mesh_quantization", "works", ""),
     Extension("KHR_node_hoverability", "no", "for interaction only"),
     Extension("KHR_node_selectability", "no", "for interaction only"),
@@ -154,10 +198,16 @@ EXTENSIONS = (
     # Drafts of Khronos.
     Extension("KHR_audio_emitter", "no", "sounds are ignored"),
     Extension("KHR_implicit_shapes", "no", "shapes are for physics"),
-    Extension("KHR_materials_diffuse_transmission", "works", "`lighting=split` leaves out what passes",
-              _diffuse_transmission,
-              {"diffuse_transmission_texture": "diffuseTransmissionTexture",
-               "diffuse_transmission_color_texture": "diffuseTransmissionColorTexture"}),
+    Extension(
+        "KHR_materials_diffuse_transmission",
+        "works",
+        "`lighting=split` leaves out what passes",
+        _diffuse_transmission,
+        {
+            "diffuse_transmission_texture": "diffuseTransmissionTexture",
+            "diffuse_transmission_color_texture": "diffuseTransmissionColorTexture",
+        },
+    ),
     Extension("KHR_materials_volume_scatter", "no", "volumes scatter no light"),
     Extension("KHR_meshopt_compression", "works", "with the extra `formats`"),
     Extension("KHR_physics_rigid_bodies", "no", "physics is ignored"),
@@ -177,13 +227,22 @@ EXTENSIONS = (
     Extension("CESIUM_RTC", "works", "positions are left relative to the center, which a warning names"),
     Extension("CESIUM_primitive_outline", "no", "outlines are not drawn"),
     Extension("GODOT_single_root", "no", "a hint for game engines"),
-    Extension("KHR_materials_pbrSpecularGlossiness", "works", "diffuse light is diffuse * (1 - max(specular)), as in "
-              "three.js; the file's metallic-roughness values are ignored", specular_glossiness.read,
-              specular_glossiness.TEXTURES),
+    Extension(
+        "KHR_materials_pbrSpecularGlossiness",
+        "works",
+        "diffuse light is diffuse * (1 - max(specular)), as in "
+        "three.js; the file's metallic-roughness values are ignored",
+        specular_glossiness.read,
+        specular_glossiness.TEXTURES,
+    ),
     Extension("MSFT_lod", "works", "the most detailed level is shown at all distances"),
     Extension("MSFT_texture_dds", "works", "not BC6H"),
-    Extension("OMI_environment_sky", "part", "gradient, plain and panorama skies; a color of 1 is 1 cd/m²; physical "
-              "skies, the glow around suns and ambient light apart from the sky are left out"),
+    Extension(
+        "OMI_environment_sky",
+        "part",
+        "gradient, plain and panorama skies; a color of 1 is 1 cd/m²; physical "
+        "skies, the glow around suns and ambient light apart from the sky are left out",
+    ),
     Extension("VRMC_vrm", "no", "avatars are shown as any other model"),
 )
 

@@ -51,9 +51,11 @@ def read_environment(document: Document, scene: Entry, report: Report, strict: b
     x, y, z, w = light.numbers("rotation", (0.0, 0.0, 0.0, 1.0), low=-1e6, high=1e6)
     turn = np.array(quaternion_rotation(x, y, z, w))
     return Environment(
-        unroll_cube(faces), intensity=light.number("intensity", 1.0, low=0, high=1e9),
-        rotation=nearest_rotation(turn) if turn.any() else np.eye(3), name=light.name,
-    )  # fmt: skip
+        unroll_cube(faces),
+        intensity=light.number("intensity", 1.0, low=0, high=1e9),
+        rotation=nearest_rotation(turn) if turn.any() else np.eye(3),
+        name=light.name,
+    )
 
 
 def decode_rgbd(pixels: NDArray[np.uint8]) -> Floats:

@@ -63,10 +63,14 @@ class Lights:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
         return PointLight(
-            node.world[:3, 3].astype(np.float32), profile=profile, direction=_travel(place),
-            horizontal=place[:3, 0].astype(np.float32), name=node.entry.name, **self.luminaire_fields(node.entry),
+            node.world[:3, 3].astype(np.float32),
+            profile=profile,
+            direction=_travel(place),
+            horizontal=place[:3, 0].astype(np.float32),
+            name=node.entry.name,
+            **self.luminaire_fields(node.entry),
             **read_own(user, OWN_OF_PROFILES),
-        )  # fmt: skip
+        )
 
     def luminaire_fields(self, node: Entry) -> dict[str, Any]:
         """The fields that the extension of a node sets, but the profile, its place and name."""

@@ -37,8 +37,13 @@ from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = (
-    PROFILES, "EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld", LEVELS,
-)  # fmt: skip
+    PROFILES,
+    "EXT_mesh_gpu_instancing",
+    "KHR_lights_punctual",
+    "KHR_node_visibility",
+    "KHR_xmp_json_ld",
+    LEVELS,
+)
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
 _BYTES_PER_INSTANCE = 4096

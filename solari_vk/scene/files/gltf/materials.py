@@ -148,8 +148,9 @@ class Materials:
             _, slots = self._parse(said)
             found: Readings = [
                 ([moving[name]], {"uv_transform": np.reshape(slot.uv_transform, (2, 3))})
-                for name, slot in slots.items() if moving.get(name) is not None
-            ]  # fmt: skip
+                for name, slot in slots.items()
+                if moving.get(name) is not None
+            ]
             return [*found, ([material], self._fields(said, slots, {}))]
 
         return AnimatedObject([material], entry, read)

@@ -29,7 +29,8 @@ _UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
 _THICKNESS: dict[str, tuple[float, ...]] = {
-    "iridescenceThicknessMinimum": (100.0,), "iridescenceThicknessMaximum": (400.0,),
+    "iridescenceThicknessMinimum": (100.0,),
+    "iridescenceThicknessMaximum": (400.0,),
 }
 _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "anisotropy": {"anisotropyStrength": _ZERO, "anisotropyRotation": _ZERO},
@@ -46,21 +47,33 @@ _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
 }
 DEFAULTS: dict[str, dict[str, tuple[float, ...]]] = {
     "materials": {
-        "pbrMetallicRoughness/baseColorFactor": (1.0, 1.0, 1.0, 1.0), "pbrMetallicRoughness/metallicFactor": _UNIT,
-        "pbrMetallicRoughness/roughnessFactor": _UNIT, "emissiveFactor": _BLACK, "alphaCutoff": (0.5,),
+        "pbrMetallicRoughness/baseColorFactor": (1.0, 1.0, 1.0, 1.0),
+        "pbrMetallicRoughness/metallicFactor": _UNIT,
+        "pbrMetallicRoughness/roughnessFactor": _UNIT,
+        "emissiveFactor": _BLACK,
+        "alphaCutoff": (0.5,),
         "normalTexture/scale": _UNIT,
-    } | {f"extensions/KHR_materials_{extension}/{key}": values
-         for extension, keys in _OF_EXTENSIONS.items() for key, values in keys.items()},
+    }
+    | {
+        f"extensions/KHR_materials_{extension}/{key}": values
+        for extension, keys in _OF_EXTENSIONS.items()
+        for key, values in keys.items()
+    },
     "cameras": {
-        "perspective/yfov": (math.pi / 4,), "perspective/znear": (0.01,),
-        "orthographic/ymag": _UNIT, "orthographic/znear": _ZERO,
+        "perspective/yfov": (math.pi / 4,),
+        "perspective/znear": (0.01,),
+        "orthographic/ymag": _UNIT,
+        "orthographic/znear": _ZERO,
     },
     "lights": {
-        "color": _WHITE, "intensity": _UNIT, "range": (MAX_RANGE,), "spot/innerConeAngle": _ZERO,
+        "color": _WHITE,
+        "intensity": _UNIT,
+        "range": (MAX_RANGE,),
+        "spot/innerConeAngle": _ZERO,
         "spot/outerConeAngle": (math.pi / 4,),
     },
     "nodes": {f"extensions/{PROFILES}/multiplier": _UNIT, f"extensions/{PROFILES}/color": _WHITE},
-}  # fmt: skip
+}
 """The properties that can be animated, with their values where a file has none."""
 _SHARED: list[dict[Path, tuple[float, ...]]] = [
     {("emissiveFactor",): _BLACK, ("extensions", "KHR_materials_emissive_strength", "emissiveStrength"): _UNIT},
@@ -137,16 +150,21 @@ class AnimatedObject:
         together with them, such as the color and the strength of an emission."""
         groups = [group for group in _SHARED if group.keys() & resting.keys()]
         shared = {path: default for group in groups for path, default in group.items()}
-        shared |= {(*path[:-1], key): default for path in resting if TRANSFORM in path
-                   for key, default in _OF_TRANSFORMS.items()}  # fmt: skip
+        shared |= {
+            (*path[:-1], key): default
+            for path in resting
+            if TRANSFORM in path
+            for key, default in _OF_TRANSFORMS.items()
+        }
         return {path: self.value(path, default) for path, default in shared.items()} | dict(resting)
 
     def is_at_rest(self, resting: Mapping[Path, NDArray[np.float64]]) -> bool:
         """Whether all fields that animations may change are as the resting values of their properties say."""
         stated = self.stated(resting)
         expected = self._with(stated)
-        probes = [self._with({path: np.full(len(values), probe) for path, values in stated.items()})
-                  for probe in _PROBES]  # fmt: skip
+        probes = [
+            self._with({path: np.full(len(values), probe) for path, values in stated.items()}) for probe in _PROBES
+        ]
         for (items, fields), *others in zip(expected, *probes, strict=True):
             changed = {name for _, found in others for name in found if not _equal(found[name], fields[name])}
             if any(not _equal(getattr(item, name), fields[name]) for item in items for name in changed):

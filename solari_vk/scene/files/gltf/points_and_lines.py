@@ -37,9 +37,7 @@ def _solid(corners: Any) -> _Solid:
 
 _GOLDEN = (1 + 5**0.5) / 2
 _OCTAHEDRON = _solid([np.roll((0, 0, sign), axis) for sign in (1, -1) for axis in range(3)])
-_ICOSAHEDRON = _solid([
-    np.roll((0, a, b * _GOLDEN), axis) for a in (1, -1) for b in (1, -1) for axis in range(3)
-])  # fmt: skip
+_ICOSAHEDRON = _solid([np.roll((0, a, b * _GOLDEN), axis) for a in (1, -1) for b in (1, -1) for axis in range(3)])
 
 
 def with_surface(
@@ -97,8 +95,8 @@ def _tubes(count: int) -> NDArray[np.int64]:
     """The triangles of so many tubes, each of two rings of vertices."""
     start = np.arange(_SIDES)
     after = np.roll(start, -1)
-    tube = np.concatenate([
-        np.stack([start, after, after + _SIDES], axis=1), np.stack([start, after + _SIDES, start + _SIDES], axis=1)
-    ])  # fmt: skip
+    tube = np.concatenate(
+        [np.stack([start, after, after + _SIDES], axis=1), np.stack([start, after + _SIDES, start + _SIDES], axis=1)]
+    )
     tubes: NDArray[np.int64] = np.arange(count)[:, None, None] * 2 * _SIDES + tube
     return tubes.reshape(-1, 3)

@@ -16,9 +16,13 @@ class Pose:
     """The pose of the instances of a node's mesh. skin: the joints, and the matrices from the mesh to them."""
 
     def __init__(
-        self, animations: Animations, node: PlacedNode, mesh: Entry, skin: tuple[list[int], NDArray[np.float64]] | None,
+        self,
+        animations: Animations,
+        node: PlacedNode,
+        mesh: Entry,
+        skin: tuple[list[int], NDArray[np.float64]] | None,
         placed: dict[int, PlacedNode],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._animations = animations
         self._node = node
         self._mesh = mesh

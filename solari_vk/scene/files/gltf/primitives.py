@@ -56,10 +56,14 @@ class Primitives:
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
-            primitive.index("indices"), packed, mode, turned, material.uv_sets,
+            primitive.index("indices"),
+            packed,
+            mode,
+            turned,
+            material.uv_sets,
             *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
-        )  # fmt: skip
+        )
         if key not in self._meshes:
             self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, targets)
         self._remark(primitive, attributes, material)
@@ -75,9 +79,15 @@ class Primitives:
                 self._report.add(f"meshes without {uvs} {effect}", primitive.place)
 
     def _make(
-        self, primitive: Entry, attributes: Entry, mode: int, name: str,
-        material: LoadedMaterial, skinned: bool, targets: list[Entry],
-    ) -> Mesh | None:  # fmt: skip
+        self,
+        primitive: Entry,
+        attributes: Entry,
+        mode: int,
+        name: str,
+        material: LoadedMaterial,
+        skinned: bool,
+        targets: list[Entry],
+    ) -> Mesh | None:
         vertices = self._vertices(primitive, attributes, material)
         if vertices is None:
             return None

@@ -50,8 +50,10 @@ def read_sky(document: Document, scene: Entry, report: Report, strict: bool) -> 
         return Environment(_gradient(fields), name=sky.name)
     if kind == "panorama":
         return _panorama(document, fields, sky, report, strict)
-    report.add("physical skies are left out: give another light, such as scene.environment = Sky() or --environment "
-               "sky", sky.place)  # fmt: skip
+    report.add(
+        "physical skies are left out: give another light, such as scene.environment = Sky() or --environment sky",
+        sky.place,
+    )
     return None
 
 

@@ -83,8 +83,11 @@ class Baker:
             changed["base_color_texture"] = self._kept(entry, texture, key, lambda: _painted(painted, texture, share))
         else:
             changed["base_color"] = fields["base_color"] * share.mean(axis=(0, 1))
-            self._report.add("colors of reflections change the diffuse color by their mean only, because their "
-                             "textures lie differently", entry.place)  # fmt: skip
+            self._report.add(
+                "colors of reflections change the diffuse color by their mean only, because their "
+                "textures lie differently",
+                entry.place,
+            )
         return changed
 
     def _kept(self, entry: Entry, texture: Texture, key: tuple[Any, ...], make: Any) -> Texture:

@@ -18,12 +18,20 @@ WRAP = {33071: "clamp_to_edge", 33648: "mirrored_repeat", 10497: "repeat"}
 MAGNIFICATION = {9728: "nearest", 9729: "linear"}
 # What each filter does within a level, and whether it uses the smaller levels.
 MINIFICATION = {
-    9728: ("nearest", False), 9729: ("linear", False), 9984: ("nearest", True), 9985: ("linear", True),
-    9986: ("nearest", True), 9987: ("linear", True),
-}  # fmt: skip
+    9728: ("nearest", False),
+    9729: ("linear", False),
+    9984: ("nearest", True),
+    9985: ("linear", True),
+    9986: ("nearest", True),
+    9987: ("linear", True),
+}
 _PREFERRED_SOURCES = (
-    "KHR_texture_basisu", "KHR_texture_ktx", "EXT_texture_exr", "EXT_texture_webp", "MSFT_texture_dds",
-)  # fmt: skip
+    "KHR_texture_basisu",
+    "KHR_texture_ktx",
+    "EXT_texture_exr",
+    "EXT_texture_webp",
+    "MSFT_texture_dds",
+)
 _UNREAD_SOURCES = ("EXT_texture_avif",)
 
 Choice = TypeVar("Choice")

@@ -138,8 +138,14 @@ def _add(
         normals = unit(normals @ turn.T)
         normals[~normals.any(axis=1)] = (0, 1, 0)
     flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * uvs
-    mesh = Mesh(positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=flipped,
-                colors=colors, name=name)  # fmt: skip
+    mesh = Mesh(
+        positions.astype(np.float32),
+        triangles.astype(np.uint32),
+        normals=normals,
+        uvs=flipped,
+        colors=colors,
+        name=name,
+    )
     scene.add(Instance(mesh, material if material is not None else _plain(colors is not None), name=name))
 
 

@@ -26,8 +26,10 @@ def check_ply(data: bytes, who: str) -> None:
         elif properties:
             properties[-1] += 1
     if len(counts) > _MOST_ELEMENTS or sum(properties) > _MOST_PROPERTIES:
-        raise SolariError(f"{who}: has {len(counts)} elements and {sum(properties)} properties; at most "
-                          f"{_MOST_ELEMENTS} and {_MOST_PROPERTIES} are read: leave out what isn't needed")
+        raise SolariError(
+            f"{who}: has {len(counts)} elements and {sum(properties)} properties; at most "
+            f"{_MOST_ELEMENTS} and {_MOST_PROPERTIES} are read: leave out what isn't needed"
+        )
     values = sum(count * max(width, 1) for count, width in zip(counts, properties, strict=True))
     if values > len(data):
         raise SolariError(f"{who}: says that it has {values:,} values, but has {len(data):,} bytes: export it again")

@@ -31,9 +31,15 @@ class RigNodes:
     """Writes the nodes of a rig, and the objects of a scene that hang on them."""
 
     def __init__(
-        self, content: Content, nodes: Nodes, rig: Rig, clips: list[Animation], scene: Any,
-        variants: dict[Instance, Variants], done: set[Any],
-    ) -> None:  # fmt: skip
+        self,
+        content: Content,
+        nodes: Nodes,
+        rig: Rig,
+        clips: list[Animation],
+        scene: Any,
+        variants: dict[Instance, Variants],
+        done: set[Any],
+    ) -> None:
         """done: the objects that are written, to which it adds its own."""
         self._content, self._nodes, self._rig, self._scene, self._variants = content, nodes, rig, scene, variants
         self._done = done
@@ -102,11 +108,16 @@ class RigNodes:
             number = None if skin is None else self._skin(item, skin, worlds)
             turned = self._rig.sides.get(item, (0, 1))[1] < 0
             written = self._nodes.instance(
-                parent, item, matrix, variants=self._variants.get(item, ()), skin=number,
+                parent,
+                item,
+                matrix,
+                variants=self._variants.get(item, ()),
+                skin=number,
                 mesh=self._rig.inside_out(item.mesh) if turned else None,
-                weights=None if weights is None else weights[1], visible=visible if node is not None else item.visible,
+                weights=None if weights is None else weights[1],
+                visible=visible if node is not None else item.visible,
                 extras=node_extras(self._scene, item),
-            )  # fmt: skip
+            )
             if weights is not None:
                 self._meshes_of.setdefault(weights[0], []).append(written)
 

@@ -71,9 +71,13 @@ class Content:
             target = {"vertices": _VERTICES, "positions": _VERTICES, "corners": _CORNERS}.get(use)
             bounds = {"min": rows.min(axis=0), "max": rows.max(axis=0)} if use in ("positions", "times") else {}
             number = self.add(
-                "accessors", bufferView=self.view(data, target), componentType=_COMPONENTS[dtype], count=len(rows),
-                type=_KINDS[rows.shape[1]], **bounds,
-            )  # fmt: skip
+                "accessors",
+                bufferView=self.view(data, target),
+                componentType=_COMPONENTS[dtype],
+                count=len(rows),
+                type=_KINDS[rows.shape[1]],
+                **bounds,
+            )
             self._accessors[key] = number, values  # which keeps its id
         return self._accessors[key][0]
 

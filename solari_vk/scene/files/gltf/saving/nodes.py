@@ -82,10 +82,18 @@ class Nodes:
     # ---- what hangs on nodes ------------------------------------------------------------------------
 
     def instance(
-        self, parent: int | None, instance: Instance, local: Matrix, *, variants: Variants = (),
-        skin: int | None = None, mesh: Mesh | None = None, weights: Any = None, visible: bool = True,
+        self,
+        parent: int | None,
+        instance: Instance,
+        local: Matrix,
+        *,
+        variants: Variants = (),
+        skin: int | None = None,
+        mesh: Mesh | None = None,
+        weights: Any = None,
+        visible: bool = True,
         extras: Any = None,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """The node of an instance. local: from its mesh to the parent. mesh, weights: in place of the instance's."""
         shape = instance.mesh if mesh is None else mesh
         if instance.ray_mesh is not None:

@@ -65,9 +65,13 @@ class _Writer:
         for instance in scene.instances:
             if instance not in done:
                 self._nodes.instance(
-                    None, instance, instance.transform, variants=variants.get(instance, ()), visible=instance.visible,
+                    None,
+                    instance,
+                    instance.transform,
+                    variants=variants.get(instance, ()),
+                    visible=instance.visible,
                     extras=node_extras(scene, instance),
-                )  # fmt: skip
+                )
         for camera in cameras:
             if camera not in done:
                 self._nodes.camera(None, camera, camera.transform)

@@ -56,8 +56,11 @@ class Shapes:
     def _with_tangents(self, mesh: Mesh, materials: Sequence[Material]) -> Mesh:
         """The mesh, with tangents if textures need them and the file would have nothing to make them of: glTF demands
         them of coats' normal maps and anisotropy without a normal map."""
-        needing = (m.clearcoat_normal_texture or m.anisotropy_texture
-                   for m in materials if not m.unlit and m.normal_texture is None)  # fmt: skip
+        needing = (
+            m.clearcoat_normal_texture or m.anisotropy_texture
+            for m in materials
+            if not m.unlit and m.normal_texture is None
+        )
         texture = next((texture for texture in needing if texture is not None), None)
         if texture is None:
             return mesh

@@ -17,9 +17,7 @@ from solari_vk.scene.material import Material, Texture, TextureImage
 
 FACTORS = {
     "KHR_materials_anisotropy": {"anisotropyStrength": "anisotropy", "anisotropyRotation": "anisotropy_rotation"},
-    "KHR_materials_clearcoat": {
-        "clearcoatFactor": "clearcoat", "clearcoatRoughnessFactor": "clearcoat_roughness",
-    },
+    "KHR_materials_clearcoat": {"clearcoatFactor": "clearcoat", "clearcoatRoughnessFactor": "clearcoat_roughness"},
     "KHR_materials_diffuse_transmission": {
         "diffuseTransmissionFactor": "diffuse_transmission",
         "diffuseTransmissionColorFactor": "diffuse_transmission_color",
@@ -27,17 +25,20 @@ FACTORS = {
     "KHR_materials_dispersion": {"dispersion": "dispersion"},
     "KHR_materials_ior": {"ior": "ior"},
     "KHR_materials_iridescence": {
-        "iridescenceFactor": "iridescence", "iridescenceIor": "iridescence_ior",
-        "iridescenceThicknessMinimum": "iridescence_thickness", "iridescenceThicknessMaximum": "iridescence_thickness",
+        "iridescenceFactor": "iridescence",
+        "iridescenceIor": "iridescence_ior",
+        "iridescenceThicknessMinimum": "iridescence_thickness",
+        "iridescenceThicknessMaximum": "iridescence_thickness",
     },
     "KHR_materials_sheen": {"sheenColorFactor": "sheen_color", "sheenRoughnessFactor": "sheen_roughness"},
     "KHR_materials_specular": {"specularFactor": "specular", "specularColorFactor": "reflectance"},
     "KHR_materials_transmission": {"transmissionFactor": "transmission"},
     "KHR_materials_volume": {
-        "thicknessFactor": "solid", "attenuationColor": "attenuation_color",
+        "thicknessFactor": "solid",
+        "attenuationColor": "attenuation_color",
         "attenuationDistance": "attenuation_distance",
     },
-}  # fmt: skip
+}
 """By extension: the keys of its factors, and the fields of Material that they hold."""
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     "specularColorFactor": lambda value: 4 * value.astype(np.float64) ** 2,
@@ -136,9 +137,12 @@ class Surfaces:
         sampling = texture.wrap_u, texture.wrap_v, texture.magnification, texture.minification, texture.mipmaps
         if sampling not in self._samplers:
             self._samplers[sampling] = self._content.add(
-                "samplers", wrapS=_code(WRAP, sampling[0]), wrapT=_code(WRAP, sampling[1]),
-                magFilter=_code(MAGNIFICATION, sampling[2]), minFilter=_code(MINIFICATION, sampling[3:]),
-            )  # fmt: skip
+                "samplers",
+                wrapS=_code(WRAP, sampling[0]),
+                wrapT=_code(WRAP, sampling[1]),
+                magFilter=_code(MAGNIFICATION, sampling[2]),
+                minFilter=_code(MINIFICATION, sampling[3:]),
+            )
         key = self._image(texture.image), self._samplers[sampling]
         if key not in self._textures:
             self._textures[key] = self._content.add("textures", source=key[0], sampler=key[1])
