@@ -95,6 +95,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.lights.sky import Sky as Sky
     from solari_vk.scene.lights.temperature import kelvin as kelvin
     from solari_vk.scene.load import load as load
+    from solari_vk.scene.load import open as open
     from solari_vk.scene.matrices import euler as euler
     from solari_vk.scene.model import Camera as Camera
     from solari_vk.scene.model import DirectionalLight as DirectionalLight
@@ -105,7 +106,6 @@ if TYPE_CHECKING:
     from solari_vk.scene.model import Scene as Scene
     from solari_vk.scene.model import Texture as Texture
     from solari_vk.scene.model import TextureImage as TextureImage
-    from solari_vk.scene.presenting.opening import open as open
     from solari_vk.scene.presenting.studio_lights import studio_lights as studio_lights
     from solari_vk.scene.shutter import Shutter as Shutter
     from solari_vk.settings import Settings as Settings

@@ -1,17 +1,15 @@
-"""Any file with a model into a scene: `load`."""
+"""Files into scenes: `load` gives them as they are, `open` with light, a camera and an exposure."""
 
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from typing import Any
 
-from solari_vk.base.budget import load_budget
-from solari_vk.base.errors import SolariError, checked_keywords, quoted
-from solari_vk.scene.files.gltf import load_gltf
-from solari_vk.scene.files.meshes.mesh_files import UP_AXES, load_mesh_file
+from solari_vk.base.errors import checked_keywords
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.files.formats import read_file
 from solari_vk.scene.model import Scene
-
-FORMATS = (".gltf", ".glb", *UP_AXES)
+from solari_vk.scene.presenting.surroundings import surround
 
 
 @checked_keywords(who="solari_vk")
@@ -37,29 +35,30 @@ def load(
     environment variables SOLARI_VK_LOAD_MEMORY ("8GiB") and SOLARI_VK_LOAD_SECONDS say. Raises SolariError beyond, for
     options of another kind of file, for unknown formats, and for damaged files.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise SolariError(f"load: the path of a file is needed, not {quoted(path)}")
-    with load_budget(memory, seconds):
-        return _load(path, scene, variant, up, unit, strict)
+    loaded: Scene = read_file(
+        path, scene=scene, variant=variant, up=up, unit=unit, strict=strict, memory=memory, seconds=seconds
+    )
+    return loaded
 
 
-def _load(
-    path: str | os.PathLike[str],
-    scene: int | str | None,
-    variant: str | None,
-    up: str | None,
-    unit: float | None,
-    strict: bool,
-) -> Scene:
-    suffix = Path(path).suffix.lower()
-    if suffix in UP_AXES:
-        if scene is not None or variant is not None:
-            raise SolariError(f"{path}: only glTF files have scenes and variants: leave out the option")
-        return load_mesh_file(path, up=up, unit_length=1.0 if unit is None else unit, strict=strict)
-    if up is not None or unit is not None:
-        raise SolariError(f"{path}: only {', '.join(UP_AXES)} files need the axis that points up and the unit")
-    if suffix not in FORMATS:
-        raise SolariError(
-            f"{path}: {suffix or 'a file without an ending'} is not read: give a file of {', '.join(FORMATS)}"
-        )
-    return load_gltf(path, scene=scene, variant=variant, strict=strict)
+def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: Any) -> Scene:
+    """Load a file and make it ready for pictures, as `solari-vk render` does: framed, lit and exposed.
+
+    `load` gives the file as it is, which without lights is black; its options are taken here too. environment: "auto"
+    keeps the file's own light, and gives a file without any a studio with a floor, or a lamp if it is a closed room;
+    "studio", "sky", "none", or the path of a picture of all directions (.hdr, .exr, .png, .jpg). A file without a
+    camera gets one that shows all of it. In a studio pictures have EV100 0; in other light the first picture chooses
+    the exposure (`Camera.auto_exposure`), but for cameras that `Scene.save` has written, which keep theirs.
+    "builtin:NAME" is a built-in scene. Raises SolariError as `load`, `Environment` and `builtin` do.
+    """
+    name = str(path)
+    is_builtin = name.startswith("builtin:")
+    scene = builtin(name.removeprefix("builtin:"), **options) if is_builtin else load(path, **options)
+    _, in_studio = surround(scene, scene.camera, environment)
+    scene._camera = None  # renderers frame a scene without a camera for their own pictures
+    if not is_builtin:
+        scene._meters = not in_studio
+        for camera in scene.cameras:
+            meters = not in_studio and (camera.auto_exposure or not camera.has_exposure)
+            camera.update(ev100=float(camera.ev100), auto_exposure=meters)  # ev100 counts as set now
+    return scene

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -18,6 +17,7 @@ from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
+from solari_vk.scene.files.formats import read_file, write_file
 from solari_vk.scene.group import Group, Grouping, copies, distinct
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.lights.environment import Environment as Environment
@@ -193,7 +193,7 @@ class Scene(Grouping, Dropping, Observable):
 
     def _add_scene(self, source: Scene | str | os.PathLike[str], name: str, where: dict[str, Any]) -> Group:
         if not isinstance(source, Scene):
-            loaded: Scene = import_module("solari_vk.scene.load").load(source)  # which imports this module
+            loaded: Scene = read_file(source)
             self.warnings.extend(loaded.warnings)
             loaded.name = Path(source).stem if loaded.name in ("", "Scene") else loaded.name  # Blender writes "Scene"
             return self._add_scene(loaded, name, where)
@@ -327,7 +327,7 @@ class Scene(Grouping, Dropping, Observable):
         which other programs skip. What can't be written at all, such as meshes for rays, is named by warnings. Raises
         SolariError for another ending, and when writing fails; the file at `path` is then as it was.
         """
-        import_module("solari_vk.scene.files.gltf.saving.scene_file").save_gltf(self, path)  # which imports this module
+        write_file(self, path)
 
 
 SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings", "backdrop")

@@ -86,7 +86,7 @@ def test_what_mtl_files_say_without_effect_is_reported(plane, monkeypatch):
         "materials that no .mtl file has are replaced by a gray one: lamp",
         "fields and options of the .mtl file that are ignored: Ks, map_d, -s, -bm",
     ]
-    monkeypatch.setattr("solari_vk.scene.files.meshes.mtl.LARGEST_FILE", 3)
+    monkeypatch.setattr("solari_vk.scene.files.mtl.LARGEST_FILE", 3)
     with pytest.raises(SolariError, match="more than"):
         sv.load(plane, strict=True)
 

@@ -12,10 +12,11 @@ from solari_vk.base import disk_cache
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
+from solari_vk.scene.files.formats import readable_suffixes
 from solari_vk.scene.lights.environment import Environment, EnvironmentLight
 from solari_vk.scene.lights.sky import Sky
-from solari_vk.scene.load import FORMATS, load
-from solari_vk.scene.presenting.opening import open as open_scene
+from solari_vk.scene.load import load
+from solari_vk.scene.load import open as open_scene
 from solari_vk.scene.presenting.studio_lights import heading, studio_environment
 from solari_vk.studio.viewer.camera_control import extent_of
 from solari_vk.studio.viewer.history import Presence
@@ -113,6 +114,6 @@ def recent_files() -> list[str]:
 
 def note_recent(path: Path) -> None:
     """Note that a file was opened."""
-    if path.suffix.lower() in FORMATS:
+    if path.suffix.lower() in readable_suffixes():
         known = [str(path), *(other for other in recent_files() if other != str(path))]
         disk_cache.store(RECENT, json.dumps(known[:MOST_RECENT]).encode())

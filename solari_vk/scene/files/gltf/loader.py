@@ -10,6 +10,7 @@ import numpy as np
 from solari_vk.base.budget import load_budget
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
+from solari_vk.scene.files.formats import reads
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.animations import Animations
 from solari_vk.scene.files.gltf.cameras import DEFAULT, make_camera, read_lens
@@ -51,6 +52,7 @@ _BYTES_PER_INSTANCE = 4096
 Part = tuple[str, Mesh, Material, dict[str, Material]]
 
 
+@reads(".gltf", ".glb", options=("scene", "variant"), only="glTF files have scenes and variants: leave out the option")
 def load_gltf(
     path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None, strict: bool = False
 ) -> Scene:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import check_writable
 from solari_vk.scene.animation.clip import Animation
+from solari_vk.scene.files.formats import writes
 from solari_vk.scene.files.gltf.saving.clips import RigNodes
 from solari_vk.scene.files.gltf.saving.content import Content
 from solari_vk.scene.files.gltf.saving.nodes import Nodes, node_extras
@@ -17,26 +16,19 @@ from solari_vk.scene.files.gltf.saving.skies import add_sky
 from solari_vk.scene.files.gltf.saving.surfaces import Surfaces
 from solari_vk.scene.files.gltf.variants import EXTENSION as VARIANTS
 from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.model import Scene
 from solari_vk.scene.objects import Instance
 
-if TYPE_CHECKING:
-    from solari_vk.scene.model import Scene
 
-SUFFIXES = (".glb", ".gltf")
-
-
-def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
+@writes(".glb", ".gltf")
+def save_gltf(scene: Scene, path: Path) -> None:
     """`Scene.save`."""
-    if not isinstance(path, str | os.PathLike):
-        raise SolariError(f"Scene.save: the path of a file is needed, not {quoted(path)}")
-    target = Path(path)
-    if target.suffix.lower() not in SUFFIXES:
-        raise SolariError(f"{target}: scenes are saved as .glb or .gltf: give a name with one of these endings")
-    for file in (target, target.with_suffix(".bin"))[: 1 + (target.suffix.lower() == ".gltf")]:
-        check_writable(file)
+    check_writable(path)
+    if path.suffix.lower() == ".gltf":
+        check_writable(path.with_suffix(".bin"))
     content = Content()
     _Writer(content).add(scene)
-    content.write(target)
+    content.write(path)
 
 
 class _Writer:

@@ -17,39 +17,44 @@ from solari_vk.base.budget import charge
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
 from solari_vk.scene import checks
+from solari_vk.scene.files.formats import reads
 from solari_vk.scene.files.libraries import library, warn_of_missing
-from solari_vk.scene.files.meshes.mtl import MtlFiles
-from solari_vk.scene.files.meshes.ply_header import check_ply
+from solari_vk.scene.files.mtl import MtlFiles
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
-from solari_vk.scene.matrices import rotation, unit
+from solari_vk.scene.matrices import rotation
+from solari_vk.scene.matrices import unit as normalized
 from solari_vk.scene.meshes.smoothing import smooth_normals
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
 UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 """The formats, and the axis that points up in most of their files. No format says so."""
 
-
 _BYTES_PER_BYTE = 12  # of a file, while it is read
 _BYTES_PER_PART = 2**15
 _PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid")}
 _BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
+_MOST_ELEMENTS, _MOST_PROPERTIES = 16, 256
+_PLY_HEADER = re.compile(rb"\Aply.{,100000}?^end_header\r?\n", re.DOTALL | re.MULTILINE)
+_PLY_LINE = re.compile(rb"(?m)^(?:element[ \t]+\S+[ \t]+(\d{1,18})|property[ \t])")
+_BYTES_PER_LINE, _BYTES_PER_VALUE = 250, 250  # of text, as arrays of numpy
 
 
+@reads(*UP_AXES, options=("up", "unit"), only=f"{', '.join(UP_AXES)} files need the axis that points up and the unit")
 def load_mesh_file(
-    path: str | os.PathLike[str], *, up: str | None = None, unit_length: float = 1.0, strict: bool = False
+    path: str | os.PathLike[str], *, up: str | None = None, unit: float = 1.0, strict: bool = False
 ) -> Scene:
     """Load an .obj file with its materials, or a .ply or .stl file.
 
-    up: the file's axis that points up, "x", "y" or "z"; by default "y", and "z" for .stl. unit_length: the file's unit
+    up: the file's axis that points up, "x", "y" or "z"; by default "y", and "z" for .stl. unit: the file's unit
     in meters. Meshes without normals get smooth ones, with edges sharper than 40 degrees. Raises SolariError for a
     damaged file, and with `strict` for a missing material or image.
     """
     path = Path(path)
-    if not 1e-12 <= unit_length <= 1e12:
-        raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit_length}")
+    if not 1e-12 <= unit <= 1e12:
+        raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit}")
     if up is not None and up not in UP_AXES.values() and up != "x":
         raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
-    turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit_length
+    turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
     kind = path.suffix[1:].lower()
@@ -58,7 +63,7 @@ def load_mesh_file(
     data = read_regular(path, str(path))
     charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
     if kind == "ply":
-        check_ply(data, str(path))
+        _check_ply(data, str(path))
     else:
         parts = sum(1 for _ in _PARTS[path.suffix.lower()].finditer(data))
         charge(_BYTES_PER_PART * parts, str(path), f"its {parts:,} parts")
@@ -135,7 +140,7 @@ def _add(
         positions, colors = positions[source], None if colors is None else colors[source]
         uvs = None if uvs is None else uvs[source]
     else:
-        normals = unit(normals @ turn.T)
+        normals = normalized(normals @ turn.T)
         normals[~normals.any(axis=1)] = (0, 1, 0)
     flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * uvs
     mesh = Mesh(
@@ -179,3 +184,34 @@ def _upright(up: str) -> NDArray[np.float64]:
     """The rotation (3, 3) that turns a file's axis upwards."""
     turns = {"y": np.eye(3), "z": rotation((1, 0, 0), -math.pi / 2), "x": rotation((0, 0, 1), math.pi / 2)}
     return turns[up]
+
+
+def _check_ply(data: bytes, who: str) -> None:
+    """Charge what reading a .ply file takes. Raises SolariError for a header that says more than the file can have: the
+    reader of trimesh would believe it, and take memory and time for it."""
+    header = _PLY_HEADER.match(data)
+    if header is None:
+        raise SolariError(f"{who}: its header is missing or too long: export it again")
+    counts, properties = list[int](), list[int]()
+    for line in _PLY_LINE.finditer(header[0]):
+        if line[1]:
+            counts.append(int(line[1]))
+            properties.append(0)
+        elif properties:
+            properties[-1] += 1
+    if len(counts) > _MOST_ELEMENTS or sum(properties) > _MOST_PROPERTIES:
+        raise SolariError(
+            f"{who}: has {len(counts)} elements and {sum(properties)} properties; at most "
+            f"{_MOST_ELEMENTS} and {_MOST_PROPERTIES} are read: leave out what isn't needed"
+        )
+    values = sum(count * max(width, 1) for count, width in zip(counts, properties, strict=True))
+    if values > len(data):
+        raise SolariError(f"{who}: says that it has {values:,} values, but has {len(data):,} bytes: export it again")
+    if b"ascii" in header[0][:100]:
+        lines = data[header.end() :].split(b"\n")
+        start, uneven = 0, 0
+        for count, width in zip(counts, properties, strict=True):
+            if len({len(line.split()) for line in lines[start : start + count]}) > 1:
+                uneven += count * width
+            start += count
+        charge(_BYTES_PER_LINE * len(lines) + _BYTES_PER_VALUE * uneven, who, "its lines")
