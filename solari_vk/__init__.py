@@ -68,12 +68,12 @@ if TYPE_CHECKING:
     from solari_vk.output.tone_mapping import encode_picture as encode_picture
     from solari_vk.output.tone_mapping import tonemap as tonemap
     from solari_vk.renderers import rt as rt
-    from solari_vk.renderers.bands import render_large as render_large
-    from solari_vk.renderers.light_meter import illuminance as illuminance
+    from solari_vk.renderers.illuminance import illuminance as illuminance
+    from solari_vk.renderers.large_pictures import render_large as render_large
     from solari_vk.renderers.path_tracer import PathTracer as PathTracer
     from solari_vk.renderers.ray_tracer import RayTracer as RayTracer
-    from solari_vk.renderers.rendered_frame import RenderedFrame as RenderedFrame
     from solari_vk.renderers.renderer import Renderer as Renderer
+    from solari_vk.renderers.results import RenderedFrame as RenderedFrame
     from solari_vk.renderers.scene_frame import SceneFrame as SceneFrame
     from solari_vk.scene import shapes as shapes
     from solari_vk.scene.animation.clip import Animation as Animation

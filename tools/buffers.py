@@ -63,7 +63,7 @@ def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
     """The frame of the BRDF's tables, and one of all others: each lighting, with and without reuse and a given time,
     either G-buffer, realtime views, the path tracer, first hits by raster. The next one closes it."""
     import solari_vk as sv
-    from solari_vk.passes import brdf_table, gbuffer, pathtracer
+    from solari_vk.passes import brdf_table, gbuffer, reference
 
     scene = sv.builtin("cornell_box")
     scene.instances[0].material.transmission = 0.5  # features of scenes: lobes, meshes for rays alone
@@ -76,10 +76,10 @@ def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
         with sv.Batch(device, scene, SIZE, 1, renderer="realtime", outputs=()) as batch:
             yield tables, batch._realtime._frame
         with sv.PathTracer(device, scene, SIZE) as tracer:
-            stages = [*tracer.stages, pathtracer.aov_stage(SIZE, SIZE[1])]
+            stages = [*tracer.stages, reference.aov_stage(SIZE, SIZE[1])]
         external = {name: tables.resource(name) for name in brdf_table.NAMES}
         raster = gbuffer.raster_stage(SIZE, len(scene.instances))
-        for made in stages, [raster, pathtracer.aov_stage(SIZE, SIZE[1], "raster_aov")]:
+        for made in stages, [raster, reference.aov_stage(SIZE, SIZE[1], "raster_aov")]:
             with sv.SceneFrame(device, scene, made, external=external) as frame:
                 yield tables, frame
 

@@ -12,7 +12,7 @@
 #include "passes/light_change.glsl"
 #include "passes/paths/bindings.glsl"
 #include "passes/paths/short_history.glsl"
-#include "passes/pathtracer/bindings.glsl"
+#include "passes/reference/bindings.glsl"
 #include "passes/solari019/light_tiles/bindings.glsl"
 #include "passes/solari019/restir_di/bindings.glsl"
 #include "passes/solari019/restir_gi/bindings.glsl"

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
+from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, show_worlds
 from solari_vk.batch.frames import WHERE as MANY
 from solari_vk.batch.frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
 from solari_vk.batch.options import (
@@ -25,7 +26,6 @@ from solari_vk.batch.options import (
 )
 from solari_vk.batch.results import BatchResults
 from solari_vk.batch.scene_worlds import SceneWorlds
-from solari_vk.batch.view_renderers import ViewRenderer, ViewTracer, show_worlds
 from solari_vk.batch.view_table import ViewTable
 from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.batch.worlds import Worlds
@@ -40,7 +40,7 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
-from solari_vk.passes import pathtracer
+from solari_vk.passes import reference
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.path_sampling import numbered_seeds
 from solari_vk.renderers.scene_frame import SceneFrame, checked_device
@@ -98,7 +98,7 @@ class Batch(BatchResults):
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
             self._cameras = view_cameras.Cameras(record["current"], self.views, self.size)
             self._strip = self.size[0], self.size[1] * self.views
-            self._rows = pathtracer.rows_of(self._strip, passes.MAX_PIXELS)
+            self._rows = reference.rows_of(self._strip, passes.MAX_PIXELS)
             self._labels_names = names
             self._names = (*LIGHT[renderer], *names)
             self._owned.callback(self._close_many)
@@ -112,7 +112,7 @@ class Batch(BatchResults):
             self._bound = self._worlds.update()
             self._capacity = self._worlds.rows
             if renderer == "realtime":
-                self._realtime = ViewRenderer(
+                self._realtime = BatchRenderer(
                     device, self.binder, self.size, self.views, self._layout, self._worlds, options
                 )
                 self._owned.callback(self._realtime.close)
@@ -122,7 +122,9 @@ class Batch(BatchResults):
                 self._owned.callback(self._table.destroy)
                 self._given.append(self._table.given_poses)
             if renderer == "reference":
-                self._paths = ViewTracer(device, self.binder, self._strip, self._table.buffer, self._worlds, options)
+                self._paths = BatchPathTracer(
+                    device, self.binder, self._strip, self._table.buffer, self._worlds, options
+                )
                 self._owned.callback(self._paths.close)
             if names:
                 self._orders = TriangleOrders(device, self.binder)

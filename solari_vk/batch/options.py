@@ -15,13 +15,13 @@ from solari_vk.base.host_array import host_array
 from solari_vk.gpu.acceleration.checks import check_kind, whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes import batch as passes
-from solari_vk.passes import pathtracer, world_cache
+from solari_vk.passes import reference, world_cache
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
 
 OPTIONS = {
     "labels": [],
-    "reference": [field.name for field in dataclasses.fields(pathtracer.Settings)],
+    "reference": [field.name for field in dataclasses.fields(reference.Settings)],
     "realtime": ["settings", "seed"],
 }
 """The options of each renderer."""
@@ -117,7 +117,7 @@ def checked_size(device: Device, size: Any, views: int, record_bytes: int, rende
     limits = device.properties.limits
     most = 0
     if width > 0 and height > 0:
-        pixel_bytes = Renderer.LARGEST_PIXEL_BYTES if renderer == "realtime" else pathtracer.LARGEST_PIXEL_BYTES
+        pixel_bytes = Renderer.LARGEST_PIXEL_BYTES if renderer == "realtime" else reference.LARGEST_PIXEL_BYTES
         most = limits.maxStorageBufferRange // max(pixel_bytes * width * height, record_bytes)
         if renderer == "realtime":  # all in one image, whose last row may have places without a view
             columns, rows = (limits.maxImageDimension2D // side for side in (width, height))

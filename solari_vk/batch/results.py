@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, unknown_name
+from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
 from solari_vk.batch.frames import ManyFrames, Result
 from solari_vk.batch.options import LIGHT
-from solari_vk.batch.view_renderers import ViewRenderer, ViewTracer
 from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
@@ -33,8 +33,8 @@ class BatchResults(SceneUser):
     _given: Sequence[GivenNumbers] = ()
     _many: ManyFrames | None = None
     _labels: SceneFrame | None = None
-    _paths: ViewTracer | None = None
-    _realtime: ViewRenderer | None = None
+    _paths: BatchPathTracer | None = None
+    _realtime: BatchRenderer | None = None
 
     def keys(self) -> list[str]:
         """The names of the results."""

@@ -21,10 +21,10 @@ from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.output.kept import frames_folder, write_or_keep
-from solari_vk.passes import lighting, pathtracer
+from solari_vk.passes import lighting, reference
 from solari_vk.passes.path_sampling import numbered_seed
 from solari_vk.passes.taa import render_size
-from solari_vk.renderers.frame_means import FrameMeans
+from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
@@ -103,7 +103,7 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
             raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
-        if name not in pathtracer.FIRST_HIT_AOVS and render_size(size, settings) != size:
+        if name not in reference.FIRST_HIT_AOVS and render_size(size, settings) != size:
             raise SolariError(
                 f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
                 "picture: leave one of the two out"
@@ -163,7 +163,7 @@ class _Shooting:
         return self._written
 
     def _begin_mean(self) -> None:
-        self._means = FrameMeans(self._renderer, self._job.aov, self._estimate, exposes=bool(self._exposure))
+        self._means = FrameAccumulator(self._renderer, self._job.aov, self._estimate, exposes=bool(self._exposure))
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""

@@ -25,7 +25,7 @@ from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
 from solari_vk.output.movie import check_encoder
-from solari_vk.renderers import bands
+from solari_vk.renderers import large_pictures
 
 SAMPLES, DENOISED_SAMPLES = 256, 48
 
@@ -93,7 +93,7 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
     notes = CompileNotes()
     with open_device(job, notes) as device:
         print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
-        if bands.rows_of(device, job.size) < job.size[1]:
+        if large_pictures.band_rows(device, job.size) < job.size[1]:
             return _render_large(job, subject, total, device, notes)
         renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
         exposing = open_shutter(job, subject)
@@ -133,14 +133,14 @@ def _render_large(job: StillJob, subject: Subject, total: int | None, device: De
         raise SolariError(
             "--shutter: a picture in bands, larger than the device holds, shows one moment: give a smaller --size"
         )
-    count = -(-job.size[1] // bands.rows_of(device, job.size))
+    count = -(-job.size[1] // large_pictures.band_rows(device, job.size))
     print(f"{job.size[0]}x{job.size[1]} is more than the device holds at once: in {count} bands", file=sys.stderr)
     assert total is not None
     camera = subject.cameras[0]
     camera.auto_exposure = subject.auto_exposure
     with Progress("samples a pixel, of all bands", total * count, job.time_limit, notes) as progress:
         try:
-            picture = bands.render_large(
+            picture = large_pictures.render_large(
                 device,
                 subject.scene,
                 job.size,

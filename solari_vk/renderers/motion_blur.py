@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords, quoted
 from solari_vk.bound.projection import JITTERS, SEED_STRIDE, CameraUniforms, Projection
-from solari_vk.passes import pathtracer
-from solari_vk.renderers.picture_renderer import METERING_FRAMES, PictureRenderer
-from solari_vk.renderers.rendered_frame import RenderedFrame
+from solari_vk.passes import reference
+from solari_vk.renderers.renderer_base import METERING_FRAMES, RendererBase
+from solari_vk.renderers.results import RenderedFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.shutter import Moment, Shutter
 
@@ -50,7 +50,7 @@ def checked_pose(scene: Scene, shutter: Any, pose: Any, who: str) -> Pose:
     return found
 
 
-class PosingRenderer(PictureRenderer):
+class PosingRenderer(RendererBase):
     """A renderer of cameras that a function of the time gives."""
 
     _metered_camera: Camera | None = None  # of such a function: the latest one whose exposure was chosen
@@ -75,7 +75,7 @@ class PosingRenderer(PictureRenderer):
 class ShutterRenderer(PosingRenderer):
     """A renderer that accumulates samples, each of which may show the scene at a time of its own."""
 
-    settings: pathtracer.Settings
+    settings: reference.Settings
     _projection: Projection
     _shown: tuple[Any, ...] | None
     _guides: list[NDArray[Any]] | None
@@ -121,7 +121,7 @@ class ShutterRenderer(PosingRenderer):
                 if number == 0:
                     self._begin_picture()
                     self._frame.apply_edits()
-                    pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+                    reference.write_uniforms(self._frame.uniforms, self.settings)
                 CameraUniforms(self._frame.uniforms).write(shown, self.size)
                 submission = self._trace_rows(*moment.rows, *moment.samples)
                 if denoise:
@@ -229,7 +229,7 @@ class ExposureRenderer(PosingRenderer):
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         super().check_latest(frame, name)
-        if self._moved and name in pathtracer.FIRST_HIT_AOVS:
+        if self._moved and name in reference.FIRST_HIT_AOVS:
             self.binder.update()
             self._moved = False
 

@@ -18,10 +18,10 @@ from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output import oidn
-from solari_vk.passes import pathtracer
+from solari_vk.passes import reference
 from solari_vk.renderers.motion_blur import ShutterRenderer
-from solari_vk.renderers.rendered_frame import RenderedFrame
-from solari_vk.renderers.sample_control import SampleControl
+from solari_vk.renderers.results import RenderedFrame
+from solari_vk.renderers.sample_counts import SampleCounts
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.shutter import Shutter
@@ -45,9 +45,9 @@ class PathTracer(ShutterRenderer):
     device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.
     """
 
-    OUTPUTS = ("radiance", "raw_radiance", *pathtracer.AOVS)
+    OUTPUTS = ("radiance", "raw_radiance", *reference.AOVS)
     begun = 0, 0  # samples that `advance` is tracing by bands, and the row that comes next
-    LARGEST_PIXEL_BYTES = pathtracer.LARGEST_PIXEL_BYTES
+    LARGEST_PIXEL_BYTES = reference.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
 
     @checked_keywords()
@@ -66,22 +66,22 @@ class PathTracer(ShutterRenderer):
         first_sample: int = 0,
     ) -> None:
         options = max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
-        self.settings = pathtracer.Settings(*options)
+        self.settings = reference.Settings(*options)
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
             self._pixel_ms = 0.0  # milliseconds of a sample of a pixel, 0 until they are measured
-            self._begin_adapting(pathtracer.max_rows(self.size), 0)
+            self._begin_adapting(reference.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
-            self._control = SampleControl(self._frame, self.size, self.read)
+            self._control = SampleCounts(self._frame, self.size, self.read)
             self._begin_picture()
         except BaseException:
             self.close()
             raise
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        return [pathtracer.trace_stage(size, self._band_rows, self.settings)]
+        return [reference.trace_stage(size, self._band_rows, self.settings)]
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
@@ -89,10 +89,10 @@ class PathTracer(ShutterRenderer):
 
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
-        rows = pathtracer.max_rows(size, self._pixel_ms)
-        self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
+        rows = reference.max_rows(size, self._pixel_ms)
+        self._frame.rebuild([reference.trace_stage(size, rows, self.settings)])
         self._size = size
-        self._control = SampleControl(self._frame, size, self.read)
+        self._control = SampleCounts(self._frame, size, self.read)
         self._begin_adapting(rows, self._frame.frame_count)
         self.reset()
 
@@ -222,7 +222,7 @@ class PathTracer(ShutterRenderer):
             self._shown, self._projection = shown, projection
             self._begin_picture()
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
-            pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+            reference.write_uniforms(self._frame.uniforms, self.settings)
 
     def _add_samples(self, count: int, bands: int | None = None) -> int:
         """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
@@ -266,11 +266,11 @@ class PathTracer(ShutterRenderer):
         size = dict(self._sizes).get(frame.timed_value, 0)
         if not spent or not size:
             return
-        wanted = pathtracer.DISPATCH_MS / spent * size
+        wanted = reference.DISPATCH_MS / spent * size
         self._pixel_ms = spent / (size * self.size[0])
         self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MAX_SAMPLES))
-        if wanted < self._band_rows / 4 and self._band_rows > pathtracer.MIN_ROWS:
-            self._band_rows = max(int(wanted), pathtracer.MIN_ROWS)
+        if wanted < self._band_rows / 4 and self._band_rows > reference.MIN_ROWS:
+            self._band_rows = max(int(wanted), reference.MIN_ROWS)
             frame.rebuild(self._stages(self.size))
 
     # ---- results ------------------------------------------------------------------------------------
@@ -279,9 +279,9 @@ class PathTracer(ShutterRenderer):
         if name == "radiance" and self._control.denoises:
             return self._read_denoised().copy()
         if name in ("radiance", "raw_radiance"):
-            return pathtracer.read_mean(self._frame, self.size)
+            return reference.read_mean(self._frame, self.size)
         if name == "variance":
-            return pathtracer.read_variance(self._frame, self.sample_counts)
+            return reference.read_variance(self._frame, self.sample_counts)
         if name not in self._frame:
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]

@@ -19,12 +19,12 @@ from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
+from solari_vk.passes import display, gbuffer, guides, lighting, ray_count, reference, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled, upload_rows
-from solari_vk.renderers.frame_time import FrameTimeControl, check_frame_ms
+from solari_vk.renderers.frame_budget import FrameBudget, check_frame_ms
 from solari_vk.renderers.motion_blur import Exposed, ExposureRenderer
-from solari_vk.renderers.picture_renderer import by_pixel, checked_seed
+from solari_vk.renderers.renderer_base import by_pixel, checked_seed
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings, uniform_values
@@ -61,7 +61,7 @@ class Renderer(ExposureRenderer):
     OUTPUTS = (
         "radiance",
         "error",
-        *pathtracer.FIRST_HIT_AOVS,
+        *reference.FIRST_HIT_AOVS,
         *LIGHT,
         *(f"guides_{name}" for name in guides.IMAGES),
         "display",
@@ -91,7 +91,7 @@ class Renderer(ExposureRenderer):
         self._owned.callback(self.binder.keep_previous_tlas, self, False)
         try:
             self.view, self.tonemap = PICTURE, "agx"
-            self.frame_count, self.frame_time = 0, FrameTimeControl()
+            self.frame_count, self.frame_time = 0, FrameBudget()
             self._has_history, self._blended_changes = False, 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
@@ -184,7 +184,7 @@ class Renderer(ExposureRenderer):
         self._built = self._build_key()
         self._built_render_size = self.render_size
         self._jitters = jitters(taa.jitter_count(self.settings))
-        self.frame_time = FrameTimeControl()  # of the setting frame_ms
+        self.frame_time = FrameBudget()  # of the setting frame_ms
 
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
@@ -296,7 +296,7 @@ class Renderer(ExposureRenderer):
     @property
     def outputs(self) -> tuple[str, ...]:
         """The names in OUTPUTS that the frame has with its settings."""
-        return tuple(name for name in self.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS or self._has(name))
+        return tuple(name for name in self.OUTPUTS if name in reference.FIRST_HIT_AOVS or self._has(name))
 
     def _has(self, resource: str) -> bool:
         """Whether the latest frame computed a resource."""

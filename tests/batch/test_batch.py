@@ -19,12 +19,12 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.lab.measure import dataset as measure_dataset
 from solari_vk.passes import batch as passes
-from solari_vk.passes import pathtracer
+from solari_vk.passes import reference
 from solari_vk.passes.path_sampling import numbered_seed
-from solari_vk.renderers.first_hits import FirstHits
+from solari_vk.renderers.first_hit_reader import FirstHitReader
 
 SIZE = (13, 7)  # views begin within workgroups
-FIRST_HITS = [name for name in passes.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS]
+FIRST_HITS = [name for name in passes.OUTPUTS if name in reference.FIRST_HIT_AOVS]
 
 
 def box_cameras(count, **fields):
@@ -41,7 +41,7 @@ def poses_of(cameras):
 def check_first_hits(device, batch, cameras):
     """Each view is what the path tracer and the renderer find with a camera."""
     found = {name: batch[name] for name in FIRST_HITS}
-    single = FirstHits(device, batch.binder, {})
+    single = FirstHitReader(device, batch.binder, {})
     for index, camera in enumerate(cameras):
         for name, values in found.items():
             expected = single.read(name, Projection.of(camera, batch.size), batch.size)

@@ -164,7 +164,7 @@ def test_an_exposure_that_ends_early_is_written(run, tmp_path, moving):
 
 
 def test_a_large_picture_has_no_shutter(run, moving, monkeypatch):
-    monkeypatch.setattr("solari_vk.renderers.bands.rows_of", lambda device, size: 8)
+    monkeypatch.setattr("solari_vk.renderers.large_pictures.band_rows", lambda device, size: 8)
     code, said = run("render", moving, "--size", "24x16", "--mode", "reference", "--time", 0.3, "--shutter", 0.4)
     assert code == 2
     assert "--shutter: a picture in bands" in said

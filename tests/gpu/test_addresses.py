@@ -50,7 +50,7 @@ WITH_FEATURES = {
     "passes/paths/first_ray.comp": 137_000,
     "passes/paths/later_rays.comp": 116_000,
     "passes/world_cache/sample.comp": 111_000,
-    "passes/pathtracer/trace.comp": 28_000,
+    "passes/reference/trace.comp": 28_000,
 }
 
 

@@ -50,7 +50,7 @@ def too_small(spirv):
                 yield line.strip()
 
 
-@pytest.mark.parametrize("path", ["scene/deform.comp", "passes/viewer/overlay.vert", "passes/pathtracer/trace.comp"])
+@pytest.mark.parametrize("path", ["scene/deform.comp", "passes/viewer/overlay.vert", "passes/reference/trace.comp"])
 def test_accesses_by_address_are_aligned(path):
     assert not list(too_small(compile_shader(path)))
 

@@ -22,9 +22,9 @@ def test_a_device_names_what_it_compiles(device, monkeypatch):
     monkeypatch.setattr(device, "on_compile", seen.append)
     with sv.PathTracer(device, sv.builtin("cornell_box"), (16, 16), max_bounces=2) as tracer:
         tracer.render(samples=1)
-        steps = [("shaders", "passes/pathtracer/trace.comp"), ("pipelines", "pathtracer/trace")]
+        steps = [("shaders", "passes/reference/trace.comp"), ("pipelines", "reference/trace")]
         if device.properties.kind == "cpu":
-            steps.append(("machine code", "pathtracer/trace"))
+            steps.append(("machine code", "reference/trace"))
         listed = [what for what, name in steps for _ in range(2)]
         assert [state.what for state in seen[-len(listed) :]] == listed
         expected = [pair for what, name in steps for pair in ((what, 0, 1, name), (what, 1, 1, ""))]
@@ -44,7 +44,7 @@ def test_a_device_names_ray_pipelines(any_device):
     ):
         tracer.render(samples=1)
         software = device.properties.kind == "cpu"
-    assert (("machine code", "pathtracer/trace") in [(state.what, state.name) for state in seen]) == software
+    assert (("machine code", "reference/trace") in [(state.what, state.name) for state in seen]) == software
 
 
 def test_an_error_ends_the_list():
@@ -120,5 +120,5 @@ def test_a_command_says_what_takes_long(any_device, tmp_path):
     ]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"compiling (pipelines|machine code) 1 of 1: pathtracer/trace\n", done.stderr)
+    assert re.search(r"compiling (pipelines|machine code) 1 of 1: reference/trace\n", done.stderr)
     assert re.search(r"wrote .*, in [\d.]+ s after compiling for [\d.]+ s, EV100", done.stderr)

@@ -16,7 +16,7 @@ import solari_vk as sv
 from solari_vk import shapes
 from solari_vk.lab.measure.partial import PartialRenderer
 from solari_vk.passes import gbuffer
-from solari_vk.passes.pathtracer import FIRST_HIT_AOVS
+from solari_vk.passes.reference import FIRST_HIT_AOVS
 from solari_vk.scene.builtin import place
 from solari_vk.scene.matrices import rotation
 

@@ -70,7 +70,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, scene, monkey
 @pytest.mark.parametrize("bands", [1, 3])
 def test_dispatches_grow_towards_their_time(device, scene, bands, monkeypatch):
     """With any number of bands, a dispatch takes more samples of pictures that are fast to trace."""
-    monkeypatch.setattr("solari_vk.passes.pathtracer.MAX_FIRST_PIXELS", 16 * 8)
+    monkeypatch.setattr("solari_vk.passes.reference.MAX_FIRST_PIXELS", 16 * 8)
     with sv.PathTracer(device, scene, (16, 8 * bands), max_bounces=0) as renderer:
         renderer.render(scene.camera, samples=200)
         assert renderer._batch > 8
@@ -90,7 +90,7 @@ def test_dispatch_sizes_leave_the_picture_alone(device, scene):
 
 def test_short_dispatches_for_slow_pictures(device, scene, monkeypatch):
     """When a dispatch takes too long, the next covers fewer rows."""
-    monkeypatch.setattr("solari_vk.passes.pathtracer.DISPATCH_MS", 1e-3)
+    monkeypatch.setattr("solari_vk.passes.reference.DISPATCH_MS", 1e-3)
     with sv.PathTracer(device, scene, (64, 64)) as renderer:
         renderer.render(scene.camera, samples=12)
         assert renderer._band_rows == 8

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solari_vk.lab.conformance.rules import SUITE, Rule
-from solari_vk.passes import pathtracer
+from solari_vk.passes import reference
 from solari_vk.renderers.renderer import LIGHT
 from support.realtime import SPLIT, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
 
@@ -79,7 +79,7 @@ def left_of(before, now, picture):
 
 def path_tracer_at_centers():
     """A context in which path tracers sample at the centers of pixels, as realtime frames without jitter do."""
-    return mock.patch.dict(pathtracer.PIXEL_FILTERS, box=0.0)
+    return mock.patch.dict(reference.PIXEL_FILTERS, box=0.0)
 
 
 def frames_in_history(frame):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.renderers.rendered_frame import RenderedFrame
 from solari_vk.renderers.renderer import Renderer
+from solari_vk.renderers.results import RenderedFrame
 from solari_vk.scene.model import Camera
 
 RUNS, WARM_UP = 16, 24

@@ -3,7 +3,7 @@
 #version 460
 #include "common/pixel.glsl"
 #include "common/random.glsl"
-#include "passes/pathtracer/bindings.glsl"
+#include "passes/reference/bindings.glsl"
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"

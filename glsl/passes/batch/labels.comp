@@ -1,10 +1,10 @@
 // First hits of many views: the surface that the ray through each pixel's center hits, with the values of
-// pathtracer/aov.comp, the user's number of its triangle, and its motion.
+// reference/aov.comp, the user's number of its triangle, and its motion.
 #version 460
 #define MANY_VIEWS
 #include "common/random.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/pathtracer/aov.glsl"
+#include "passes/reference/aov.glsl"
 #include "passes/views.glsl"
 #include "scene/camera.glsl"
 #include "scene/trace.glsl"

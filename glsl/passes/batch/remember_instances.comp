@@ -2,7 +2,7 @@
 #version 460
 #define MANY_VIEWS
 #include "passes/bindings.glsl"
-#include "passes/pathtracer/bindings.glsl"
+#include "passes/reference/bindings.glsl"
 #include "scene/bindings.glsl"
 
 layout(local_size_x = 64) in;

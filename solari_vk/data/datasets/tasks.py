@@ -28,8 +28,8 @@ from solari_vk.data.randomize.randomizer import Randomizer
 from solari_vk.data.sensors.sensor import Sensor
 from solari_vk.output.picture import WHOLE, save_image, write_npy
 from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.cluster.device_session import DeviceSession
-from solari_vk.renderers.frame_means import FrameMeans
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.shutter import Shutter, between
 from solari_vk.settings import Settings
@@ -186,7 +186,7 @@ class RenderTask:
             for number, view in enumerate(self.views, self.first):
                 self._pose(session, view)
                 exposure = self._exposure(session, view)
-                means = FrameMeans(renderer, style.rendered, exposes=bool(exposure))
+                means = FrameAccumulator(renderer, style.rendered, exposes=bool(exposure))
                 for _ in range(style.frames):
                     renderer.render(view.camera, **exposure)
                     means.add()

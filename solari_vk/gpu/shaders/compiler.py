@@ -164,7 +164,7 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
 # The shaders of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It takes
 # up to ten seconds a module; other shaders are as fast without it.
-_OPTIMIZED = ("passes/pathtracer/trace.comp",)
+_OPTIMIZED = ("passes/reference/trace.comp",)
 COMMON_FEATURES = {"SCENE_LIGHT_TREE"}
 """The constants of features that many scenes have: modules for scenes without features have them too."""
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
@@ -177,7 +177,7 @@ MANY_VIEWS = "#define MANY_VIEWS"  # the header of shaders for many views: glsl/
 _VIEWS = "passes/views.glsl"
 # What draws, looks at or measures one picture, and the layout, which is read as it is for one view.
 _FOR_ONE_VIEW = re.compile(
-    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|pathtracer/(illuminance|raster_aov)|display/debug_view|"
+    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|reference/(illuminance|raster_aov)|display/debug_view|"
     r"layout\.comp)"
 )
 

@@ -25,8 +25,8 @@ from solari_vk.output.animation import orbit
 from solari_vk.output.compare import flip, true_relative_mse
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.renderers.path_tracer import PathTracer
-from solari_vk.renderers.rendered_frame import RenderedFrame
 from solari_vk.renderers.renderer import Renderer
+from solari_vk.renderers.results import RenderedFrame
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.matrices import rotation, turned_about
 from solari_vk.scene.model import Camera, Instance, Scene

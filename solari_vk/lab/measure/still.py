@@ -15,7 +15,7 @@ from solari_vk.lab.measure.report import measuring
 from solari_vk.lab.measure.subjects import from_file
 from solari_vk.output import oidn
 from solari_vk.output.compare import true_relative_mse
-from solari_vk.renderers.frame_means import FrameMeans
+from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin
@@ -65,7 +65,7 @@ class Realtime:
 
     def begin(self) -> None:
         self.renderer.reset()
-        self._means, self._frames = FrameMeans(self.renderer), 0
+        self._means, self._frames = FrameAccumulator(self.renderer), 0
 
     def refine(self, count: int) -> None:
         """Render until there are `count` frames, after the warm-up if there is one, and wait for them."""

@@ -14,9 +14,9 @@ from solari_vk.gpu.device.compiling import OnCompile
 from solari_vk.gpu.device.device import Device
 from solari_vk.renderers.cluster.identity import Identity
 from solari_vk.renderers.path_tracer import PathTracer
-from solari_vk.renderers.picture_renderer import PictureRenderer
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.renderers.renderer import Renderer
+from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 
@@ -55,7 +55,7 @@ def pack(scene: Scene) -> tuple[str, bytes]:
     return hashlib.sha256(data).hexdigest()[:16], data
 
 
-Kind = TypeVar("Kind", bound=PictureRenderer)
+Kind = TypeVar("Kind", bound=RendererBase)
 
 
 class DeviceSession:
@@ -68,7 +68,7 @@ class DeviceSession:
         self._clip: int | None = None  # that of the latest job
         self._owned = ExitStack()  # what depends on the scene
         self._tracer: RayTracer | None = None
-        self._made: dict[type[PictureRenderer], tuple[Any, PictureRenderer]] = {}
+        self._made: dict[type[RendererBase], tuple[Any, RendererBase]] = {}
 
     def show(self, key: str, data: bytes, clip: int | None) -> None:
         """Take the scene that `pack` made these from, unless it is here already, for a job of a clip or of none.

@@ -22,7 +22,7 @@ from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate, luminance
 from solari_vk.renderers.cluster.device_session import DeviceSession, OneDevice
 from solari_vk.renderers.cluster.worker_pool import WorkerPool
-from solari_vk.renderers.sample_control import FIRST_DENOISED_LOOK
+from solari_vk.renderers.sample_counts import FIRST_DENOISED_LOOK
 from solari_vk.scene.model import Camera, Scene
 
 GUIDES = ("albedo", "shading_normal")

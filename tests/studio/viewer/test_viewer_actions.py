@@ -384,7 +384,7 @@ def test_errors_of_shaders_and_file_are_both_reported(open_viewer, shaders, capf
 
 
 def test_a_window_is_resized_while_a_shader_is_broken(shaders, viewer):
-    shader = shaders / "passes" / "pathtracer" / "trace.comp"
+    shader = shaders / "passes" / "reference" / "trace.comp"
     right = shader.read_text()
     shader.write_text(right + "broken")
     viewer.run(frames=2)

@@ -27,7 +27,7 @@ JUMP = 1.25  # how much slower than estimated two frames in a row are to be for 
 PATHS = "paths/"  # what the names of their passes begin with
 
 
-class FrameTimeControl:
+class FrameBudget:
     """The share of paths for the next frame, over as many as without frame_ms. Times are in milliseconds."""
 
     def __init__(self) -> None:

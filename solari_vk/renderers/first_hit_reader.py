@@ -13,7 +13,7 @@ from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.passes import gbuffer, pathtracer
+from solari_vk.passes import gbuffer, reference
 
 AVERAGED = 16  # rays of a pixel in a mean
 COVERING_BITS = 6
@@ -21,7 +21,7 @@ COVERING = 1 << COVERING_BITS
 """Rays of a pixel's alpha, by Hammersley's points: with 16 much of a bright background stays in edges."""
 
 
-class FirstHits:
+class FirstHitReader:
     """Finds the surface at each pixel's center, on demand: by a ray, or by raster where the picture shows meshes that
     rays don't hit.
 
@@ -38,8 +38,8 @@ class FirstHits:
         self._shown: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
 
     def read(self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True) -> NDArray[Any]:
-        """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
-        return pathtracer.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
+        """One of reference.FIRST_HIT_AOVS, (height, width[, channels])."""
+        return reference.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
 
     def tensor(
         self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True
@@ -54,7 +54,7 @@ class FirstHits:
         for offset in JITTERS[:AVERAGED]:
             frame = self._found(projection, size, offset, True)
             for index, name in enumerate(names):
-                means[index] = means[index] + pathtracer.read_aov(frame, name, size) / np.float32(AVERAGED)
+                means[index] = means[index] + reference.read_aov(frame, name, size) / np.float32(AVERAGED)
         return means
 
     def read_at(
@@ -62,25 +62,25 @@ class FirstHits:
     ) -> list[NDArray[Any]]:
         """The results at an offset from the pixels' centers, in pixels, with proxies."""
         frame = self._found(projection, size, offset, True)
-        return [pathtracer.read_aov(frame, name, size) for name in names]
+        return [reference.read_aov(frame, name, size) for name in names]
 
     def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
         """The share of each pixel (height, width) that shows a surface, from COVERING rays, with proxies."""
         frames = (self._found(projection, size, offset, True) for offset in _hammersley())
-        hits = sum(np.isfinite(pathtracer.read_aov(frame, "depth", size)).astype(np.float32) for frame in frames)
+        hits = sum(np.isfinite(reference.read_aov(frame, "depth", size)).astype(np.float32) for frame in frames)
         return np.asarray(hits / COVERING, np.float32)
 
     def _found(
         self, projection: Projection, size: tuple[int, int], offset: tuple[float, float], proxies: bool
     ) -> Frame:
         """A frame whose buffers have the results at an offset from the pixels' centers, in pixels."""
-        rows = pathtracer.max_rows(size)
+        rows = reference.max_rows(size)
         rasters = not proxies and gbuffer.PROXIES in self._binder.features
         built = self._binder.version, self._binder.instance_capacity, size, rasters
         if self._frame is None or built != self._built:
             self.close()
             external = {**self._binder.resources, **self._tables}
-            stages = [pathtracer.aov_stage(size, rows, "raster_aov" if rasters else "aov")]
+            stages = [reference.aov_stage(size, rows, "raster_aov" if rasters else "aov")]
             if rasters:
                 stages.insert(0, gbuffer.raster_stage(size, self._binder.instance_capacity))
             self._frame = Frame(self._device, stages, external=external, features=self._binder.features)

@@ -21,8 +21,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
-from solari_vk.passes import pathtracer
-from solari_vk.renderers.first_hits import FirstHits
+from solari_vk.passes import reference
+from solari_vk.renderers.first_hit_reader import FirstHitReader
 from solari_vk.scene.exposed import exposure_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
@@ -37,7 +37,7 @@ class Source(Protocol):
     size: tuple[int, int]
     view: str
     tonemap: str
-    first_hits: FirstHits
+    first_hits: FirstHitReader
 
     @property
     def gbuffer(self) -> str: ...
@@ -56,7 +56,7 @@ class RenderedFrame(Hints):
 
     `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same. With
     the setting `upscale`, parts of the light and guides of the realtime renderer have the size that was rendered.
-    `frame["depth"]` and the other names of `pathtracer.FIRST_HIT_AOVS` describe what is visible at the center of each
+    `frame["depth"]` and the other names of `reference.FIRST_HIT_AOVS` describe what is visible at the center of each
     pixel; they are computed on demand. `keys()` lists all of these names. Buffers and images of the renderer's shaders
     can be read by their names too. Reading a result waits for the frame and returns a copy.
 
@@ -81,7 +81,7 @@ class RenderedFrame(Hints):
         renderer.check_latest(self, name)
         if name in ("picture", "image"):
             raise SolariError(f"frames have no result '{name}': image() is the picture in 8 bits, 'radiance' in cd/m^2")
-        if name in pathtracer.FIRST_HIT_AOVS:
+        if name in reference.FIRST_HIT_AOVS:
             return renderer.first_hits.read(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.read(name)
 
@@ -94,18 +94,18 @@ class RenderedFrame(Hints):
         """
         renderer = self._renderer
         renderer.check_latest(self, name)
-        if name in pathtracer.FIRST_HIT_AOVS:
+        if name in reference.FIRST_HIT_AOVS:
             return renderer.first_hits.tensor(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.tensor(name)
 
     def filtered(self, name: str) -> NDArray[Any]:
         """A result at the centers of pixels as the mean over each pixel's area, of 16 rays that hit rays' meshes.
 
-        name: of `pathtracer.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth and distance are inf, the
+        name: of `reference.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth and distance are inf, the
         others are 0. Raises SolariError for another name.
         """
         self._renderer.check_latest(self, name)
-        names = [known for known in pathtracer.FIRST_HIT_AOVS if not known.endswith("_id")]
+        names = [known for known in reference.FIRST_HIT_AOVS if not known.endswith("_id")]
         if name not in names:
             raise unknown_name("RenderedFrame.filtered: there is no mean of", name, names)
         [mean] = self._renderer.first_hits.read_means([name], self._projection, self.size)

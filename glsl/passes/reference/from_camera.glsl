@@ -2,8 +2,8 @@
 #ifndef PASSES_PATHTRACER_FROM_CAMERA_GLSL
 #define PASSES_PATHTRACER_FROM_CAMERA_GLSL
 
-#include "passes/pathtracer/pixel_filter.glsl"
-#include "passes/pathtracer/trace.glsl"
+#include "passes/reference/pixel_filter.glsl"
+#include "passes/reference/trace.glsl"
 
 bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rng) {
     vec2 position = vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng));

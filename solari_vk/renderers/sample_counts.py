@@ -13,12 +13,12 @@ from solari_vk.base.errors import warn
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.output.adaptive import SamplePlan
 from solari_vk.output.error import ErrorEstimate
-from solari_vk.passes import pathtracer
+from solari_vk.passes import reference
 
 FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
 
 
-class SampleControl:
+class SampleCounts:
     """Counts the samples of a picture, and says how many are wanted up to the next estimate of its error.
 
     frame: with the path tracer's stage. read: reads its results by name. size: (width, height).
@@ -61,7 +61,7 @@ class SampleControl:
             self._begin_estimating()
         self._target = target
         if target and not denoises:
-            self._plan = self._plan or SamplePlan(self._size, pathtracer.SAMPLE_BLOCK, self.samples)
+            self._plan = self._plan or SamplePlan(self._size, reference.SAMPLE_BLOCK, self.samples)
         elif self._plan is not None:
             self._plan.even_out()
             self._write_ranges(self._plan)

@@ -7,7 +7,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.renderers import bands
+from solari_vk.renderers import large_pictures
 
 SIZE = (24, 20)
 BAND = 24 * 7  # pixels: bands of 7, 7 and 6 rows
@@ -47,12 +47,12 @@ def test_progress_counts_all_bands(device):
 
 
 def test_bands_are_even_and_sizes_are_checked(device):
-    assert bands.rows_of(device, SIZE) == 20
-    assert bands.rows_of(device, SIZE, BAND) == 7
-    assert bands.rows_of(device, SIZE, 24 * 19) == 10, "not one band of 19 rows and one of 1"
+    assert large_pictures.band_rows(device, SIZE) == 20
+    assert large_pictures.band_rows(device, SIZE, BAND) == 7
+    assert large_pictures.band_rows(device, SIZE, 24 * 19) == 10, "not one band of 19 rows and one of 1"
     for size, most, message in (((0, 9), None, "two whole numbers"), ((9,), None, "two whole"), (SIZE, 23, "of a row")):
         with pytest.raises(sv.SolariError, match=message):
-            bands.rows_of(device, size, most)
+            large_pictures.band_rows(device, size, most)
     with pytest.raises(sv.SolariError, match="did you mean 'depth'"):
         sv.render_large(device, sv.Scene(), SIZE, layers=["depht"])
 
@@ -64,7 +64,7 @@ def test_larger_sizes_are_pointed_to_bands(device):
 
 
 def test_the_command_renders_bands(device, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bands, "LARGEST_BAND", BAND)
+    monkeypatch.setattr(large_pictures, "LARGEST_BAND", BAND)
     command = [
         "render",
         "builtin:cornell_box",

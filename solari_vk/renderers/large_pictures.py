@@ -25,7 +25,7 @@ GUIDES = ("guide_albedo", "guide_normal")
 LARGEST_BAND = 1 << 26  # pixels, for all the buffers of which there is memory on most devices
 
 
-def rows_of(device: Device, size: tuple[int, int], most: int | None = None) -> int:
+def band_rows(device: Device, size: tuple[int, int], most: int | None = None) -> int:
     """The rows of each band of a picture but the last; all of them where the device holds the picture.
 
     most: pixels of a band, at most what the device holds and LARGEST_BAND. Raises SolariError for a size that is none,
@@ -85,7 +85,7 @@ def render_large(
     all bands so far, and how many there will be. A camera with auto_exposure gets the EV100 that suits the picture;
     `save_image` takes `exposure=camera.exposure`. Raises SolariError as PathTracer does.
     """
-    rows = rows_of(device, size, band_pixels)
+    rows = band_rows(device, size, band_pixels)
     width, height = size
     seed, pictures = options.get("seed", 0), dict[str, NDArray[Any]]()
     if denoise:

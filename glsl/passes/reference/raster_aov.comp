@@ -4,7 +4,7 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/bindings.glsl"
 #include "passes/gbuffer/raster.glsl"
-#include "passes/pathtracer/aov.glsl"
+#include "passes/reference/aov.glsl"
 #include "scene/camera.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;

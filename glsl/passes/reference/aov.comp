@@ -2,7 +2,7 @@
 #version 460
 #include "common/pixel.glsl"
 #include "common/random.glsl"
-#include "passes/pathtracer/aov.glsl"
+#include "passes/reference/aov.glsl"
 #include "scene/camera.glsl"
 #include "scene/trace.glsl"
 

@@ -18,11 +18,11 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.shaders.spirv import Binding
-from solari_vk.passes import pathtracer, world_cache
+from solari_vk.passes import reference, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.renderers.path_tracer import PathTracer
-from solari_vk.renderers.picture_renderer import PictureRenderer
 from solari_vk.renderers.renderer import THIS_FRAME, Renderer
+from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Scene
 
@@ -38,7 +38,7 @@ def show_worlds(frame: SceneFrame, worlds: WorldTables, bound: int) -> int:
     return version
 
 
-class _WorldsRenderer(PictureRenderer):
+class _WorldsRenderer(RendererBase):
     """The base of renderers of the views of worlds. `_bound` is the version of the worlds that the frame has."""
 
     _worlds: WorldTables
@@ -57,7 +57,7 @@ class _WorldsRenderer(PictureRenderer):
         self._bound = show_worlds(self._frame, self._worlds, self._bound)
 
 
-class ViewTracer(_WorldsRenderer, PathTracer):
+class BatchPathTracer(_WorldsRenderer, PathTracer):
     """The path tracer over a strip of views, whose result is `radiance_mean`."""
 
     def __init__(
@@ -73,7 +73,7 @@ class ViewTracer(_WorldsRenderer, PathTracer):
         super().__init__(device, binder, strip, **options)
 
     def _stages(self, size: Size) -> list[Stage]:
-        return over_views([pathtracer.trace_stage(size, self._band_rows, self.settings)])
+        return over_views([reference.trace_stage(size, self._band_rows, self.settings)])
 
     def _inputs(self) -> dict[str, Any]:
         return super()._inputs() | {"views": self._views, **self._worlds.resources}
@@ -84,13 +84,13 @@ class ViewTracer(_WorldsRenderer, PathTracer):
         self._warn_of_darkness()
         self._frame.apply_edits()
         self._show_worlds()
-        pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+        reference.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:
             self._add_samples(min(self._batch, samples - self.samples))
             self._adapt()
 
 
-class ViewRenderer(_WorldsRenderer, Renderer):
+class BatchRenderer(_WorldsRenderer, Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
 
     def __init__(

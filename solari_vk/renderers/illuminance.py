@@ -14,7 +14,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
-from solari_vk.passes import pathtracer
+from solari_vk.passes import reference
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.scene_frame import checked_device
 from solari_vk.scene.model import Camera, Scene
@@ -94,7 +94,7 @@ class _PointTracer(PathTracer):
         self._frame.uniforms["measurement.cylindrical"] = cylindrical
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        return [pathtracer.trace_stage(size, self._band_rows, self.settings, "illuminance")]
+        return [reference.trace_stage(size, self._band_rows, self.settings, "illuminance")]
 
     def _inputs(self) -> dict[str, Any]:
         reach = max((np.abs(b).max() for b in self._corners()), default=0.0)

@@ -3,7 +3,7 @@
 #ifndef PASSES_PATHTRACER_TRACE_GLSL
 #define PASSES_PATHTRACER_TRACE_GLSL
 
-#include "passes/pathtracer/bindings.glsl"
+#include "passes/reference/bindings.glsl"
 #include "passes/views.glsl"
 #include "scene/walk.glsl"
 

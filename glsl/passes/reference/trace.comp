@@ -3,7 +3,7 @@
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #define LOW_DISCREPANCY
-#include "passes/pathtracer/from_camera.glsl"  // and trace.glsl: trace_paths, which calls sample_range
+#include "passes/reference/from_camera.glsl"  // and trace.glsl: trace_paths, which calls sample_range
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

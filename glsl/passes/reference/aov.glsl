@@ -2,7 +2,7 @@
 #ifndef PASSES_PATHTRACER_AOV_GLSL
 #define PASSES_PATHTRACER_AOV_GLSL
 
-#include "passes/pathtracer/bindings.glsl"
+#include "passes/reference/bindings.glsl"
 #include "scene/surface.glsl"
 
 // The index of an instance within its world, from its row in `instances`.

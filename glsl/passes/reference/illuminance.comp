@@ -1,7 +1,7 @@
 // Illuminance at points, as the radiance that a white Lambert surface would have there: illuminance over pi. Paths
 // start at the points. The cylindrical illuminance is the mean over all normals perpendicular to an axis.
 #version 460
-#include "passes/pathtracer/trace.glsl"
+#include "passes/reference/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -3,7 +3,7 @@
 #define PASSES_PATHTRACER_PIXEL_FILTER_GLSL
 
 #include "common/math.glsl"
-#include "passes/pathtracer/bindings.glsl"
+#include "passes/reference/bindings.glsl"
 
 // Inverts the normalized integral of the Blackman-Harris window 0.35875 + 0.48829 cos(pi x) + 0.14128 cos(2 pi x)
 // + 0.01168 cos(3 pi x) over [-1, 1], by Newton steps that fall back to bisection.

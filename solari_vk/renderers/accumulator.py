@@ -12,7 +12,7 @@ from solari_vk.output.error import ErrorEstimate, area_means
 from solari_vk.renderers.renderer import LIGHT, Renderer
 
 
-class FrameMeans:
+class FrameAccumulator:
     """Radiance and its parts as means of frames, taken in float64; other results are the latest frame's.
 
     names: results beside the radiance. estimate: that of a picture of many frames, by what the paths gave in them; it

@@ -11,7 +11,7 @@ from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Rule
-from solari_vk.renderers.frame_time import MAX_SHARE, MIN_SHARE, FrameTimeControl
+from solari_vk.renderers.frame_budget import MAX_SHARE, MIN_SHARE, FrameBudget
 from solari_vk.scene.builtin import builtin
 
 SIZE = (32, 32)
@@ -55,7 +55,7 @@ def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), 
 )
 def test_the_percentile_holds(case, noise):
     for target in (4.0, 6.0, 8.0):
-        control = FrameTimeControl()
+        control = FrameBudget()
         found = np.percentile(device_times(control, target, noise=noise, **case), 95) / target
         assert 0.9 < found < 1.1, f"{target} ms: {found:.3f}"
         assert control.limit == ""
@@ -64,14 +64,14 @@ def test_the_percentile_holds(case, noise):
 def test_slower_frames_are_followed_at_once():
     """Their times are known two frames later, and two of them count."""
     paths = lambda frame: 4.0 if frame < 200 else 9.0  # noqa: E731
-    times = device_times(FrameTimeControl(), 6.0, frames=220, paths=paths, noise=0.0)
+    times = device_times(FrameBudget(), 6.0, frames=220, paths=paths, noise=0.0)
     assert (times[200:203] > 1.1 * 6.0).all()
     assert (times[203:] < 1.1 * 6.0).all()
 
 
 def test_one_slow_frame_costs_no_paths():
     """Neither the first one nor one later."""
-    times = device_times(FrameTimeControl(), 6.0, hitches=(0, 200), noise=0.0)
+    times = device_times(FrameBudget(), 6.0, hitches=(0, 200), noise=0.0)
     assert (times[16:200] > 0.9 * 6.0).all()
     assert (times[201:] > 0.85 * 6.0).all()
 
@@ -79,7 +79,7 @@ def test_one_slow_frame_costs_no_paths():
 @pytest.mark.parametrize("samples", [1, 2, 4])
 def test_pixels_with_a_short_history_take_no_more_than_they_may(samples):
     """A device of plenty: first 4 paths or 2, then 2."""
-    control = FrameTimeControl()
+    control = FrameBudget()
     control.note_submission(0)
     for frame in range(1, 12):
         control.note_times(frame - 1, {"paths/first_ray": 1.0})
@@ -91,16 +91,16 @@ def test_pixels_with_a_short_history_take_no_more_than_they_may(samples):
 
 
 def test_it_says_what_it_cannot_hold():
-    control = FrameTimeControl()
+    control = FrameBudget()
     for target, share, limit in ((1.0, MIN_SHARE, "fewest paths"), (20.0, MAX_SHARE, "most paths"), (5.0, None, "")):
         times = device_times(control, target)
         assert control.limit == limit
         assert share in (None, control.share)
         assert (np.percentile(times[-64:], 95) > 1.1 * target) == (limit == "fewest paths")
-        control = FrameTimeControl()
+        control = FrameBudget()
 
 
-class FixedShare(FrameTimeControl):
+class FixedShare(FrameBudget):
     def choose(self, *_, **__):
         return self.share
 

@@ -20,8 +20,8 @@ from solari_vk.gpu.frame.frame import Row, Stage
 from solari_vk.output.cutout import backdrop, premultiplied
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.passes import brdf_table
-from solari_vk.renderers.first_hits import FirstHits
-from solari_vk.renderers.rendered_frame import RenderedFrame
+from solari_vk.renderers.first_hit_reader import FirstHitReader
+from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.scene_frame import SceneFrame, SceneUser, checked_device
 from solari_vk.scene.model import Camera, Instance, Scene
 
@@ -37,7 +37,7 @@ def by_pixel(values: Values, sizes: Iterable[tuple[int, int]]) -> Values:
     return values.reshape(*next(fitting, values.shape[:1]), *values.shape[1:])
 
 
-class PictureRenderer(SceneUser, ABC):
+class RendererBase(SceneUser, ABC):
     """Renders pictures of a size with a frame of stages.
 
     Subclasses make `_frame` in their constructors; `_stages` gives the frame's stages for a size.
@@ -67,7 +67,7 @@ class PictureRenderer(SceneUser, ABC):
             self._has_lens = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
             table, self._tables = brdf_table.compute(device)
             self._owned.enter_context(table)
-            self.first_hits = self._owned.enter_context(closing(FirstHits(device, self.binder, self._tables)))
+            self.first_hits = self._owned.enter_context(closing(FirstHitReader(device, self.binder, self._tables)))
         except BaseException:
             self._owned.close()
             raise
@@ -173,7 +173,7 @@ class PictureRenderer(SceneUser, ABC):
 
     @abstractmethod
     def read(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
+        """A result of the latest frame that isn't in reference.FIRST_HIT_AOVS."""
 
     @abstractmethod
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:

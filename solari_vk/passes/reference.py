@@ -1,4 +1,4 @@
-"""The reference path tracer's stages and what its uniforms and outputs mean; glsl/passes/pathtracer/."""
+"""The reference path tracer's stages and what its uniforms and outputs mean; glsl/passes/reference/."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     if shader == "trace":
         buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
     return Stage(
-        "pathtracer", buffers=buffers, passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows), constants=brdf)]
+        "reference", buffers=buffers, passes=[Pass(f"reference/{shader}", threads=(size[0], rows), constants=brdf)]
     )
 
 
@@ -87,7 +87,7 @@ def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov") -> Stage:
     return Stage(
         "aov",
         buffers={f"aov_{name}": pixels for name in FIRST_HIT_AOVS},
-        passes=[Pass(f"pathtracer/{shader}", threads=(size[0], rows))],
+        passes=[Pass(f"reference/{shader}", threads=(size[0], rows))],
     )
 
 
