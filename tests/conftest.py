@@ -121,9 +121,9 @@ def lent_device(device_of_file, monkeypatch):
     monkeypatch.setattr(device, "close", lambda: None)
     for module in ("solari_vk", "solari_vk.lab.measure.report"):
         monkeypatch.setattr(f"{module}.Device", lend)
-    for module in ("realtime", "reference", "view"):
+    for module in ("cli.realtime", "cli.reference", "studio.cli.view"):
         monkeypatch.setattr(
-            f"solari_vk.cli.{module}.open_device",
+            f"solari_vk.{module}.open_device",
             lambda job, notes=None: lend(job.device, validation=job.validation, rays=job.rays, on_compile=notes),
         )
     return device

@@ -51,12 +51,7 @@ COMMANDS = (
         NoOptions,
         aliases=("doctor",),
     ),
-    Command(
-        "bench",
-        "measure speed, loading, the realtime frame, or the claims of the posts about Solari",
-        "lab.cli.bench:run",
-        "lab.cli.bench:Measurement",
-    ),
+    Command("bench", "measure speed, loading, or the realtime frame", "lab.cli.bench:run", "lab.cli.bench:Measurement"),
     Command(
         "trial",
         "render glTF files by other renderers too, and compare: Cycles, Mitsuba",

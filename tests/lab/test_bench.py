@@ -1,4 +1,4 @@
-"""`solari-vk bench`: its pages, the kernels that it compares with, the counts of rays, and the verdicts on claims."""
+"""`solari-vk bench`: its pages, the kernels that it compares with, and the counts of rays."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from solari_vk.cli import main
 from solari_vk.lab.measure import denoised, frame_ms, lamps, tree_order
 from solari_vk.lab.measure.bare_rays import plain_tracer
 from solari_vk.lab.measure.character import character
-from solari_vk.lab.measure.claims import pairs
-from solari_vk.lab.measure.claims import run as claims
 from solari_vk.lab.measure.frame import animated, costs, run
 from solari_vk.lab.measure.frame.passes import against_bare_rays, count_rays
 from solari_vk.lab.measure.frame.plan import QUICK
@@ -97,11 +95,9 @@ def test_subjects(tmp_path):
     assert len(totals) == 1
 
 
-def test_wrong_usage(any_device, tmp_path, capsys):
-    for words in ([], ["claims"]):
+def test_wrong_usage(any_device, tmp_path):
+    for words in ([], ["lamps"]):
         assert main(["bench", *words, "--markdown", str(tmp_path / "none" / "page.md")]) == 2
-    assert main(["bench", "claims", "--only", "nothing"]) == 2
-    assert "there is no claim 'nothing'" in capsys.readouterr().err
     for file in ("none.gltf", "none.py:folder"):
         assert main(["bench", "frame", str(tmp_path / file)]) == 2
 
@@ -340,29 +336,3 @@ def test_the_row_of_an_animated_character(device):
     assert int(row[1].replace(",", "")) == pytest.approx(1000, rel=0.1)
     *parts, moving, _ = map(float, row[2:])
     assert 0 < sum(parts) < moving
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("pair", pairs.PAIRS, ids=lambda pair: pair.name)
-def test_pairs_of_claims_give_finite_numbers(device, pair):
-    found = claims.compare(device, pair, (16, 16), 2)
-    assert found.shape == (2, 2, len(pair.what))
-    assert np.isfinite(found).all()
-    rows = claims.table_rows(pair, *found)
-    assert rows[0][0] == pair.name
-    assert {len(row) for row in rows} == {len(claims.HEAD)}
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "by", "expected"),
-    [
-        ([10, 11, 10], [4, 4, 4.2], 2.0, True),
-        ([10, 11, 10], [6, 6, 6.2], 2.0, False),
-        ([300, 310, 305], [0, 0, 0], 20.0, True),
-        ([1, 1, 1], [1, 1, 1], 1.0, True),  # what doesn't scatter and isn't worse
-        ([10, 30, 20], [9, 10, 11], 1.5, False),  # the spread is too wide to tell
-        ([30], [1], 1.5, False),  # one run has no interval
-    ],
-)
-def test_verdicts_on_claims(before, after, by, expected):
-    assert claims.holds(np.array(before, float), np.array(after, float), by) == expected

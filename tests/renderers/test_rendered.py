@@ -10,11 +10,10 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
-from support.realtime import GBUFFER, make_renderer
+from support.realtime import GBUFFER, PartialRenderer, make_renderer
 
 import solari_vk as sv
 from solari_vk import shapes
-from solari_vk.lab.measure.partial import PartialRenderer
 from solari_vk.passes import gbuffer
 from solari_vk.passes.reference import FIRST_HIT_AOVS
 from solari_vk.scene.builtin import place

@@ -1,12 +1,16 @@
 """Realtime frames for the suite: small renderers, and independent runs against the path tracer."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
+from solari_vk.gpu.frame.frame import Draw, Pass, Step
+from solari_vk.gpu.shaders.compiler import compile_shader, roots
+from solari_vk.gpu.shaders.shader_cache import Sources
+from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.lab.conformance.rules import Measurement
-from solari_vk.lab.measure.partial import PartialRenderer
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene import shapes
@@ -57,6 +61,45 @@ class Effort:
 
     def __str__(self) -> str:
         return f"{self.runs} runs of {self.observed} frames"
+
+
+class PartialRenderer(Renderer):
+    """The frame with only those passes whose names start with one of `passes`, such as "gbuffer/" or "paths/", so that
+    the shaders of all others need not be compiled.
+
+    A resource that a running pass only declares, because another pass writes it, holds zeros.
+    """
+
+    def __init__(self, *args, passes, **options):
+        self._passes = tuple(passes)
+        super().__init__(*args, **options)
+
+    def _stages(self, size):
+        stages = super()._stages(size)
+        sources = Sources(roots())
+        kept = [[step for step in stage.passes if step.name.startswith(self._passes)] for stage in stages]
+        declared = set().union(*(declared_resources(step, sources) for steps in kept for step in steps))
+        known = {name.removeprefix("previous_") for name in declared}
+        return [
+            dataclasses.replace(
+                stage,
+                passes=steps,
+                buffers={name: size for name, size in stage.buffers.items() if name.removeprefix("previous_") in known},
+                images={name: size for name, size in stage.images.items() if name in known},
+            )
+            for stage, steps in zip(stages, kept, strict=True)
+        ]
+
+
+def declared_resources(step, sources):
+    """The names of all resources that a step's shaders declare, and of what it draws into."""
+    if isinstance(step, Step):
+        return {*step.reads, *step.writes}
+    suffixes = ("comp",) if isinstance(step, Pass) else ("vert", "frag")
+    paths = [f"passes/{step.name}.{suffix}" for suffix in suffixes]
+    modules = [reflect(compile_shader(path, header=step.header, root=sources), path) for path in paths]
+    drawn = {step.depth} if isinstance(step, Draw) else set()
+    return drawn.union(*(module.bindings for module in modules))
 
 
 def make_renderer(device, scene, size=(32, 32), seed=0, passes=None, **settings):

@@ -20,9 +20,7 @@ _QUICK = "tiny pictures and few runs, only to try the command"
 class Measurement(DeviceOptions):
     """What all parts are given. A part's fields are the arguments of the function that measures."""
 
-    DESCRIPTION: ClassVar = (
-        "Measure speed (without a PART), loading, the realtime frame, or the claims of posts about Solari."
-    )
+    DESCRIPTION: ClassVar = "Measure speed (without a PART), loading, or the realtime frame."
     GROUPS: ClassVar = {"": ("device", "rays", "markdown")}
     PARTS: ClassVar[tuple[Command, ...]] = ()
     """Commands below `bench`."""
@@ -41,14 +39,6 @@ class Speed(Measurement):
 class Load(Measurement):
     MODULE = "loading"
     files: tuple[Path, ...] = option("files with models", names=("files",), nargs="+", type=Path)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Claims(Measurement):
-    MODULE = "claims.run"
-    only: tuple[str, ...] = option("one claim (all; repeatable)", "NAME", action="append", default=())
-    quick: bool = flag(_QUICK)
-    seeds: int | None = option("independent runs of each comparison (5)", "N", type=positive)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +196,6 @@ class Trees(Measurement):
 Measurement.PARTS = (
     Command("speed", "rays and samples a second, host time, loading", RUN, Speed),
     Command("load", "sizes of files, and the times from a file to a scene on the device", RUN, Load),
-    Command("claims", "what the posts about Solari claim, as pairs of settings", RUN, Claims),
     Command("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", RUN, Frame),
     Command("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", RUN, Denoise),
     Command("settings", "errors and times with other settings, raw and denoised", RUN, JudgedSettings),

@@ -1,1 +1,1 @@
-"""Benchmarks: speed, the realtime frame in figures, the claims of the posts."""
+"""Benchmarks: speed, and the realtime frame in figures."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from support.frames import TILES, WHOLE, denoised_first, measure_frames, settle
@@ -21,8 +23,8 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import sixteenths
 
 import solari_vk as sv
-from solari_vk.lab.measure.claims.scenes import ball_in_white
-from solari_vk.scene.builtin import closed_box, cornell_box, rgb
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import closed_box, cornell_box, lamp, rgb
 
 # Perceptual roughness, metallic, and pixels per side: enough pixels that the interval is half of the bar. More frames
 # would hardly narrow it, because the frames of a run share the cache's noise.
@@ -100,6 +102,14 @@ def test_energy_is_kept_in_a_closed_box(device, walls, settings, effort):
 @pytest.mark.parametrize("walls", ["plastic", "rough metal", "glossy metal"])
 def test_energy_is_kept_in_a_closed_glossy_box(device, walls, lighting):
     hold(measure_closed_box(device, walls, Effort(16, 24, 24, 256), **lighting))
+
+
+def ball_in_white(perceptual_roughness, metallic):
+    """A white ball in a black sphere that glows with radiance 1: nothing of the picture may differ from 1."""
+    sky = sv.Instance(shapes.sphere(8.0, 24), lamp(1.0, double_sided=True), name="white")
+    white = sv.Material(base_color=rgb(1), perceptual_roughness=perceptual_roughness, metallic=metallic)
+    ball = sv.Instance(shapes.sphere(1.0, 96), white, name="ball")
+    return sv.Scene(sky, ball, sv.Camera.look_at((0, 0, 6), (0, 0, 0), vertical_fov=2 * math.asin(1.02 / 6)))
 
 
 def of_ball(frame):

@@ -13,7 +13,7 @@ import pytest
 from gbuffer_worlds import material_zoo
 from support.assets import asset
 from support.oracles import closed_forms, gbuffer
-from support.realtime import GBUFFER, get_jitter, make_renderer
+from support.realtime import GBUFFER, PartialRenderer, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 from test_raster_and_rays import SIZE, check_raster
 
@@ -21,7 +21,6 @@ import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.gpu.shaders import compiler
-from solari_vk.lab.measure.partial import PartialRenderer
 from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, matte, place
