@@ -81,22 +81,22 @@ if TYPE_CHECKING:
     from solari_vk.scene.animation.rig import Rig as Rig
     from solari_vk.scene.builtin import builtin as builtin
     from solari_vk.scene.camera_rig import CameraRig as CameraRig
-    from solari_vk.scene.deformation import Deformation as Deformation
     from solari_vk.scene.files.colmap import ColmapImage as ColmapImage
     from solari_vk.scene.files.colmap import load_colmap as load_colmap
     from solari_vk.scene.files.colmap import save_colmap as save_colmap
     from solari_vk.scene.files.gltf import load_gltf as load_gltf
     from solari_vk.scene.group import Group as Group
     from solari_vk.scene.labels import label_instances as label_instances
+    from solari_vk.scene.lights.light import kelvin as kelvin
     from solari_vk.scene.lights.portal import Portal as Portal
     from solari_vk.scene.lights.profile import LightProfile as LightProfile
     from solari_vk.scene.lights.punctual import PointLight as PointLight
     from solari_vk.scene.lights.punctual import SpotLight as SpotLight
     from solari_vk.scene.lights.sky import Sky as Sky
-    from solari_vk.scene.lights.temperature import kelvin as kelvin
     from solari_vk.scene.load import load as load
     from solari_vk.scene.load import open as open
     from solari_vk.scene.matrices import euler as euler
+    from solari_vk.scene.meshes.deformation import Deformation as Deformation
     from solari_vk.scene.model import Camera as Camera
     from solari_vk.scene.model import DirectionalLight as DirectionalLight
     from solari_vk.scene.model import Environment as Environment

@@ -19,7 +19,7 @@ from solari_vk.bound.projection import FIELDS, Projection
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.frame.packing import packing
 from solari_vk.scene import checks
-from solari_vk.scene.exposed import exposure_of
+from solari_vk.scene.camera import exposure_of
 from solari_vk.scene.lens import UNLIMITED
 from solari_vk.scene.model import Camera
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, quoted, warn
 from solari_vk.output.picture import EIGHT_BIT, check_output, write_codes
 from solari_vk.output.tone_mapping import auto_exposure, unseen
-from solari_vk.scene.camera import Camera
-from solari_vk.scene.exposed import exposure_of
+from solari_vk.scene.camera import Camera, exposure_of
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.images.radiance_files import read_colors
 

@@ -23,7 +23,7 @@ from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_ima
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes import reference
 from solari_vk.renderers.first_hit_reader import FirstHitReader
-from solari_vk.scene.exposed import exposure_of
+from solari_vk.scene.camera import exposure_of
 from solari_vk.scene.group import Group
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.objects import objects_of

@@ -15,8 +15,6 @@ from solari_vk.base.errors import SolariError, quoted, warn
 from solari_vk.scene import checks
 from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.exposed import Exposed, Unset, checked_ev100
-from solari_vk.scene.focus import Focused
 from solari_vk.scene.lens import PROJECTIONS, TERMS
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.placement import PARTS, Placed, resolved
@@ -68,6 +66,21 @@ def _blades(value: Any) -> int:
     return int(value)
 
 
+class Unset(float):
+    """A number that nobody chose. Copies of a camera keep it; any assignment replaces it."""
+
+
+def _ev100(value: Any) -> float:
+    """A finite number from -100 to 100, still `Unset` if it was."""
+    number: Any = checks.number(-100, 100)(value)
+    return value if isinstance(value, Unset) else float(number)
+
+
+def exposure_of(ev100: float) -> float:
+    """`Camera.exposure`."""
+    return float(1.0 / (1.2 * 2.0**ev100))
+
+
 class _Placing:
     """A class method that is `place` where it is called on an object."""
 
@@ -80,7 +93,7 @@ class _Placing:
 
 
 @checked
-class Camera(Checked, Placed, Calibrated, Exposed, Focused):
+class Camera(Checked, Placed, Calibrated):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
@@ -132,7 +145,7 @@ class Camera(Checked, Placed, Calibrated, Exposed, Focused):
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
-        "ev100": checked_ev100,
+        "ev100": _ev100,
         "auto_exposure": checks.flag,
         "jitter": checks.array(2),
         "projection": _projection,
@@ -295,6 +308,16 @@ class Camera(Checked, Placed, Calibrated, Exposed, Focused):
         rest = {"aperture": self.aperture, "auto_exposure": self.auto_exposure}
         more = "".join(f", {name}={value:.4g}" for name, value in rest.items() if value)
         return f"<{self.describe()} at {place}, {lens}, ev100={self.ev100:.4g}{more}>"
+
+    @property
+    def has_exposure(self) -> bool:
+        """Whether ev100 was set: by the constructor, an assignment, a file, or a picture with auto_exposure."""
+        return not isinstance(self.ev100, Unset)
+
+    @property
+    def exposure(self) -> float:
+        """The factor by which pictures multiply radiance."""
+        return exposure_of(self.ev100)
 
     @property
     def fov(self) -> float:

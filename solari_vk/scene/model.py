@@ -17,6 +17,7 @@ from solari_vk.scene.bounds import Bounds as Bounds
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
+from solari_vk.scene.dropping import drop
 from solari_vk.scene.files.formats import read_file, write_file
 from solari_vk.scene.group import Group, Grouping, copies, distinct
 from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
@@ -29,14 +30,13 @@ from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
-from solari_vk.scene.physics.dropping import Dropping
 from solari_vk.scene.placement import PARTS
 from solari_vk.scene.presenting.framing import default_camera, poses
 
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
-class Scene(Grouping, Dropping, Observable):
+class Scene(Grouping, Observable):
     """Instances, lights and cameras. Instances with an emissive material are lights too.
 
     `instances`, `lights` and `cameras` are collections by number or name, in the order in which objects were added;
@@ -319,6 +319,34 @@ class Scene(Grouping, Dropping, Observable):
         if bounds is None:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
         return bounds
+
+    @checked_keywords()
+    def drop(
+        self,
+        *items: Instance | Group | str,
+        on: Sequence[Instance | Group | str] | None = None,
+        region: ArrayLike | None = None,
+        seed: int = 0,
+        upright: bool = False,
+        seconds: float = 20.0,
+    ) -> None:
+        """Let things fall until they rest on what is there and on each other, without meeting.
+
+        items: instances, groups and names, of those in the scene. A Group, such as `scene.add` makes of a file, is one
+        thing; `scene.drop(*group)` are its objects one by one. Parts of one object are one thing too
+        (`Instance.part_of`, whose name means all of them). on: what things fall on, likewise, by default all other
+        visible instances. region: a box, its lowest and its highest corner (2, 3) in meters; things start at random
+        places above its top and stay within its sides, and what lies above it, such as a ceiling, doesn't count. By
+        default it is the bounds of what they fall on. seed: of the places, and of the rotations, with upright about the
+        vertical axis only. seconds: the longest that they may take.
+
+        Things, and parts of them, collide as their convex hulls, all of one density, with friction, and rest within
+        1 mm; an object with a flat part is one hull. The same seed gives the same transforms on one machine. Needs the
+        extra `physics` (MuJoCo). Raises SolariError for things that are named twice, aren't in the scene, are flat,
+        don't fit into the region, find nothing below them or don't rest, and what MuJoCo says of a thing; all is then
+        as it was.
+        """
+        drop(self, items, on=on, region=region, seed=seed, upright=upright, seconds=seconds)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the scene as glTF 2.0: a .glb file, or a .gltf file with its data in a .bin file beside it.

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.deformation import Deformation, check_pose
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.material import Material
+from solari_vk.scene.meshes.deformation import Deformation, check_pose
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.on_device import OnDevice
 from solari_vk.scene.placement import PARTS, Scaled, resolved

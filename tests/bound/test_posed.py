@@ -14,7 +14,7 @@ from support.characters import bent, tube
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.meshes.deformation import Deformation
 
 
 def shape_of(binder, instance):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.scene.lights.temperature import _RGB_OF_XYZ
+from solari_vk.scene.lights.light import _RGB_OF_XYZ
 
 
 def test_lumens():

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.matrices import rotation
+from solari_vk.scene.meshes.deformation import Deformation
 
 HEIGHT = 2.0
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.objects import Instance, Mesh
 
 MAX_REFITS = 32

@@ -32,7 +32,7 @@ from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
-from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.objects import Mesh
 
 

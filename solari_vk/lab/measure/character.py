@@ -12,7 +12,7 @@ from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel
 from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.builtin import lamp, matte
-from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 
 HEIGHT = 2.0  # meters

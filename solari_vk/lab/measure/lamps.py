@@ -15,8 +15,8 @@ from solari_vk.lab.measure.timing import device_seconds
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene import shapes
+from solari_vk.scene.builtin import matte, place
 from solari_vk.scene.model import Camera, Material, Mesh, Scene
-from solari_vk.scene.parts import matte, place
 
 SIZE, SAMPLES, CONVERGED, SEEDS = (96, 64), 16, 1024, 4
 PARTS = 1, 1000  # meshes

@@ -17,11 +17,11 @@ from solari_vk.lab.measure.statistics import interval
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene import shapes
+from solari_vk.scene.builtin import matte, place, rgb
 from solari_vk.scene.lights.environment import Environment, EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.sky import Sky
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.parts import matte, place, rgb
 from solari_vk.settings import Settings
 
 Errors = NDArray[np.float64]

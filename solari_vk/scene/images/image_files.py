@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solari_vk.base.budget import charge, load_budget
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import read_regular
-from solari_vk.scene.images import dds, exr, ktx2
+from solari_vk.scene.images import exr, ktx2
 from solari_vk.scene.images.mip_chain import srgb_of_linear
 
 Pixels = NDArray[np.uint8]
@@ -94,7 +94,7 @@ def decode(image: Any, who: str, *, linear: bool = False) -> Pixels:
         if isinstance(image, exr.ExrImage):
             return _codes(image.colors(who), linear)
         if image.format == "DDS":
-            return dds.decode(image, who)
+            return _decode_dds(image, who)
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
             # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
             gray = np.asarray(image)
@@ -108,6 +108,39 @@ def decode(image: Any, who: str, *, linear: bool = False) -> Pixels:
         raise SolariError(_too_large(who)) from None
     except Exception as error:  # Pillow raises many types of exceptions for damaged pixels too
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
+
+
+def _decode_dds(image: Any, who: str) -> Pixels:
+    """The pixels (height, width, 4) of the largest level of a DDS file (DirectDraw Surface) that Pillow has opened.
+
+    BC5 has two channels, of normals: the third completes them to unit length. Raises SolariError for BC6H, whose values
+    are floating-point numbers.
+    """
+    form = getattr(image, "pixel_format", None) or ""
+    if form.startswith("BC6H"):
+        raise SolariError(f"{who} is a DDS image of the format BC6H: save it with 8 bits a channel, or as EXR")
+    if image.tile[0].codec_name == "dds_rgb":
+        return _decode_masked_dds(image, who)
+    pixels = np.array(image if image.mode == "RGBA" else image.convert("RGBA"))
+    if form.startswith("BC5"):
+        x, y = np.moveaxis(pixels[..., :2] / np.float32(127.5) - 1, -1, 0)
+        pixels[..., 2] = np.rint((np.sqrt(np.clip(1 - x * x - y * y, 0, 1)) + 1) * 127.5)
+    return pixels
+
+
+def _decode_masked_dds(image: Any, who: str) -> Pixels:
+    """The pixels of an uncompressed image, whose channels are bits of whole numbers. Pillow reads them one by one."""
+    bits, masks = image.tile[0].args
+    size = image.width * image.height * (bits // 8)
+    data = image.fp.read(size)
+    if bits not in (8, 16, 24, 32) or len(data) < size:
+        raise SolariError(f"{who} is a damaged DDS image: save it again")
+    places = np.frombuffer(data, np.uint8).reshape(image.height, image.width, bits // 8)
+    number = sum(places[..., byte].astype(np.uint32) << np.uint32(8 * byte) for byte in range(bits // 8))
+    pixels = np.full((image.height, image.width, 4), 255, np.uint8)
+    for channel, mask in enumerate(masks):
+        pixels[..., channel] = np.rint((number & np.uint32(mask)) * (255 / mask)) if mask else 0
+    return pixels
 
 
 def _codes(values: NDArray[np.float32], linear: bool) -> Pixels:

@@ -11,8 +11,7 @@ import numpy as np
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.lights.light import Light
-from solari_vk.scene.lights.temperature import kelvin
+from solari_vk.scene.lights.light import Light, kelvin
 from solari_vk.scene.observed import checked
 
 SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year

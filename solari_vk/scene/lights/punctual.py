@@ -12,9 +12,8 @@ import numpy as np
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.light import Light, kelvin
 from solari_vk.scene.lights.profile import LightProfile
-from solari_vk.scene.lights.temperature import kelvin
 from solari_vk.scene.observed import checked
 
 MIN_RADIUS = 1e-5  # meters: the radiance of smaller spheres overflows

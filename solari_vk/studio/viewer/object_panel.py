@@ -9,8 +9,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from solari_vk.scene.lights.environment import EnvironmentLight
-from solari_vk.scene.lights.light import Light
-from solari_vk.scene.lights.temperature import kelvin
+from solari_vk.scene.lights.light import Light, kelvin
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observed import Checked

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene import checks
-from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.meshes.deformation import Deformation
 
 Vertices = dict[str, NDArray[Any]]  # by attribute: "POSITION", "NORMAL", "TANGENT", ...
 TARGETS = {"POSITION": "targets", "NORMAL": "target_normals", "TANGENT": "target_tangents"}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
 import json
 import os
 import re
 import struct
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +18,19 @@ from numpy.typing import NDArray
 from solari_vk.base.budget import BudgetError
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import charge_json, read_regular
-from solari_vk.scene.files.gltf import files, meshopt
+from solari_vk.scene.files import libraries
 from solari_vk.scene.files.gltf.values import Entry, WholeFileError, clean, shown
 
 Bytes = NDArray[np.uint8]
 LARGEST_JSON = 256 * 2**20
-_GLB_MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+# glTF 2.0, 4.4 (GLB): the ASCII letters "glTF", "JSON" and "BIN\0" as little-endian numbers.
+_GLB_MAGIC = 0x46546C67
+_JSON_CHUNK = 0x4E4F534A
+_BIN_CHUNK = 0x004E4942
+# EXT_meshopt_compression and its successor, which have the same fields, and the library that reads them.
+_MESHOPT_EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+_MESHOPT = "meshopt"
+_MESHOPT_FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 
 
 class Document:
@@ -166,14 +175,14 @@ class Document:
     def _view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
         view = self.item("bufferView", index, user)
         stride = view.integer("byteStride", low=4, high=252) if "byteStride" in view else None
-        part = meshopt.packed_part(view)
-        if part is None or (self._has_data(view) and not meshopt.is_installed()):
+        part = _meshopt_part(view)
+        if part is None or (self._has_data(view) and not libraries.is_installed(_MESHOPT)):
             return self._range(view), stride
         data = self._unpacked.get(index)
         if data is None:
             packed = self._range(part)
-            self.charge(meshopt.unpacked_size(part), part, len(packed))
-            data = self._unpacked[index] = meshopt.unpack(part, packed)
+            self.charge(_unpacked_size(part), part, len(packed))
+            data = self._unpacked[index] = _unpack(part, packed)
         if len(data) < view.integer("byteLength", low=1):
             raise view.error(f"says more bytes than the {len(data)} of its compressed data; compress the file again")
         return data, stride
@@ -220,7 +229,7 @@ class Document:
         """
         uri = entry.text("uri")
         if uri[:5].lower() == "data:":
-            return files.decode_data_uri(uri, entry)
+            return _decode_data_uri(uri, entry)
         path = self.resource_path(entry)
         return np.frombuffer(read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
 
@@ -235,7 +244,7 @@ class Document:
                 raise self._outside(entry, uri)
             try:
                 path = Path(os.path.realpath(folder / clean(name)))
-                exists = path.is_relative_to(folder) and files.exists(path)
+                exists = path.is_relative_to(folder) and _exists(path)
             except (OSError, ValueError):
                 raise entry.error(f"has a 'uri' that no file can have: {shown(uri)}") from None
             if not path.is_relative_to(folder) or path == folder:
@@ -259,3 +268,54 @@ def _other_version(version: Any) -> str:
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is not a JSON number")
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is a file; OSError for a name that none can have (`Path.exists` of Python 3.14 raises nothing)."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
+
+
+def _decode_data_uri(uri: str, entry: Entry) -> NDArray[np.uint8]:
+    """The bytes of a URI that contains its data."""
+    header, comma, body = uri.partition(",")
+    try:
+        if not comma:
+            raise ValueError
+        if header.lower().endswith(";base64"):
+            body = unquote(body) if "%" in body else body
+            return np.frombuffer(base64.b64decode(body + "=" * (-len(body) % 4), validate=True), np.uint8)
+        return np.frombuffer(unquote_to_bytes(body), np.uint8)
+    except (ValueError, binascii.Error):
+        raise entry.error("has a data URI that is not valid base64; export the file again") from None
+
+
+def _meshopt_part(entry: Entry) -> Entry | None:
+    """The extension of a buffer view, if it is compressed."""
+    for name in _MESHOPT_EXTENSIONS:
+        part = entry.extension(name)
+        if part is not None:
+            return part
+    return None
+
+
+def _unpacked_size(part: Entry) -> int:
+    """The size of a view without compression, in bytes. part: of `_meshopt_part`."""
+    return part.integer("count") * part.integer("byteStride", low=1, high=256)
+
+
+def _unpack(part: Entry, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The bytes of a view without compression."""
+    count, stride = part.integer("count"), part.integer("byteStride", low=1, high=256)
+    mode = part.text("mode", None, ("ATTRIBUTES", "TRIANGLES", "INDICES"))
+    kind = part.text("filter", "NONE", _MESHOPT_FILTERS)
+    library = libraries.library(_MESHOPT, f"{part.file}: {part.place}")
+    try:
+        rows = library.decode_gltf_buffer(data, count, stride, mode, kind if mode == "ATTRIBUTES" else None)
+    except ValueError as error:
+        raise part.error(f"has damaged data ({error}); compress the file again") from None
+    found: NDArray[np.uint8] = np.ascontiguousarray(rows).view(np.uint8).reshape(-1)
+    return found

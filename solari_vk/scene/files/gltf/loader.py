@@ -22,7 +22,7 @@ from solari_vk.scene.files.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.files.gltf.image_lights import read_environment
 from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.files.gltf.lights import PROFILES, Lights
-from solari_vk.scene.files.gltf.materials import Materials
+from solari_vk.scene.files.gltf.materials import Materials, Variants
 from solari_vk.scene.files.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
 from solari_vk.scene.files.gltf.pointers import AnimatedObject
 from solari_vk.scene.files.gltf.poses import Pose
@@ -31,7 +31,6 @@ from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.skies import EXTENSION as SKY
 from solari_vk.scene.files.gltf.skies import read_sky
 from solari_vk.scene.files.gltf.values import Entry, shown
-from solari_vk.scene.files.gltf.variants import Variants
 from solari_vk.scene.files.libraries import warn_of_missing
 from solari_vk.scene.group import distinct
 from solari_vk.scene.lights.portal import Portal

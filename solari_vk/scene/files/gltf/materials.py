@@ -18,10 +18,11 @@ from solari_vk.scene.files.gltf.nodes import LEVELS
 from solari_vk.scene.files.gltf.pointers import AnimatedObject, Readings
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.textures import Slot, Textures
-from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.files.gltf.values import Entry, shown
 from solari_vk.scene.material import TEXTURES
 from solari_vk.scene.model import Material
 
+VARIANTS = "KHR_materials_variants"
 _UNLIT = "KHR_materials_unlit"
 _WRONG = "wrong materials are replaced by the default one"
 
@@ -180,3 +181,29 @@ def _is_unlit(entry: Entry) -> bool:
 def _pbr(entry: Entry) -> Entry:
     """The metallic-roughness part of a material, empty when it has none."""
     return entry.entry("pbrMetallicRoughness") or Entry(entry.file, entry.place, {})
+
+
+class Variants:
+    """The names of a file's variants, and what they change."""
+
+    def __init__(self, document: Document, report: Report) -> None:
+        self._report = report
+        self.names: list[str] = []
+        extension = document.root.extension(VARIANTS)
+        for number, variant in enumerate(extension.entries("variants", "variant") if extension else []):
+            name = variant.name or f"variant {number}"
+            self.names.append(name if name not in self.names else f"{name} ({number})")
+
+    def materials(self, primitive: Entry) -> dict[str, int]:
+        """The numbers of a primitive's materials by variant. Variants that don't change the primitive are left out."""
+        extension = primitive.extension(VARIANTS)
+        found = {}
+        for mapping in extension.entries("mappings", "mapping") if extension else []:
+            with self._report.costs("wrong mappings of variants are left out"):
+                material = mapping.integer("material")
+                for number in mapping.integers("variants"):
+                    if number >= len(self.names):
+                        count = len(self.names)
+                        raise mapping.error(f"refers to variant {shown(number)}, but the file has only {count}")
+                    found[self.names[number]] = material
+        return found

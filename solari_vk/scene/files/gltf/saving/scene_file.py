@@ -8,13 +8,13 @@ from typing import Any
 from solari_vk.base.files import check_writable
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.files.formats import writes
+from solari_vk.scene.files.gltf.materials import VARIANTS
 from solari_vk.scene.files.gltf.saving.clips import RigNodes
 from solari_vk.scene.files.gltf.saving.content import Content
 from solari_vk.scene.files.gltf.saving.nodes import Nodes, node_extras
 from solari_vk.scene.files.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.files.gltf.saving.skies import add_sky
 from solari_vk.scene.files.gltf.saving.surfaces import Surfaces
-from solari_vk.scene.files.gltf.variants import EXTENSION as VARIANTS
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.model import Scene
 from solari_vk.scene.objects import Instance
